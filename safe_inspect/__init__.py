@@ -1,0 +1,1 @@
+"""Safe reinforcement learning of spacecraft inspection and rendezvous."""

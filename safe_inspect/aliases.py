@@ -1,0 +1,42 @@
+"""The peer's names: paths of CoRL and safe-autonomy-sims, and the name of this package's plugin for each."""
+
+from __future__ import annotations
+
+_SAS = "safe_autonomy_sims"
+_INITIALIZERS = f"{_SAS}.simulators.initializers"
+_REWARDS = f"{_SAS}.rewards.cwh.inspection_rewards"
+
+ALIASES: dict[str, str] = {
+    # corl
+    "corl.agents.base_agent.TrainableBaseAgent": "TrainableBaseAgent",
+    "corl.episode_parameter_providers.simple.SimpleParameterProvider": "SimpleParameterProvider",
+    "corl.experiments.rllib_experiment.RllibExperiment": "RllibExperiment",
+    "corl.libraries.parameters.ConstantParameter": "ConstantParameter",
+    "corl.libraries.parameters.UniformParameter": "UniformParameter",
+    "corl.libraries.normalization.StandardNormalNormalizer": "StandardNormalNormalizer",
+    "corl.libraries.normalization.LinearNormalizer": "LinearNormalizer",
+    "corl.glues.common.controller_glue.ControllerGlue": "ControllerGlue",
+    "corl.glues.common.observe_sensor.ObserveSensor": "ObserveSensor",
+    "corl.dones.episode_length_done.EpisodeLengthDone": "EpisodeLengthDone",
+    # safe-autonomy-sims
+    f"{_SAS}.platforms.cwh.cwh_properties.ThrustProp": "ThrustProp",
+    f"{_SAS}.platforms.cwh.cwh_platform.CWHPlatform": "CWHPlatform",
+    f"{_SAS}.rta.rta_rejection_sampler.RejectionSampler": "RejectionSampler",
+    f"{_SAS}.rta.rta_rejection_sampler.RejectionSamplerInitializer": "RejectionSamplerInitializer",
+    f"{_SAS}.rta.cwh.inspection_rta_1v1.RTAGlueCWHInspection1v1": "RTAGlueCWHInspection1v1",
+    f"{_INITIALIZERS}.cwh.CWH3DRadialWithSunInitializer": "CWH3DRadialWithSunInitializer",
+    f"{_INITIALIZERS}.cwh.PositionVelocityInitializer": "PositionVelocityInitializer",
+    f"{_INITIALIZERS}.initializer.SimAttributeAccessor": "SimAttributeAccessor",
+    f"{_SAS}.dones.cwh.common.MaxDistanceDoneFunction": "MaxDistanceDoneFunction",
+    f"{_SAS}.dones.cwh.common.CrashDoneFunction": "CrashDoneFunction",
+    f"{_SAS}.dones.cwh.inspection_dones.SuccessfulInspectionDoneFunction": "SuccessfulInspectionDoneFunction",
+    f"{_REWARDS}.ObservedPointsReward": "ObservedPointsReward",
+    f"{_REWARDS}.InspectionSuccessReward": "InspectionSuccessReward",
+    f"{_REWARDS}.InspectionCrashReward": "InspectionCrashReward",
+    f"{_REWARDS}.InspectionDeltaVReward": "InspectionDeltaVReward",
+    f"{_REWARDS}.InspectionRTAReward": "InspectionRTAReward",
+    f"{_SAS}.simulators.inspection_simulator.InspectionSimulator": "InspectionSimulator",
+    f"{_SAS}.simulators.inspection_simulator.InspectionCallbacks": "InspectionCallbacks",
+    # safe-autonomy-simulation
+    "safe_autonomy_simulation.sims.inspection.sun.Sun": "Sun",
+}

@@ -1,0 +1,101 @@
+"""Named errors. Each one says where, what is wrong and what to do.
+
+Commands print them without a traceback and exit with code 2; a program that
+imports the package catches `SafeInspectError`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+class SafeInspectError(Exception):
+    """Base of every error that a user can cause and mend."""
+
+
+@dataclass(frozen=True)
+class Location:
+    """A place in a configuration file; lines and columns count from 1."""
+
+    file: str
+    line: int
+    column: int = 1
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake of a configuration.
+
+    Attributes:
+        message: What is wrong.
+        path: The path of keys, such as ``rewards[0].config.scael``; empty for a whole file.
+        location: Where it stands, when it stands in a file.
+        hint: What to do; empty when the message says it.
+    """
+
+    message: str
+    path: str = ""
+    location: Location | None = None
+    hint: str = ""
+
+    def __str__(self) -> str:
+        where = " ".join(part for part in (f"{self.location}" if self.location else "", self.path) if part)
+        text = f"{where}: {self.message}" if where else self.message
+        return f"{text}; {self.hint}" if self.hint else text
+
+
+class ConfigError(SafeInspectError):
+    """One or more mistakes in a configuration, reported together."""
+
+    def __init__(self, problems: Sequence[Problem] | Problem | str) -> None:
+        if isinstance(problems, str):
+            problems = Problem(problems)
+        if isinstance(problems, Problem):
+            problems = [problems]
+        self.problems: tuple[Problem, ...] = tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class RegistryError(SafeInspectError, LookupError):
+    """A plugin name that is unknown, ambiguous or taken."""
+
+
+class UnitError(SafeInspectError, ValueError):
+    """A unit that is unknown or of another dimension."""
+
+
+class InitialStateError(SafeInspectError, RuntimeError):
+    """No safe initial state was found; the message counts the refusals by constraint."""
+
+
+class PluginValueError(SafeInspectError, ArithmeticError):
+    """A plugin returned NaN or infinity, or an array of the wrong shape."""
+
+
+class CheckpointError(SafeInspectError, RuntimeError):
+    """A checkpoint that is missing, damaged or of another experiment."""
+
+
+class OutputError(SafeInspectError, OSError):
+    """An output folder that cannot be written."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ``did you mean `x`?`` for the nearest known name, else a list of what is known.
+
+    The list is cut at twelve names; it is empty when nothing is known.
+    """
+    names = sorted({str(item) for item in known})
+    lowered = {item.lower(): item for item in names}
+    near = difflib.get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.6)
+    if near:
+        return f"did you mean `{lowered[near[0]]}`?"
+    if not names:
+        return ""
+    shown = ", ".join(f"`{item}`" for item in names[:12])
+    return f"known: {shown}" + (", ..." if len(names) > 12 else "")

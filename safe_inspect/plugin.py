@@ -1,0 +1,86 @@
+"""The plugin contract: a plugin is one frozen Pydantic class with ``__call__``.
+
+Its fields are its configuration, unknown keys are forbidden, and defining it
+registers it under its class name. A concrete plugin is final: wrap it, do not
+subclass it.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict
+
+from safe_inspect.registry import registry
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Marks a field that names something of the environment, so that a wrong name is found before the first step.
+
+    Attributes:
+        kind: ``sensor``, ``controller``, ``entity``, ``platform``, ``points`` or ``done``.
+    """
+
+    kind: str
+
+
+SensorName = Annotated[str, Reference("sensor")]
+ControllerName = Annotated[str, Reference("controller")]
+EntityName = Annotated[str, Reference("entity")]
+PlatformName = Annotated[str, Reference("platform")]
+PointsName = Annotated[str, Reference("points")]
+DoneName = Annotated[str, Reference("done")]
+
+
+class Plugin(BaseModel):
+    """Base of every plugin; one abstract subclass for each kind sets `kind`.
+
+    Class keywords:
+        name: The name in the registry; the class name unless given.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, ser_json_inf_nan="strings")
+
+    kind: ClassVar[str] = ""
+    registered_name: ClassVar[str] = ""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, *, name: str = "", **kwargs: Any) -> None:
+        """Register a concrete class.
+
+        Raises:
+            TypeError: The class extends a concrete plugin.
+        """
+        super().__pydantic_init_subclass__(**kwargs)
+        for parent in cls.__mro__[1:]:
+            if isinstance(parent, type) and issubclass(parent, Plugin) and parent.registered_name:
+                raise TypeError(
+                    f"{cls.__qualname__} extends the plugin {parent.__qualname__}, which is final; "
+                    f"hold one in a field and call it instead"
+                )
+        if cls.kind and not inspect.isabstract(cls) and "__call__" in _methods(cls):
+            cls.registered_name = name or cls.__name__
+            registry.add(cls.kind, cls.registered_name, cls)
+
+    @classmethod
+    def references(cls) -> dict[str, str]:
+        """Return the fields that name something of the environment: field name to the kind of thing."""
+        return {
+            field: mark.kind
+            for field, info in cls.model_fields.items()
+            for mark in _marks(info)
+        }  # fmt: skip
+
+
+def _methods(cls: type) -> set[str]:
+    return {name for parent in cls.__mro__ if parent not in (object, BaseModel, Plugin) for name in vars(parent)}
+
+
+def _marks(info: Any) -> list[Reference]:
+    found = [mark for mark in info.metadata if isinstance(mark, Reference)]
+    for argument in getattr(info.annotation, "__args__", ()):  # SensorName | None
+        found += [mark for mark in getattr(argument, "__metadata__", ()) if isinstance(mark, Reference)]
+    return found

@@ -1,0 +1,152 @@
+"""Units at the border: a configuration may give any unit, the code sees SI alone.
+
+A field is declared with its SI unit (`radius: Length`) and takes a number in
+that unit, a text (``"0.8 km"``) or a mapping (``{value: 800, units: meters}``).
+The conversion happens once, when the field is validated.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+
+from safe_inspect.errors import UnitError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of measurement.
+
+    Attributes:
+        symbol: The SI unit of its dimension, such as ``m/s``.
+        factor: Multiply a value by this to get SI.
+    """
+
+    symbol: str
+    factor: float
+
+
+_SPELLINGS: dict[str, tuple[str, float, tuple[str, ...]]] = {
+    "m": ("m", 1.0, ("meter", "meters", "metre", "metres")),
+    "km": ("m", 1e3, ("kilometer", "kilometers", "kilometre", "kilometres")),
+    "cm": ("m", 1e-2, ("centimeter", "centimeters", "centimetre", "centimetres")),
+    "mm": ("m", 1e-3, ("millimeter", "millimeters", "millimetre", "millimetres")),
+    "ft": ("m", 0.3048, ("foot", "feet")),
+    "s": ("s", 1.0, ("sec", "second", "seconds")),
+    "ms": ("s", 1e-3, ("millisecond", "milliseconds")),
+    "min": ("s", 60.0, ("minute", "minutes")),
+    "h": ("s", 3600.0, ("hr", "hour", "hours")),
+    "rad": ("rad", 1.0, ("radian", "radians")),
+    "deg": ("rad", math.pi / 180.0, ("degree", "degrees")),
+    "kg": ("kg", 1.0, ("kilogram", "kilograms")),
+    "g": ("kg", 1e-3, ("gram", "grams")),
+    "N": ("N", 1.0, ("n", "newton", "newtons")),
+    "mN": ("N", 1e-3, ("millinewton", "millinewtons")),
+    "Hz": ("Hz", 1.0, ("hertz", "hz")),
+    "m/s": ("m/s", 1.0, ("meters/second", "meter/second", "meter_per_second", "meters_per_second", "mps")),
+    "km/s": ("m/s", 1e3, ()),
+    "cm/s": ("m/s", 1e-2, ()),
+    "mm/s": ("m/s", 1e-3, ()),
+    "km/h": ("m/s", 1.0 / 3.6, ("kph",)),
+    "ft/s": ("m/s", 0.3048, ("fps",)),
+    "m/s^2": ("m/s^2", 1.0, ("m/s**2", "m/s2")),
+    "rad/s": ("rad/s", 1.0, ("radians/second", "radian/second")),
+    "deg/s": ("rad/s", math.pi / 180.0, ("degrees/second", "degree/second")),
+    "1": ("", 1.0, ("", "-", "dimensionless", "none", "N/A", "n/a")),
+}
+_UNITS: dict[str, Unit] = {
+    spelling: Unit(symbol, factor)
+    for name, (symbol, factor, others) in _SPELLINGS.items()
+    for spelling in (name, *others)
+}
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*\Z")
+
+
+def unit(name: str) -> Unit:
+    """Return the unit of that name.
+
+    Raises:
+        UnitError: The name is unknown.
+    """
+    found = _UNITS.get(name.strip()) or _UNITS.get(name.strip().lower())
+    if found is None:
+        raise UnitError(f"unknown unit {name!r}; {did_you_mean(name, (spelling for spelling in _UNITS if spelling))}")
+    return found
+
+
+def factor(name: str, symbol: str) -> float:
+    """Return what turns a value in the unit `name` into the SI unit `symbol`.
+
+    Raises:
+        UnitError: The unit is unknown, or of another dimension.
+    """
+    found = unit(name)
+    if found.symbol != symbol:
+        raise UnitError(f"{name!r} is no unit of {_describe(symbol)}; give it in {symbol or 'no unit'!r}")
+    return found.factor
+
+
+def to_si(value: Any, symbol: str) -> Any:
+    """Convert a configured value to the SI unit `symbol`.
+
+    Numbers pass as they are; ``"800 m"`` and ``{value: 0.8, units: km}`` are converted.
+
+    Raises:
+        UnitError: The text is no quantity, or its unit does not fit.
+    """
+    if isinstance(value, str):
+        match = _QUANTITY.match(value)
+        if match is None:
+            raise UnitError(f"{value!r} is no quantity; write a number in {symbol or 'no unit'}, or '1.5 {symbol}'")
+        number, name = float(match[1]), match[2]
+        return number * factor(name, symbol) if name else number
+    if isinstance(value, Mapping):
+        unknown = set(value) - {"value", "units", "name"}
+        if unknown or "value" not in value:
+            raise UnitError(f"a quantity has the keys `value` and `units`, not {sorted(map(str, value))}")
+        number = value["value"]
+        if isinstance(number, bool) or not isinstance(number, (int, float)):
+            raise UnitError(f"the value {number!r} is no number")
+        name = value.get("units")
+        return float(number) * factor(str(name), symbol) if name is not None else float(number)
+    return value
+
+
+def _describe(symbol: str) -> str:
+    names = {
+        "m": "length", "s": "time", "rad": "angle", "kg": "mass", "N": "force", "Hz": "frequency",
+        "m/s": "speed", "m/s^2": "acceleration", "rad/s": "angular rate", "": "a pure number",
+    }  # fmt: skip
+    return names.get(symbol, symbol)
+
+
+def quantity(symbol: str, **limits: Any) -> Any:
+    """Return a field type: a float in the SI unit `symbol`, within the limits (`gt`, `ge`, `lt`, `le`)."""
+
+    def convert(value: Any) -> Any:
+        return to_si(value, symbol)
+
+    return Annotated[
+        float,
+        Field(allow_inf_nan=False, json_schema_extra={"units": symbol}, **limits),
+        BeforeValidator(convert, json_schema_input_type=float | str | dict[str, Any]),
+    ]
+
+
+Length = quantity("m")
+PositiveLength = quantity("m", gt=0)
+NonNegativeLength = quantity("m", ge=0)
+Speed = quantity("m/s")
+NonNegativeSpeed = quantity("m/s", ge=0)
+Angle = quantity("rad")
+AngularRate = quantity("rad/s")
+PositiveAngularRate = quantity("rad/s", gt=0)
+PositiveDuration = quantity("s", gt=0)
+PositiveMass = quantity("kg", gt=0)
+Force = quantity("N")
+PositiveFrequency = quantity("Hz", gt=0)
