@@ -17,14 +17,22 @@ class SafeInspectError(Exception):
 
 @dataclass(frozen=True)
 class Location:
-    """A place in a configuration file; lines and columns count from 1."""
+    """A place in a configuration file; lines and columns count from 1.
+
+    Attributes:
+        file: The file, or what stands for one, such as ``command line``.
+        line: The line; 0 where `text` says the place instead.
+        column: The column.
+        text: What was given there, for a place without lines.
+    """
 
     file: str
     line: int
     column: int = 1
+    text: str = ""
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}"
+        return f"{self.file}:{self.line}" if self.line else f"{self.file}: {self.text}"
 
 
 @dataclass(frozen=True)

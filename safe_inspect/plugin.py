@@ -47,6 +47,10 @@ class Plugin(BaseModel):
     kind: ClassVar[str] = ""
     registered_name: ClassVar[str] = ""
 
+    def __init_subclass__(cls, *, name: str = "", **kwargs: Any) -> None:
+        """Take the class keyword `name`, which `__pydantic_init_subclass__` reads once the fields are complete."""
+        super().__init_subclass__(**kwargs)
+
     @classmethod
     def __pydantic_init_subclass__(cls, *, name: str = "", **kwargs: Any) -> None:
         """Register a concrete class.

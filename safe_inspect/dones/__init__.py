@@ -1,0 +1,15 @@
+"""Done functors: what ends an episode, and how. Importing it registers them."""
+
+from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.dones.range import CrashDoneFunction, MaxDistanceDoneFunction
+from safe_inspect.dones.success import SuccessfulInspectionDoneFunction
+from safe_inspect.dones.time_limit import EpisodeLengthDone
+
+__all__ = [
+    "CrashDoneFunction",
+    "DoneFunction",
+    "DoneStatus",
+    "EpisodeLengthDone",
+    "MaxDistanceDoneFunction",
+    "SuccessfulInspectionDoneFunction",
+]

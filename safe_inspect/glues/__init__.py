@@ -1,0 +1,19 @@
+"""Glues: from sensors to observations and from actions to controllers. Importing it registers them."""
+
+from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
+from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.normalization import Normalization
+from safe_inspect.glues.normalizers import LinearNormalizer, Normalizer, StandardNormalNormalizer
+from safe_inspect.glues.observe_sensor import ObserveSensor
+
+__all__ = [
+    "ActionGlue",
+    "ControllerGlue",
+    "Glue",
+    "LinearNormalizer",
+    "Normalization",
+    "Normalizer",
+    "ObservationGlue",
+    "ObserveSensor",
+    "StandardNormalNormalizer",
+]

@@ -1,0 +1,190 @@
+"""`load_experiment`: from a file and overrides to a checked `Experiment`; all mistakes are reported at once."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from safe_inspect.config.assemble import assemble
+from safe_inspect.config.loader import load, load_if_path
+from safe_inspect.config.located import LocatedDict, LocatedList, locate, path_text, plain
+from safe_inspect.config.merge import merge
+from safe_inspect.config.models import ExperimentConfig
+from safe_inspect.config.overrides import apply_overrides
+from safe_inspect.config.references import expand_references
+from safe_inspect.config.report import problems_of
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.errors import ConfigError, Problem, did_you_mean
+
+#: The lists of mappings that are merged from left to right, by their path in the task.
+_MERGED = ("ray_config", "env_config", "tune_config")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A checked experiment.
+
+    Attributes:
+        source: The file that it was loaded from.
+        tree: The whole resolved configuration with the place of every value: includes read, lists merged,
+            overrides applied, references still by name. Loading it again gives the same experiment.
+        config: The validated models.
+        spec: The environment.
+        rllib: RLlib keys: those of the task and, over them, those of the policy.
+        algorithm: Name of the RLlib algorithm.
+    """
+
+    source: str
+    tree: LocatedDict
+    config: ExperimentConfig
+    spec: EnvironmentSpec
+    rllib: dict[str, Any]
+    algorithm: str
+
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """The resolved configuration as plain dictionaries, lists and values."""
+        return dict(plain(self.tree))
+
+
+def load_experiment(
+    path: str | os.PathLike[str], overrides: Iterable[str] = (), *, compute_platform: str = "local"
+) -> Experiment:
+    """Load and check an experiment file.
+
+    Args:
+        path: The file.
+        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
+        compute_platform: Which of the task's `rllib_configs` is used; ``default`` where it is missing.
+
+    Raises:
+        ConfigError: With every mistake, each with its file, line and path of keys.
+    """
+    tree = _experiment_tree(load(path), os.fspath(path))
+    return build_experiment(apply_overrides(tree, overrides), os.fspath(path), compute_platform=compute_platform)
+
+
+def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "local") -> Experiment:
+    """Check a resolved configuration, such as `Experiment.resolved`.
+
+    Raises:
+        ConfigError: With every mistake.
+    """
+    if not isinstance(tree, LocatedDict):
+        tree = LocatedDict(tree)
+    _import_plugins(tree)
+    problems: list[Problem] = []
+    expanded = expand_references(tree, problems)
+    try:
+        config = ExperimentConfig.model_validate(expanded)
+    except ValidationError as error:
+        raise ConfigError([*problems, *problems_of(error, expanded, model=ExperimentConfig)]) from None
+
+    def report(where: tuple[Any, ...], message: str) -> None:
+        problems.append(Problem(message, path_text(where), locate(expanded, where)))
+
+    for name, entries in (("platform_config", config.platform_config), ("agent_config", config.agent_config)):
+        if not entries:
+            raise ConfigError([*problems, Problem("the list is empty; add an entry", name, locate(expanded, (name,)))])
+    rllib = _rllib(config, compute_platform, report)
+    horizon = _horizon(config, rllib, report)
+    spec = assemble(config, horizon, report, seed=_seed(rllib))
+    if problems or spec is None:
+        raise ConfigError(problems)
+    return Experiment(source, tree, config, spec, rllib, config.agent_config[0].policy.algorithm)
+
+
+def _experiment_tree(tree: Any, path: str) -> LocatedDict:
+    """Read the files that are named by plain paths, and merge the lists of mappings."""
+    if not isinstance(tree, LocatedDict) or not {"config", "agent_config"} & set(tree):
+        raise ConfigError(
+            Problem(
+                "not an experiment: it has the keys `config`, `platform_config` and `agent_config`",
+                location=locate(tree, ()) if isinstance(tree, LocatedDict) else None,
+                hint=f"give the experiment file, not {os.path.basename(path)!r}",
+            )
+        )
+
+    def read(holder: Any, key: Any) -> None:
+        if isinstance(holder, (dict, list)) and (isinstance(holder, list) or key in holder):
+            holder[key] = load_if_path(holder[key], locate(holder, (key,)))
+
+    read(tree, "config")
+    for entries, keys in (("platform_config", ("config",)), ("agent_config", ("config", "policy"))):
+        items = tree.get(entries)
+        if isinstance(items, list):
+            for index, item in enumerate(items):
+                items[index] = item = _entry(item, ("name", *keys) if len(keys) == 1 else ("name", "platforms", *keys))
+                for key in keys:
+                    read(item, key)
+    body = tree["config"].get("config") if isinstance(tree.get("config"), dict) else None
+    if isinstance(body, LocatedDict):
+        for key in _MERGED:
+            if key in body:
+                body[key] = merge(body[key])
+        configs = body.get("rllib_configs")
+        if isinstance(configs, dict):
+            for key in configs:
+                configs[key] = merge(configs[key])
+    return tree
+
+
+def _entry(item: Any, keys: tuple[str, ...]) -> Any:
+    """Give an entry that is written as a list the keys of the mapping that it stands for."""
+    if not isinstance(item, LocatedList) or len(item) > len(keys):
+        return item
+    marks = {key: locate(item, (index,)) for index, key in enumerate(keys[: len(item)])}
+    return LocatedDict(dict(zip(keys, item, strict=False)), marks, item.location)  # type: ignore[arg-type]
+
+
+def _import_plugins(tree: LocatedDict) -> None:
+    """Import the modules under ``plugin_paths``; the peer's own are this package's already."""
+    where = ("config", "config", "env_config", "plugin_paths")
+    paths: Any = tree
+    for key in where:
+        paths = paths.get(key) if isinstance(paths, Mapping) else None
+    problems = []
+    for index, name in enumerate(paths if isinstance(paths, list) else ()):
+        if str(name).split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
+            continue
+        try:
+            importlib.import_module(str(name))
+        except ModuleNotFoundError as error:
+            if error.name is None or not str(name).startswith(error.name):
+                raise
+            place = (*where, index)
+            problems.append(
+                Problem(f"no module {name!r}", path_text(place), locate(tree, place), "install it or mend the name")
+            )
+    if problems:
+        raise ConfigError(problems)
+
+
+def _rllib(config: ExperimentConfig, compute_platform: str, report: Any) -> dict[str, Any]:
+    configs = config.config.config.rllib_configs
+    name = compute_platform if compute_platform in configs else "default"
+    if configs and name not in configs:
+        report(("config", "config", "rllib_configs"), f"no {compute_platform!r} here; {did_you_mean(compute_platform, configs)}")
+    return {**configs.get(name, {}), **config.agent_config[0].policy.config}
+
+
+def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> int:
+    """Return the time limit; it may stand in the environment or, as the peer has it, among the RLlib keys."""
+    own, other = config.config.config.env_config.horizon, rllib.pop("horizon", None)
+    if own is not None and other is not None and own != other:
+        where = ("config", "config", "env_config", "horizon")
+        report(where, f"the horizon is {own} here and {other} in the RLlib configuration; give it once")
+    if other is not None and (isinstance(other, bool) or not isinstance(other, int) or other < 1):
+        report(("config", "config", "rllib_configs"), f"`horizon` is a number of steps, at least 1, not {other!r}")
+        other = None
+    return own or other or 1224
+
+
+def _seed(rllib: Mapping[str, Any]) -> int:
+    seed = rllib.get("seed")
+    return seed if isinstance(seed, int) and seed >= 0 else 0

@@ -1,0 +1,40 @@
+"""Field types of the experiment models: named functors, and parameters that may be plain numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, InstanceOf
+
+from safe_inspect.functor import Named, build, functor_field
+from safe_inspect.plugin import Plugin
+from safe_inspect.simulators.parameters import ConstantParameter
+
+
+def named_field(kind: str) -> Any:
+    """Return a field type for ``{name: ..., functor: ..., config: ...}``: the plugin with its name.
+
+    The name is the registered name of the plugin unless given.
+    """
+
+    def convert(value: Any) -> Named[Plugin]:
+        if isinstance(value, Named):
+            return value
+        plugin = build(kind, value)
+        name = value.get("name") if isinstance(value, Mapping) else None
+        return Named(str(name) if name else plugin.registered_name, plugin)
+
+    return Annotated[InstanceOf[Named], BeforeValidator(convert, json_schema_input_type=dict[str, Any])]
+
+
+def _number(value: Any) -> Any:
+    """Turn a plain number into a constant."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return ConstantParameter(value=value)
+    return value
+
+
+ParameterField = Annotated[
+    functor_field("parameter"), BeforeValidator(_number, json_schema_input_type=float | dict[str, Any])
+]

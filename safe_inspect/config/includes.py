@@ -1,0 +1,79 @@
+"""Where an included file is looked for, and what to say when it is nowhere."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from safe_inspect.config.data import configs_root
+
+
+def places(name: str, including: Path | None, outermost: Path | None) -> list[Path]:
+    """Return the paths that the name of an included file can stand for, in the order they are tried.
+
+    Args:
+        name: The name as it is written.
+        including: The file that includes it; None on a command line.
+        outermost: The file that was loaded first.
+    """
+    path = Path(name)
+    if path.is_absolute():
+        return [path]
+    if name.startswith(("./", "../")):
+        return [(including.parent if including else Path.cwd()) / path]
+    found = [Path.cwd() / path]
+    found += [root / path for file in (outermost, including) if file is not None for root in _repository(file)]
+    inside = path.relative_to("configs") if path.parts[:1] == ("configs",) else path
+    found.append(configs_root() / inside)
+    return list(dict.fromkeys(Path(os.path.normpath(place)) for place in found))
+
+
+def _repository(file: Path) -> Iterator[Path]:
+    """Yield the nearest folder above the file that contains `configs`."""
+    for folder in file.parents:
+        if (folder / "configs").is_dir():
+            yield folder
+            return
+
+
+def hint(name: str, tried: list[Path], including: Path | None) -> str:
+    """Return what to write instead of the name of a file that is nowhere; empty when nothing is near."""
+    if including is not None and not name.startswith(".") and (including.parent / name).is_file():
+        return f"to include the file beside this one, write `./{name}`"
+    for place in tried:
+        near = _near(place)
+        if near is not None:
+            rest = len(place.parts) - len(near.parts)
+            written = Path(name).parts
+            start = len(written) - rest - 1
+            if start >= 0:
+                lead = "./" if name.startswith("./") else ""
+                spelled = Path(*written[:start], near.name, *written[start + 1 :]).as_posix()
+                return f"did you mean `{lead}{spelled}`?"
+    return ""
+
+
+def _near(place: Path) -> Path | None:
+    """Return the existing file or folder whose name is nearest to the first part of the path that does not exist."""
+    missing = place
+    while not missing.parent.is_dir():
+        if missing.parent == missing:
+            return None
+        missing = missing.parent
+    last = missing == place
+    try:
+        names = [entry.name for entry in os.scandir(missing.parent) if entry.is_file() == last]
+    except OSError:
+        return None
+    near = difflib.get_close_matches(missing.name, names, n=1, cutoff=0.6)
+    return missing.parent / near[0] if near else None
+
+
+def shown(path: Path) -> str:
+    """Return a path as messages print it: from the working directory where it lies below it."""
+    try:
+        return path.relative_to(Path.cwd()).as_posix()
+    except ValueError:
+        return path.as_posix()

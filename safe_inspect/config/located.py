@@ -1,0 +1,135 @@
+"""Containers that remember where each of their keys and items stands in the configuration files.
+
+They are dicts and lists in every other respect. What transforms a configuration
+makes new ones: a mark belongs to a key or an index, and a list that is changed in
+place would leave its marks behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
+from typing import Any
+
+from safe_inspect.errors import Location
+
+#: A path of keys and indices from the root of a tree.
+Path = Sequence[Any]
+
+
+class LocatedDict(dict[Any, Any]):
+    """A dict with the place of itself and of each key.
+
+    Attributes:
+        location: Where the mapping begins.
+        marks: Where each key stands.
+    """
+
+    __slots__ = ("location", "marks")
+
+    def __init__(
+        self,
+        items: Mapping[Any, Any] | Iterable[tuple[Any, Any]] = (),
+        marks: Mapping[Any, Location] | None = None,
+        location: Location | None = None,
+    ) -> None:
+        super().__init__(items)
+        self.location = location
+        self.marks: dict[Any, Location] = dict(marks or {})
+
+    def copy(self) -> LocatedDict:
+        """Return a shallow copy with the same marks."""
+        return LocatedDict(self, self.marks, self.location)
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> LocatedDict:
+        twin = memo[id(self)] = LocatedDict((), self.marks, self.location)
+        for key, value in self.items():
+            twin[key] = deepcopy(value, memo)
+        return twin
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LocatedDict, (dict(self), self.marks, self.location)
+
+
+class LocatedList(list[Any]):
+    """A list with the place of itself and of each item.
+
+    Attributes:
+        location: Where the list begins.
+        marks: Where each item stands, by index.
+    """
+
+    __slots__ = ("location", "marks")
+
+    def __init__(
+        self,
+        items: Iterable[Any] = (),
+        marks: Mapping[int, Location] | None = None,
+        location: Location | None = None,
+    ) -> None:
+        super().__init__(items)
+        self.location = location
+        self.marks: dict[int, Location] = dict(marks or {})
+
+    def copy(self) -> LocatedList:
+        """Return a shallow copy with the same marks."""
+        return LocatedList(self, self.marks, self.location)
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> LocatedList:
+        twin = memo[id(self)] = LocatedList((), self.marks, self.location)
+        twin.extend(deepcopy(value, memo) for value in self)
+        return twin
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LocatedList, (list(self), self.marks, self.location)
+
+
+def locate(tree: Any, path: Path) -> Location | None:
+    """Return the deepest known location on the path.
+
+    The path is followed as far as it exists. A key is where it is written; a
+    container that comes from another file than its key (by an include) is where
+    it begins in its own file, because there it can be mended.
+    """
+    found: Location | None = getattr(tree, "location", None)
+    for key in path:
+        if not has(tree, key):
+            break
+        mark = getattr(tree, "marks", {}).get(key)
+        tree = tree[key]
+        found = mark or found
+        own: Location | None = getattr(tree, "location", None)
+        if own is not None and (found is None or own.file != found.file):
+            found = own
+    return found
+
+
+def has(tree: Any, key: Any) -> bool:
+    """Return whether the tree is a mapping with that key, or a list with that index."""
+    if isinstance(tree, Mapping):
+        return key in tree
+    return isinstance(tree, list) and isinstance(key, int) and 0 <= key < len(tree)
+
+
+def plain(tree: Any) -> Any:
+    """Return the tree as plain dicts and lists, as writers of YAML and JSON want it."""
+    if isinstance(tree, Mapping):
+        return {key: plain(value) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [plain(value) for value in tree]
+    return tree
+
+
+def path_text(path: Path) -> str:
+    """Return a path as messages print it: ``rewards[0].config.scale``."""
+    text = ""
+    for key in path:
+        if isinstance(key, int) and not isinstance(key, bool):
+            text += f"[{key}]"
+        else:
+            text += f".{key}" if text else str(key)
+    return text

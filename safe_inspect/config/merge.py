@@ -1,0 +1,57 @@
+"""Deep merge of mappings: a variant is a base and what differs from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from safe_inspect.config.located import LocatedDict, locate
+from safe_inspect.errors import ConfigError, Problem
+
+
+def merge(items: Any) -> LocatedDict:
+    """Merge a list of mappings from left to right; a single mapping is itself.
+
+    Mappings merge key by key to any depth; of everything else, lists included,
+    the later value wins. Marks follow the winning value. Nothing is changed in place.
+
+    Raises:
+        ConfigError: An item is no mapping.
+    """
+    if isinstance(items, Mapping):
+        return _located(items)
+    if not isinstance(items, (list, tuple)):
+        location = locate(items, ())
+        raise ConfigError(Problem(f"a mapping or a list of mappings is wanted here, got {items!r}", location=location))
+    problems = [
+        Problem(f"item {index} of a list to be merged is no mapping but {item!r}", location=locate(items, (index,)))
+        for index, item in enumerate(items)
+        if not isinstance(item, Mapping)
+    ]
+    if problems:
+        raise ConfigError(problems)
+    if len(items) == 1:
+        return _located(items[0])
+    merged = LocatedDict()
+    for item in items:
+        merged = _pair(merged, item)
+    merged.location = getattr(items, "location", None) or merged.location
+    return merged
+
+
+def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
+    merged = _located(first).copy()
+    merged.location = getattr(second, "location", None) or merged.location
+    marks = getattr(second, "marks", {})
+    for key, value in second.items():
+        old = merged.get(key)
+        merged[key] = _pair(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+        if key in marks:
+            merged.marks[key] = marks[key]
+        else:
+            merged.marks.pop(key, None)
+    return merged
+
+
+def _located(mapping: Mapping[Any, Any]) -> LocatedDict:
+    return mapping if isinstance(mapping, LocatedDict) else LocatedDict(mapping)

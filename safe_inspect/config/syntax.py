@@ -1,0 +1,96 @@
+"""YAML text to nodes with marks, and the parser's complaints in plain words."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import yaml
+
+from safe_inspect.errors import ConfigError, Location, Problem
+
+#: Numbers such as ``1e-3`` and ``5e-05``, which YAML 1.1 takes for text because they lack the point or the sign.
+FLOAT = re.compile(r"[-+]?(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)[eE][-+]?[0-9]+$")
+
+_Parser: Any = type("_Parser", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
+_Parser.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
+
+#: What the parser says (a part of it), and what it comes to.
+_PLAIN_WORDS = (
+    ("mapping values are not allowed", "a `:` where no key can be; is the line indented wrongly, or a text unquoted?"),
+    ("that cannot start any token", "nothing in YAML begins with this character; quote the text"),
+    ("expected ',' or '}'", "the braces `{` are not closed before here, or a comma is missing"),
+    ("expected ',' or ']'", "the brackets `[` are not closed before here, or a comma is missing"),
+    ("unexpected end of stream", "a quote is opened and never closed"),
+    ("could not find expected ':'", "a key without a `:` after it"),
+    ("undefined alias", "an alias `*` of an anchor `&` that this file does not have before here"),
+    ("duplicate anchor", "an anchor `&` that this file has already"),
+    ("another document", "a second document begins here; a file holds one"),
+    ("expected the node content", "a value is missing here"),
+    ("did not find expected node content", "a value is missing here"),
+    ("did not find expected key", "no key where one must be; is the line indented wrongly?"),
+    ("did not find expected '-' indicator", "no `-` where an item of the list must be; is the line indented wrongly?"),
+    ("expected <block end>", "no key or item where one must be; is the line indented wrongly?"),
+    ("expected <document start>", "the text goes on after its end; is a bracket closed too early?"),
+    ("undefined tag handle", "a tag that is not known; the only tag is `!include FILE`"),
+)  # fmt: skip
+
+
+def compose(text: str, file: str) -> Any:
+    """Return the root node of one YAML document, None for an empty one.
+
+    Raises:
+        ConfigError: The text is not valid YAML.
+    """
+    try:
+        parser = _Parser(text)
+        try:
+            return parser.get_single_node()
+        finally:
+            parser.dispose()
+    except yaml.MarkedYAMLError as error:
+        raise ConfigError(_problem(error, text, file)) from None
+    except yaml.reader.ReaderError as error:
+        where = yaml.reader.Reader.NON_PRINTABLE.search(text)
+        line, column = _position(text, where.start()) if where else (1, 1)
+        character = f"U+{ord(where[0]):04X}" if where else error.reason
+        message = f"not valid YAML: the control character {character} is not allowed"
+        raise ConfigError(Problem(message, location=Location(file, line, column), hint="remove it")) from None
+
+
+def decode(data: bytes, file: str) -> str:
+    """Return the text of a file.
+
+    Raises:
+        ConfigError: It is not UTF-8.
+    """
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start]
+        line = before.count(b"\n") + 1
+        column = error.start - (before.rfind(b"\n") + 1) + 1
+        message = f"the file is not UTF-8 text (the byte 0x{data[error.start]:02x})"
+        raise ConfigError(Problem(message, location=Location(file, line, column), hint="save it as UTF-8")) from None
+
+
+def _problem(error: Any, text: str, file: str) -> Problem:
+    said = ", ".join(part for part in (error.problem, error.context) if part)
+    words = next((words for part, words in _PLAIN_WORDS if part in said), "")
+    mark, opened = error.problem_mark or error.context_mark, error.context_mark
+    lines = text.splitlines()
+    rest = lines[mark.line][mark.column :] if mark.line < len(lines) else ""
+    if rest.startswith("\t"):
+        words = "a tab stands here; indent with spaces"
+    if opened and (not rest.strip() or "simple key" in said):
+        mark, opened = opened, mark  # the end of the file tells less than what is not closed there
+    also = (
+        f", see line {opened.line + 1} too" if opened and opened.line != mark.line and opened.line < len(lines) else ""
+    )
+    detail = f"column {mark.column + 1}{also}; the parser says: {said}"
+    message = f"not valid YAML: {words} ({detail})" if words else f"not valid YAML ({detail})"
+    return Problem(message, location=Location(file, mark.line + 1, mark.column + 1))
+
+
+def _position(text: str, index: int) -> tuple[int, int]:
+    return text.count("\n", 0, index) + 1, index - text.rfind("\n", 0, index)

@@ -1,0 +1,99 @@
+"""Pydantic's messages in plain words: what is wanted and what is there instead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from safe_inspect.errors import did_you_mean
+
+#: What a value should be, by the type of the error; the names in braces are the error's own.
+_WANTED = {
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_parsing_size": "a smaller whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "bool_type": "`true` or `false`",
+    "bool_parsing": "`true` or `false`",
+    "string_type": "a text",
+    "none_required": "nothing (`null`)",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "set_type": "a list",
+    "iterable_type": "a list",
+    "dict_type": "a mapping",
+    "mapping_type": "a mapping",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+    "dataclass_type": "a mapping",
+    "greater_than": "a number above {gt}",
+    "greater_than_equal": "a number of {ge} or more",
+    "less_than": "a number below {lt}",
+    "less_than_equal": "a number of {le} or less",
+    "multiple_of": "a multiple of {multiple_of}",
+    "too_short": "at least {min_length} items",
+    "too_long": "at most {max_length} items",
+    "string_too_short": "a text of at least {min_length} characters",
+    "string_too_long": "a text of at most {max_length} characters",
+    "string_pattern_mismatch": "a text that matches `{pattern}`",
+    "literal_error": "{expected}",
+    "enum": "{expected}",
+    "union_tag_invalid": "one of {expected_tags} as {discriminator}",
+}
+
+#: Errors that say that a value is of another kind altogether, so that a union's other members may fit better.
+_OTHER_KIND = ("_type", "_parsing", "_required", "int_from_float", "literal_error", "enum")
+
+
+def is_of_other_kind(error: Mapping[str, Any]) -> bool:
+    """Return whether an error says that the value is of another kind than the field."""
+    return str(error["type"]).endswith(_OTHER_KIND)
+
+
+def wanted(error: Mapping[str, Any]) -> str:
+    """Return what the value should be, in words; empty when the error does not say so."""
+    pattern = _WANTED.get(error["type"], "")
+    return pattern.format_map({**error.get("ctx", {})}) if pattern else ""
+
+
+def message(error: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what is wrong and what to do, the latter often empty."""
+    kind, said = error["type"], str(error["msg"])
+    if kind == "missing":
+        return "the key is missing", ""
+    if kind == "functor_key":
+        return said, ""
+    if kind == "value_error":
+        return said.removeprefix("Value error, "), ""
+    if kind == "assertion_error":
+        return said.removeprefix("Assertion failed, "), ""
+    given = error.get("input")
+    want = wanted(error)
+    if want:
+        return f"wants {want}, got {shown(given)}", _nearest(error, given)
+    return f"{said[:1].lower()}{said[1:]}, got {shown(given)}", ""
+
+
+def shown(value: Any) -> str:
+    """Return a value as a message prints it, cut short."""
+    if value is None:
+        return "nothing (`null`)"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    text = repr(value)
+    if len(text) <= 60:
+        return text
+    if isinstance(value, Mapping):
+        return f"a mapping with {len(value)} keys"
+    return f"a list of {len(value)}" if isinstance(value, (list, tuple)) else f"{text[:57]}..."
+
+
+def _nearest(error: Mapping[str, Any], given: Any) -> str:
+    """Return the nearest of a choice's texts."""
+    if error["type"] not in ("literal_error", "enum") or not isinstance(given, str):
+        return ""
+    hint = did_you_mean(given, str(error["ctx"]["expected"]).split("'")[1::2])
+    return hint if hint.startswith("did") else ""

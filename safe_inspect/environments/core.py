@@ -1,0 +1,187 @@
+"""`BatchedEnvironment`: the one core that every façade wraps. It steps N environments as arrays and never resets by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.guard import require_finite
+from safe_inspect.environments.layout import Layout, action_layout, observation_layout
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.view import Group, Step, View
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Transition:
+    """What one step gives for the agents of a group; every array has N rows, and G agents where it says so.
+
+    Attributes:
+        observation: Observation at the end of the step, before any reset, float32, shape (N, G, O).
+        reward: Sum of the terms [-], shape (N, G).
+        terms: Reward terms by name, each of shape (N, G).
+        terminated: The episode ended in the task's own way, shape (N, G).
+        truncated: The episode ended by a limit of time alone, shape (N, G).
+        status: `DoneStatus`, int8, shape (N, G).
+        step: The step as the functors saw it.
+    """
+
+    observation: AnyArray
+    reward: FloatArray
+    terms: dict[str, FloatArray]
+    terminated: BoolArray
+    truncated: BoolArray
+    status: AnyArray
+    step: Step
+
+    @cached_property
+    def done(self) -> BoolArray:
+        """The episode ended, shape (N, G)."""
+        return self.terminated | self.truncated
+
+
+class BatchedEnvironment:
+    """N environments of one task. SI units, Hill's frame.
+
+    Args:
+        spec: The task.
+        num_envs: Number of environments, N.
+        seed: Seed of the run; the task's own unless given.
+        first_slot: Global index of the first environment slot. Two environments with the same seed and slot give the
+            same episodes, whatever the batch they stand in.
+    """
+
+    def __init__(
+        self, spec: EnvironmentSpec, num_envs: int = 1, *, seed: int | None = None, first_slot: int = 0
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is at least 1, not {num_envs}")
+        self.spec = spec
+        self.agent = spec.agents[0]
+        self.group = Group(self.agent.name, 0, 1, self.agent.sensors)
+        self.observation_layout: Layout = observation_layout(self.agent)
+        self.action_layout: Layout = action_layout(self.agent)
+        self.simulation = spec.simulator(
+            masses={name: platform.mass for name, platform in spec.platforms.items()},
+            groups=(self.group,),
+            reset=spec.reset,
+            step_size=spec.step_size,
+            num_envs=num_envs,
+            seed=spec.seed if seed is None else seed,
+            first_slot=first_slot,
+        )
+        self._no_intervention = np.zeros(num_envs * self.group.size, dtype=np.bool_)
+        self._sizes = [len(glue.names(self.agent.parts)) for glue in self.agent.action_glues]
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments, N."""
+        return self.simulation.num_envs
+
+    @property
+    def state(self) -> State:
+        """The current state."""
+        return self.simulation.state
+
+    def view(self) -> View:
+        """Return the current state as the agents see it."""
+        return View(self.state, self.simulation.world, self.group)
+
+    def reset(self, rows: IntArray | None = None, *, seed: int | None = None) -> AnyArray:
+        """Begin new episodes.
+
+        Args:
+            rows: Indices of the environments, shape (R,); all of them unless given.
+            seed: Begin the run again with this seed (all rows).
+
+        Returns:
+            First observation of these rows, float32, shape (R, G, O).
+        """
+        if seed is not None:
+            self.simulation.seed(seed)
+        rows = np.arange(self.num_envs) if rows is None else np.asarray(rows, dtype=np.int64)
+        fresh = self.simulation.reset(rows)
+        return self._observe(View(fresh, self.simulation.world, self.group))
+
+    def step(self, action: FloatArray) -> Transition:
+        """Hold an action over one step.
+
+        Args:
+            action: Action of each agent in the units of `action_layout`, clipped to its bounds, shape (N, G, A).
+
+        Raises:
+            PluginValueError: A plugin gave NaN or infinity; the state that caused it is saved.
+        """
+        simulation, group = self.simulation, self.group
+        rows = self.num_envs * group.size
+        action = np.asarray(action, dtype=np.float64).reshape(rows, self.action_layout.size)
+        require_finite("action", action, simulation.state)
+        action = np.clip(action, self.action_layout.low, self.action_layout.high)
+        control = self._control(action)
+        simulation.step(control.reshape(self.num_envs, group.size, 3))
+        world = simulation.world
+        step = Step(
+            View(simulation.before, world, group),
+            View(simulation.state, world, group),
+            action,
+            control,
+            control,
+            self._no_intervention,
+            world.step_size,
+        )
+        shape = (self.num_envs, group.size)
+        observation = self._observe(step.after)
+        terms: dict[str, FloatArray] = {}
+        reward = np.zeros(rows)
+        for named in self.agent.rewards:
+            value = named.functor(step)
+            reward += value
+            terms[named.name] = value.reshape(shape)
+        if not np.isfinite(reward).all():
+            for name, value in terms.items():
+                require_finite(f"reward {name}", value, simulation.state, simulation.before)
+        terminated, truncated, status = self._ends(step, rows)
+        return Transition(
+            observation,
+            reward.reshape(shape),
+            terms,
+            terminated.reshape(shape),
+            truncated.reshape(shape),
+            status.reshape(shape),
+            step,
+        )
+
+    def _control(self, action: FloatArray) -> FloatArray:
+        control = np.zeros((len(action), 3))
+        first = 0
+        for glue, size in zip(self.agent.action_glues, self._sizes, strict=True):
+            control += glue(action[:, first : first + size], self.agent.parts)
+            first += size
+        return control
+
+    def _observe(self, view: View) -> AnyArray:
+        parts = [glue(view) for glue in self.agent.observation_glues]
+        observation = np.concatenate(parts, axis=-1) if parts else np.zeros((view.num_rows, 0))
+        if not np.isfinite(observation).all():
+            for glue, part in zip(self.agent.observation_glues, parts, strict=True):
+                require_finite(f"glue {' '.join(glue.names(self.agent.parts))}", part, view.state)
+        return observation.astype(np.float32).reshape(view.state.num_envs, self.group.size, -1)
+
+    def _ends(self, step: Step, rows: int) -> tuple[BoolArray, BoolArray, AnyArray]:
+        fired = {status: np.zeros(rows, dtype=np.bool_) for status in DoneStatus}
+        terminated, truncated = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)
+        for named in self.agent.dones:
+            done = named.functor(step)
+            fired[named.functor.status] |= done
+            if named.functor.truncates:
+                truncated |= done
+            else:
+                terminated |= done
+        status = np.zeros(rows, dtype=np.int8)
+        for value in (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE):
+            status[fired[value]] = value
+        return terminated, truncated & ~terminated, status

@@ -1,0 +1,48 @@
+"""The guard against NaN and infinity: name the plugin, save the state."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+
+import numpy as np
+
+from safe_inspect.errors import PluginValueError
+from safe_inspect.simulators.state import State
+from safe_inspect.types import AnyArray
+
+#: Folder for the states that caused an error; the run folder during a training.
+CRASH_FOLDER_VARIABLE = "SAFE_INSPECT_CRASH_FOLDER"
+
+
+def require_finite(what: str, value: AnyArray, after: State, before: State | None = None) -> None:
+    """Stop when an array has a NaN or an infinity.
+
+    The states of the rows in question are saved as ``.npz`` files in the folder that the environment variable
+    ``SAFE_INSPECT_CRASH_FOLDER`` names, else in a new temporary folder.
+
+    Args:
+        what: What gave the array, such as ``reward ObservedPointsReward``.
+        value: The array; its first axis has one or more rows for each environment.
+        after: State at the end of the step.
+        before: State at its beginning, where there is one.
+
+    Raises:
+        PluginValueError: The array is not finite.
+    """
+    finite = np.isfinite(value)
+    if finite.all():
+        return
+    bad = np.flatnonzero(~finite.reshape(len(value), -1).all(axis=-1))
+    rows = np.unique(bad * after.num_envs // len(value))
+    folder = os.environ.get(CRASH_FOLDER_VARIABLE) or tempfile.mkdtemp(prefix="safe_inspect_")
+    saved = []
+    for name, state in (("before", before), ("after", after)):
+        if state is not None:
+            path = os.path.join(folder, f"state_{name}_{os.getpid()}.npz")
+            state.take(rows).save(path)
+            saved.append(path)
+    raise PluginValueError(
+        f"{what} gave {value[bad[0]].ravel().tolist()} in environment {rows[0]} "
+        f"({len(rows)} of {after.num_envs} environments); the states are saved in {' and '.join(saved)}"
+    )

@@ -1,0 +1,225 @@
+"""The keys that an experiment may give to RLlib, as plain data.
+
+RLlib takes any key without a word: one that it does not know has no effect, and so
+have many names of its old API stack. So our own tables say what each key is. They
+import nothing, because `safe-inspect validate` must answer before Ray is loaded; a
+test compares them with the installed release of Ray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Key:
+    """What a key takes.
+
+    Attributes:
+        kind: ``integer``, ``number``, ``boolean``, ``text``, ``mapping``, ``integers`` (a list of them) or
+            ``schedule`` (a number, or pairs of step and number).
+        low: Least value of a number.
+        high: Greatest value of a number.
+        choices: The words that a text may be; for a number, words that it may be as well.
+        optional: Whether null is a value.
+    """
+
+    kind: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    optional: bool = False
+
+
+_COUNT = Key("integer", low=0)
+_POSITIVE = Key("integer", low=1)
+_SECONDS = Key("number", low=0)
+_SHARE = Key("number", low=0, high=1)
+_AMOUNT = Key("number", low=0)
+_SWITCH = Key("boolean")
+_MAPPING = Key("mapping")
+_TEXT = Key("text")
+
+#: Every RLlib algorithm: attributes of `AlgorithmConfig`.
+COMMON_KEYS: dict[str, Key] = {
+    # training
+    "gamma": _SHARE,
+    "lr": Key("schedule", low=0),
+    "grad_clip": Key("number", low=0, optional=True),
+    "grad_clip_by": Key("text", choices=("value", "norm", "global_norm")),
+    "train_batch_size_per_learner": _POSITIVE,
+    "num_epochs": _POSITIVE,
+    "minibatch_size": Key("integer", low=1, optional=True),
+    "shuffle_batch_per_epoch": _SWITCH,
+    "learner_config_dict": _MAPPING,
+    # sampling
+    "num_env_runners": _COUNT,
+    "num_envs_per_env_runner": _POSITIVE,
+    "num_cpus_per_env_runner": _AMOUNT,
+    "num_gpus_per_env_runner": _AMOUNT,
+    "custom_resources_per_env_runner": _MAPPING,
+    "rollout_fragment_length": Key("integer", low=1, choices=("auto",)),
+    "batch_mode": Key("text", choices=("truncate_episodes", "complete_episodes")),
+    "explore": _SWITCH,
+    "sample_timeout_s": Key("number", low=0, optional=True),
+    "validate_env_runners_after_construction": _SWITCH,
+    "max_requests_in_flight_per_env_runner": _POSITIVE,
+    "create_env_on_local_worker": _SWITCH,
+    "create_local_env_runner": _SWITCH,
+    "merge_env_runner_states": Key("boolean", choices=("training_only",)),
+    "broadcast_env_runner_states": _SWITCH,
+    "use_env_runner_state_server": _SWITCH,
+    "env_runner_state_server_max_concurrency": _POSITIVE,
+    "episode_lookback_horizon": _COUNT,
+    # learners and resources
+    "num_learners": _COUNT,
+    "num_cpus_per_learner": Key("number", low=0, choices=("auto",)),
+    "num_gpus_per_learner": _AMOUNT,
+    "custom_resources_per_learner": _MAPPING,
+    "num_aggregator_actors_per_learner": _COUNT,
+    "max_requests_in_flight_per_aggregator_actor": _POSITIVE,
+    "max_requests_in_flight_per_learner": _POSITIVE,
+    "local_gpu_idx": _COUNT,
+    "num_cpus_for_main_process": _AMOUNT,
+    "custom_resources_for_main_process": _MAPPING,
+    "placement_strategy": Key("text", choices=("PACK", "SPREAD", "STRICT_PACK", "STRICT_SPREAD")),
+    # Torch
+    "torch_compile_learner": _SWITCH,
+    "torch_compile_learner_dynamo_backend": _TEXT,
+    "torch_compile_learner_dynamo_mode": Key("text", optional=True),
+    "torch_compile_worker": _SWITCH,
+    "torch_compile_worker_dynamo_backend": _TEXT,
+    "torch_compile_worker_dynamo_mode": Key("text", optional=True),
+    "torch_ddp_kwargs": _MAPPING,
+    "torch_skip_nan_gradients": _SWITCH,
+    # evaluation
+    "evaluation_interval": Key("integer", low=1, optional=True),
+    "evaluation_duration": Key("integer", low=1, choices=("auto",)),
+    "evaluation_duration_unit": Key("text", choices=("episodes", "timesteps")),
+    "evaluation_num_env_runners": _COUNT,
+    "evaluation_parallel_to_training": _SWITCH,
+    "evaluation_force_reset_envs_before_iteration": _SWITCH,
+    "evaluation_config": Key("mapping", optional=True),
+    "evaluation_sample_timeout_s": _SECONDS,
+    "evaluation_auto_duration_min_env_steps_per_sample": _POSITIVE,
+    "evaluation_auto_duration_max_env_steps_per_sample": _POSITIVE,
+    "evaluation_unhealthy_workers_timeout_s": _SECONDS,
+    "evaluation_error_after_n_consecutive_skips": Key("integer", low=1, optional=True),
+    # reporting
+    "metrics_num_episodes_for_smoothing": _POSITIVE,
+    "metrics_episode_collection_timeout_s": _SECONDS,
+    "min_time_s_per_iteration": Key("number", low=0, optional=True),
+    "min_train_timesteps_per_iteration": _COUNT,
+    "min_sample_timesteps_per_iteration": _COUNT,
+    "log_gradients": _SWITCH,
+    "log_level": Key("text", choices=("DEBUG", "INFO", "WARN", "ERROR")),
+    "log_sys_usage": _SWITCH,
+    "seed": Key("integer", low=0, optional=True),
+    # failures
+    "restart_failed_env_runners": _SWITCH,
+    "ignore_env_runner_failures": _SWITCH,
+    "max_num_env_runner_restarts": _COUNT,
+    "delay_between_env_runner_restarts_s": _SECONDS,
+    "restart_failed_sub_environments": _SWITCH,
+    "num_consecutive_env_runner_failures_tolerance": _COUNT,
+    "env_runner_health_probe_timeout_s": _SECONDS,
+    "env_runner_restore_timeout_s": _SECONDS,
+}
+
+#: What PPO adds.
+PPO_KEYS: dict[str, Key] = {
+    "lambda": _SHARE,
+    "use_critic": _SWITCH,
+    "use_gae": _SWITCH,
+    "use_kl_loss": _SWITCH,
+    "kl_coeff": _AMOUNT,
+    "kl_target": _AMOUNT,
+    "vf_loss_coeff": _AMOUNT,
+    "entropy_coeff": Key("schedule", low=0),
+    "clip_param": Key("number", low=0),
+    "vf_clip_param": Key("number", low=0),
+}
+
+#: Algorithms whose own keys are in a table here; those of the others are checked when Ray is loaded.
+ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS}
+
+#: Names of RLlib's algorithms for environments (the offline ones need data and are refused).
+ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
+
+#: Keys of ours among RLlib's.
+OWN_KEYS: dict[str, Key] = {
+    "algorithm": _TEXT,
+    "model_config": _MAPPING,
+    "torch_num_threads": _POSITIVE,
+}
+
+_ACTIVATION = Key("text", choices=("tanh", "relu", "swish", "silu", "linear"), optional=True)
+
+#: The nets: attributes of `DefaultModelConfig` that make sense for vectors of numbers.
+MODEL_KEYS: dict[str, Key] = {
+    "fcnet_hiddens": Key("integers", low=1),
+    "fcnet_activation": _ACTIVATION,
+    "fcnet_kernel_initializer": Key("text", optional=True),
+    "fcnet_kernel_initializer_kwargs": Key("mapping", optional=True),
+    "fcnet_bias_initializer": Key("text", optional=True),
+    "fcnet_bias_initializer_kwargs": Key("mapping", optional=True),
+    "fcnet_use_layernorm": _SWITCH,
+    "head_fcnet_hiddens": Key("integers", low=1),
+    "head_fcnet_activation": _ACTIVATION,
+    "head_fcnet_kernel_initializer": Key("text", optional=True),
+    "head_fcnet_kernel_initializer_kwargs": Key("mapping", optional=True),
+    "head_fcnet_bias_initializer": Key("text", optional=True),
+    "head_fcnet_bias_initializer_kwargs": Key("mapping", optional=True),
+    "head_fcnet_use_layernorm": _SWITCH,
+    "free_log_std": _SWITCH,
+    "log_std_clip_param": Key("number", low=0),
+    "vf_share_layers": _SWITCH,
+    "use_lstm": _SWITCH,
+    "max_seq_len": _POSITIVE,
+    "lstm_cell_size": _POSITIVE,
+    "lstm_use_prev_action": _SWITCH,
+    "lstm_use_prev_reward": _SWITCH,
+    "lstm_kernel_initializer": Key("text", optional=True),
+    "lstm_kernel_initializer_kwargs": Key("mapping", optional=True),
+    "lstm_bias_initializer": Key("text", optional=True),
+    "lstm_bias_initializer_kwargs": Key("mapping", optional=True),
+}
+
+#: Where RLlib's own default does not suit this package.
+COMMON_DEFAULTS: dict[str, Any] = {
+    "num_env_runners": 0,  # the learner is the limit, and one process starts faster than three
+    "num_envs_per_env_runner": 64,
+    "sample_timeout_s": 600.0,  # RLlib drops the samples of a slow round after 60 s without an error
+    "torch_skip_nan_gradients": True,  # 5 to 15 % faster: it replaces a check of every gradient
+    "restart_failed_env_runners": False,  # a restart would repeat a plugin's error a thousand times
+    "log_sys_usage": False,
+    "seed": 0,
+    "torch_num_threads": 1,  # more threads collapse on a busy machine
+}
+
+PPO_DEFAULTS: dict[str, Any] = {
+    "lr": 3e-4,
+    "lambda": 0.95,
+    "train_batch_size_per_learner": 4096,
+    "minibatch_size": 512,
+    "num_epochs": 10,
+}
+
+ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {"PPO": PPO_DEFAULTS}
+
+#: The policy and the value function have nets of their own.
+MODEL_DEFAULTS: dict[str, Any] = {
+    "fcnet_hiddens": [256, 256],
+    "fcnet_activation": "tanh",
+    "vf_share_layers": False,
+}
+
+#: Keys that say where and how fast a run computes, not what it learns from; a resumed run may change them.
+PLACE_KEYS = frozenset(
+    name
+    for name in (*COMMON_KEYS, *OWN_KEYS)
+    if name.startswith(("num_cpus", "num_gpus", "custom_resources", "log_", "torch_compile", "env_runner_"))
+    or name.endswith(("_timeout_s", "_restarts_s", "_restarts", "_tolerance"))
+    or name in ("torch_num_threads", "placement_strategy", "local_gpu_idx", "num_env_runners")
+)

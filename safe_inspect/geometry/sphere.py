@@ -1,0 +1,88 @@
+"""Points spread evenly over a sphere, body-fixed to the chief."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+
+import numpy as np
+
+from safe_inspect.errors import did_you_mean
+from safe_inspect.types import FloatArray
+
+_GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
+
+
+def sphere_points(algorithm: str, num_points: int, radius: float) -> FloatArray:
+    """Return points spread evenly over a sphere about the origin.
+
+    Args:
+        algorithm: ``fibonacci`` (exactly `num_points`) or ``cmu`` (rings; nearly `num_points`: 99 for 100).
+        num_points: How many points are asked for.
+        radius: Radius of the sphere [m].
+
+    Returns:
+        Positions [m], shape (P, 3), from +z to -z.
+
+    Raises:
+        ValueError: If the algorithm is unknown, `num_points` is not a whole number of at least 1, or `radius` is
+            not finite and positive.
+    """
+    if algorithm not in _ALGORITHMS:
+        raise ValueError(f"unknown points algorithm `{algorithm}`; {did_you_mean(str(algorithm), _ALGORITHMS)}")
+    try:
+        count = operator.index(num_points)
+    except TypeError:
+        raise ValueError(f"num_points must be a whole number, got {num_points!r}") from None
+    if count < 1:
+        raise ValueError(f"num_points must be at least 1, got {count}")
+    if not (math.isfinite(radius) and radius > 0.0):
+        raise ValueError(f"radius must be finite and positive [m], got {radius}")
+    return radius * _ALGORITHMS[algorithm](count)
+
+
+def _fibonacci(count: int) -> FloatArray:
+    """Return the spherical Fibonacci lattice of the unit sphere, shape (count, 3).
+
+    Point i lies at the height z = 1 - (2 i + 1)/count, the middle of the i-th of `count` slices of equal height and
+    so of equal area, at the azimuth of i golden angles.
+
+    Source:
+        Swinbank and Purser, "Fibonacci grids: a novel approach to global modelling", 2006.
+    """
+    i = np.arange(count, dtype=np.float64)
+    height = 1.0 - (2.0 * i + 1.0) / count
+    return _on_unit_sphere(height, np.sqrt((1.0 - height) * (1.0 + height)), i * _GOLDEN_ANGLE)
+
+
+def _cmu(count: int) -> FloatArray:
+    """Return rings of points of the unit sphere, each point with nearly the same area, shape (P, 3).
+
+    A point's share of the sphere, 4 pi/count, is taken for a square. Rings of latitude lie about one side of the
+    square apart, in the middles of equal intervals of the polar angle; the points of a ring lie as far apart as
+    the share of area then asks for, the first of each ring at azimuth 0. Rounding to whole rings and whole
+    points a ring is why P may differ from `count`.
+
+    Source:
+        Deserno, "How to generate equidistributed points on the surface of a sphere", 2004.
+    """
+    area = 4.0 * math.pi / count
+    rings = round(math.pi / math.sqrt(area))
+    spacing = math.pi / rings
+    polar, azimuth = [], []
+    for ring in range(rings):
+        angle = (ring + 0.5) * spacing
+        size = round(2.0 * math.pi * math.sin(angle) * spacing / area)
+        polar.append(np.full(size, angle))
+        azimuth.append(2.0 * math.pi * np.arange(size) / size)
+    angles = np.concatenate(polar)
+    return _on_unit_sphere(np.cos(angles), np.sin(angles), np.concatenate(azimuth))
+
+
+def _on_unit_sphere(height: FloatArray, distance: FloatArray, azimuth: FloatArray) -> FloatArray:
+    """Return points from their heights, their distances from the z axis and their azimuths."""
+    return np.stack((distance * np.cos(azimuth), distance * np.sin(azimuth), height), axis=-1)
+
+
+_ALGORITHMS: dict[str, Callable[[int], FloatArray]] = {"fibonacci": _fibonacci, "cmu": _cmu}

@@ -1,0 +1,214 @@
+"""Which points of the chief are seen, lit and so inspected: compiled, row by row.
+
+Every row is computed by itself and in one fixed order, so its result is the same to the bit in a batch of any size.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from safe_inspect.geometry.light import Light
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _axes(points: FloatArray) -> FloatArray:
+    """Return the points as shape (3, P), each axis contiguous: the loops over points are three times as fast."""
+    axes = np.empty((3, points.shape[0]))
+    for p in range(points.shape[0]):
+        for k in range(3):
+            axes[k, p] = points[p, k]
+    return axes
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _sees_whole_cap(range_squared: float, radius: float, cos_half_fov: float) -> bool:
+    """Whether a field of view about the direction to the centre takes in the sphere's whole outline."""
+    # The outline lies at asin(R/r) from the boresight: no point needs its own test when that is inside.
+    return cos_half_fov <= -1.0 or cos_half_fov <= math.sqrt(max(0.0, 1.0 - radius * radius / range_squared))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _in_field(vx: float, vy: float, vz: float, qx: float, qy: float, qz: float, cos_half_fov: float) -> bool:
+    """Whether the angle at the viewer v between the point q and the centre is at most the half field of view."""
+    dx, dy, dz = qx - vx, qy - vy, qz - vz
+    along = -(dx * vx + dy * vy + dz * vz)
+    lengths = math.sqrt((dx * dx + dy * dy + dz * dz) * (vx * vx + vy * vy + vz * vz))
+    return along >= cos_half_fov * lengths
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _well_lit(
+    nx: float,
+    ny: float,
+    nz: float,
+    cosine: float,
+    viewer: FloatArray,
+    sun: FloatArray,
+    radius: float,
+    light: Light,
+) -> bool:
+    """Whether the point with the outward normal n, at `cosine` from the sun, has a colour that can be made out."""
+    # Clipping the colour to [0, 1] could change neither comparison, so it is left out.
+    if not cosine > light.threshold:
+        return light.ambient[0] >= light.dark and not (
+            light.ambient[0] > light.bright and light.ambient[1] > light.bright and light.ambient[2] > light.bright
+        )
+    diffuse = max(0.0, cosine)
+    vx, vy, vz = viewer[0] - radius * nx, viewer[1] - radius * ny, viewer[2] - radius * nz
+    distance = math.sqrt(vx * vx + vy * vy + vz * vz)
+    highlight = 0.0
+    if distance > 0.0:
+        hx, hy, hz = sun[0] + vx / distance, sun[1] + vy / distance, sun[2] + vz / distance
+        length = math.sqrt(hx * hx + hy * hy + hz * hz)
+        along = nx * hx + ny * hy + nz * hz
+        if length > 0.0 and along > 0.0:
+            highlight = (along / length) ** light.exponent
+    red = light.ambient[0] + light.diffuse[0] * diffuse + light.specular[0] * highlight
+    green = light.ambient[1] + light.diffuse[1] * diffuse + light.specular[1] * highlight
+    blue = light.ambient[2] + light.diffuse[2] * diffuse + light.specular[2] * highlight
+    return red >= light.dark and not (red > light.bright and green > light.bright and blue > light.bright)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def visible(viewer: FloatArray, points: FloatArray, radius: float, cos_half_fov: float) -> BoolArray:
+    """Return which points each viewer sees, lit or not.
+
+    A point q is above the horizon of a viewer at p when ``q . p >= R^2``, and in the field of view when the angle
+    at the viewer between q and the centre, at which it looks, is at most half the field's. A viewer inside
+    the sphere sees nothing.
+
+    Args:
+        viewer: Positions p relative to the chief's centre [m], shape (R, 3).
+        points: Points q on the sphere [m], in the viewers' frame, shape (P, 3).
+        radius: Radius of the sphere [m].
+        cos_half_fov: Cosine of half the field of view [-]; -1 is no limit.
+
+    Returns:
+        Whether a viewer sees a point, shape (R, P).
+    """
+    rows, count = viewer.shape[0], points.shape[0]
+    seen = np.zeros((rows, count), dtype=np.bool_)
+    limit = radius * radius
+    axes = _axes(points)
+    qx, qy, qz = axes[0], axes[1], axes[2]
+    for row in range(rows):
+        vx, vy, vz = viewer[row, 0], viewer[row, 1], viewer[row, 2]
+        range_squared = vx * vx + vy * vy + vz * vz
+        if range_squared < limit:
+            continue
+        for p in range(count):
+            seen[row, p] = qx[p] * vx + qy[p] * vy + qz[p] * vz >= limit
+        if not _sees_whole_cap(range_squared, radius, cos_half_fov):
+            for p in range(count):
+                if seen[row, p]:
+                    seen[row, p] = _in_field(vx, vy, vz, qx[p], qy[p], qz[p], cos_half_fov)
+    return seen
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light) -> BoolArray:
+    """Return which points are lit well enough for each viewer, in its view or not; see `Light` for the rule.
+
+    Args:
+        viewer: Positions relative to the chief's centre [m], shape (R, 3); a binary light does not use them.
+        sun: Unit vectors to the sun [-], shape (R, 3).
+        points: Points on the sphere [m], in the same frame, shape (P, 3).
+        radius: Radius of the sphere [m].
+        light: The rule.
+
+    Returns:
+        Whether a point is lit, shape (R, P).
+    """
+    rows, count = sun.shape[0], points.shape[0]
+    bright = np.empty((rows, count), dtype=np.bool_)
+    limit = radius * light.threshold
+    axes = _axes(points)
+    qx, qy, qz = axes[0], axes[1], axes[2]
+    for row in range(rows):
+        sx, sy, sz = sun[row, 0], sun[row, 1], sun[row, 2]
+        if light.binary:
+            for p in range(count):
+                bright[row, p] = qx[p] * sx + qy[p] * sy + qz[p] * sz > limit
+        else:
+            for p in range(count):
+                nx, ny, nz = qx[p] / radius, qy[p] / radius, qz[p] / radius
+                cosine = nx * sx + ny * sy + nz * sz
+                bright[row, p] = _well_lit(nx, ny, nz, cosine, viewer[row], sun[row], radius, light)
+    return bright
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def inspect_points(
+    viewer: FloatArray,
+    sun: FloatArray,
+    points: FloatArray,
+    radius: float,
+    cos_half_fov: float,
+    light: Light,
+    active: BoolArray,
+    inspector: NDArray[np.int8],
+    team_count: IntArray,
+    own_count: IntArray,
+) -> None:
+    """Give each point that is seen and lit to the first viewer that sees it, for good, and count.
+
+    Args:
+        viewer: Positions relative to the chief's centre [m], in the order of the agents, shape (N, D, 3).
+        sun: Unit vectors to the sun [-], shape (N, 3).
+        points: Points on the sphere [m], in the same frame, shape (P, 3).
+        radius: Radius of the sphere [m].
+        cos_half_fov: Cosine of half the field of view about the direction to the chief [-]; -1 is no limit.
+        light: The rule of light.
+        active: Whether a viewer's sensor works, shape (N, D).
+        inspector: Index of the viewer that inspected a point, -1 for none, shape (N, P); read and written.
+        team_count: Receives how many points are inspected, shape (N,).
+        own_count: Receives how many of them each viewer inspected, shape (N, D).
+    """
+    count = points.shape[0]
+    horizon = radius * radius
+    terminator = radius * light.threshold
+    axes = _axes(points)
+    qx, qy, qz = axes[0], axes[1], axes[2]
+    for row in range(viewer.shape[0]):
+        sx, sy, sz = sun[row, 0], sun[row, 1], sun[row, 2]
+        for d in range(viewer.shape[1]):
+            if not active[row, d]:
+                continue
+            vx, vy, vz = viewer[row, d, 0], viewer[row, d, 1], viewer[row, d, 2]
+            range_squared = vx * vx + vy * vy + vz * vz
+            if range_squared < horizon:
+                continue
+            whole = _sees_whole_cap(range_squared, radius, cos_half_fov)
+            if whole and light.binary:  # no branch inside, so that the compiler works on several points at once
+                for p in range(count):
+                    faces = qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon
+                    shines = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
+                    owner = inspector[row, p]
+                    inspector[row, p] = np.int8(d) if faces & shines & (owner < 0) else owner
+                continue
+            for p in range(count):
+                if inspector[row, p] >= 0 or not qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon:
+                    continue
+                if not (whole or _in_field(vx, vy, vz, qx[p], qy[p], qz[p], cos_half_fov)):
+                    continue
+                if light.binary:
+                    shines = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
+                else:
+                    nx, ny, nz = qx[p] / radius, qy[p] / radius, qz[p] / radius
+                    cosine = nx * sx + ny * sy + nz * sz
+                    shines = _well_lit(nx, ny, nz, cosine, viewer[row, d], sun[row], radius, light)
+                if shines:
+                    inspector[row, p] = d
+        total = 0
+        for d in range(viewer.shape[1]):
+            own = 0
+            for p in range(count):
+                own += inspector[row, p] == d
+            own_count[row, d] = own
+            total += own
+        team_count[row] = total

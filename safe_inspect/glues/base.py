@@ -1,0 +1,65 @@
+"""Bases of the glues."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+
+from safe_inspect.platforms.base import Controller, Part, Sensor
+from safe_inspect.plugin import Plugin
+from safe_inspect.simulators.view import View
+from safe_inspect.types import FloatArray
+
+Parts = Mapping[str, Part]
+Bounds = tuple[FloatArray, FloatArray]
+
+
+class Glue(Plugin):
+    """Base of all glues.
+
+    Attributes:
+        training_export_behavior: The peer's switch that hides a glue's own output in training; here no glue adds a
+            space of its own beside its action or observation, so both values mean the same.
+    """
+
+    kind: ClassVar[str] = "glue"
+
+    training_export_behavior: Literal["INCLUDE", "EXCLUDE"] = "INCLUDE"
+
+    @abstractmethod
+    def names(self, parts: Parts) -> tuple[str, ...]:
+        """Return the name of each element of the action or observation."""
+
+    @abstractmethod
+    def bounds(self, parts: Parts) -> Bounds:
+        """Return the smallest and largest value of each element, two arrays of shape (size,)."""
+
+
+class ObservationGlue(Glue):
+    """A part of the observation: called with a `View`, it returns an array of shape (R, size)."""
+
+    @abstractmethod
+    def __call__(self, view: View) -> FloatArray: ...
+
+
+class ActionGlue(Glue):
+    """A part of the action: called with actions (R, size) and the parts, it returns thrust [N], Hill frame, (R, 3)."""
+
+    @abstractmethod
+    def __call__(self, action: FloatArray, parts: Parts) -> FloatArray: ...
+
+
+def sensor_of(parts: Parts, name: str) -> Sensor:
+    """Return a part that is known to be a sensor."""
+    part = parts[name]
+    assert isinstance(part, Sensor), name
+    return part
+
+
+def controller_of(parts: Parts, name: str) -> Controller:
+    """Return a part that is known to be a controller."""
+    part = parts[name]
+    assert isinstance(part, Controller), name
+    return part

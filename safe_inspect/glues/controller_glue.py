@@ -1,0 +1,44 @@
+"""`ControllerGlue`: a part of the action, given to a controller."""
+
+from __future__ import annotations
+
+from safe_inspect.glues.base import ActionGlue, Bounds, Parts, controller_of
+from safe_inspect.glues.normalization import Normalization
+from safe_inspect.plugin import ControllerName
+from safe_inspect.types import FloatArray
+
+
+class ControllerGlue(ActionGlue):
+    """The command of a controller: with normalisation from the normaliser's range, without it in SI units.
+
+    Attributes:
+        controller: Name of the controller.
+        normalization: How the action is mapped onto the controller's limits; onto [-1, 1] unless switched off.
+    """
+
+    controller: ControllerName = "RateController"
+    normalization: Normalization = Normalization()
+
+    def names(self, parts: Parts) -> tuple[str, ...]:
+        """Return the controller's name, numbered when it takes several values."""
+        size = controller_of(parts, self.controller).size
+        return (self.controller,) if size == 1 else tuple(f"{self.controller}.{index}" for index in range(size))
+
+    def bounds(self, parts: Parts) -> Bounds:
+        """Return the bounds of the action.
+
+        Raises:
+            ValueError: The normaliser does not fit the controller.
+        """
+        low, high = controller_of(parts, self.controller).limits
+        normalizer = self.normalization.active
+        if normalizer is None:
+            return low, high
+        normalizer.check(len(low), low, high)
+        return normalizer(low, low, high), normalizer(high, low, high)
+
+    def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
+        """Return the controller's share of the thrust [N], Hill frame, shape (R, 3)."""
+        controller = controller_of(parts, self.controller)
+        normalizer = self.normalization.active
+        return controller(action if normalizer is None else normalizer.inverse(action, *controller.limits))

@@ -1,0 +1,101 @@
+"""Normalisers: from values in units to numbers that a network likes, and back."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field, PrivateAttr, field_validator, model_validator
+
+from safe_inspect.plugin import Plugin
+from safe_inspect.types import FloatArray
+
+
+class Normalizer(Plugin):
+    """Base of the normalisers. Called with values (R, k) and their bounds (k,), it returns an array (R, k)."""
+
+    kind: ClassVar[str] = "normalizer"
+
+    @abstractmethod
+    def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray: ...
+
+    @abstractmethod
+    def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the values that the normaliser maps to these, shape (R, k)."""
+
+    def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
+        """Raise ValueError when the normaliser does not fit `size` elements with these bounds."""
+
+
+class StandardNormalNormalizer(Normalizer):
+    """(x - mu) / sigma, element by element.
+
+    Attributes:
+        mu: Mean, one number or one for each element, in the unit of the values.
+        sigma: Standard deviation, likewise; above 0.
+    """
+
+    mu: float | tuple[float, ...] = 0.0
+    sigma: float | tuple[float, ...] = 1.0
+    _mu: FloatArray = PrivateAttr()
+    _sigma: FloatArray = PrivateAttr()
+
+    @field_validator("sigma")
+    @classmethod
+    def _positive(cls, value: float | tuple[float, ...]) -> float | tuple[float, ...]:
+        if not np.all(np.atleast_1d(value) > 0.0):
+            raise ValueError(f"a standard deviation is above 0, not {value}")
+        return value
+
+    def model_post_init(self, context: Any) -> None:
+        """Keep the numbers as arrays."""
+        self._mu, self._sigma = np.atleast_1d(self.mu), np.atleast_1d(self.sigma)
+
+    def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
+        """Raise ValueError when `mu` or `sigma` has another number of elements."""
+        for field, array in (("mu", self._mu), ("sigma", self._sigma)):
+            if array.size not in (1, size):
+                raise ValueError(f"`{field}` has {array.size} elements for {size} values; give 1 or {size}")
+
+    def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return (values - mu) / sigma."""
+        return np.asarray((values - self._mu) / self._sigma)
+
+    def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return mu + sigma * values."""
+        return np.asarray(self._mu + self._sigma * values)
+
+
+class LinearNormalizer(Normalizer):
+    """Map the bounds of the values linearly onto [minimum, maximum].
+
+    Attributes:
+        minimum: Where the smallest value goes.
+        maximum: Where the largest value goes.
+    """
+
+    minimum: float = Field(default=-1.0, allow_inf_nan=False)
+    maximum: float = Field(default=1.0, allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LinearNormalizer:
+        if not self.minimum < self.maximum:
+            raise ValueError(f"`minimum` ({self.minimum}) is not below `maximum` ({self.maximum})")
+        return self
+
+    def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
+        """Raise ValueError when a value has no bounds."""
+        if not (np.isfinite(low).all() and np.isfinite(high).all()):
+            raise ValueError(
+                "values without bounds cannot be mapped onto an interval; "
+                "use StandardNormalNormalizer, or `normalization: {enabled: False}`"
+            )
+
+    def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the values mapped from [low, high] onto [minimum, maximum]."""
+        return np.asarray(self.minimum + (values - low) * ((self.maximum - self.minimum) / (high - low)))
+
+    def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the values mapped from [minimum, maximum] onto [low, high]."""
+        return np.asarray(low + (values - self.minimum) * ((high - low) / (self.maximum - self.minimum)))

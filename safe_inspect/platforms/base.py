@@ -1,0 +1,115 @@
+"""Bases of platforms, their parts and the properties of parts."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.plugin import Plugin
+from safe_inspect.simulators.state import ArraySpec
+from safe_inspect.simulators.view import View
+from safe_inspect.simulators.world import World
+from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveMass
+
+
+class Platform(Plugin):
+    """A deputy spacecraft.
+
+    Attributes:
+        mass: Mass [kg].
+    """
+
+    kind: ClassVar[str] = "platform"
+
+    mass: PositiveMass = 12.0
+
+    @abstractmethod
+    def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]: ...
+
+
+class Property(Plugin):
+    """What a controller commands: its name, unit and limits."""
+
+    kind: ClassVar[str] = "property"
+
+    name: str = ""
+
+    @property
+    @abstractmethod
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest value, SI."""
+
+    @abstractmethod
+    def __call__(self, value: FloatArray) -> FloatArray: ...
+
+
+class Part(Plugin):
+    """A part of a platform.
+
+    Attributes:
+        name: Name of the part on its platform; the registered name of its class unless given.
+    """
+
+    kind: ClassVar[str] = "part"
+
+    name: str = Field(default="", max_length=100)
+
+    @property
+    def part_name(self) -> str:
+        """The name of the part on its platform."""
+        return self.name or self.registered_name
+
+
+class Controller(Part):
+    """A part that turns commanded values into thrust.
+
+    Called with values of shape (R, size) it returns its share of the thrust [N], Hill frame, shape (R, 3); the
+    shares of all controllers are added.
+    """
+
+    @property
+    @abstractmethod
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """Smallest and largest value of each element [SI], two arrays of shape (size,)."""
+
+    @property
+    def size(self) -> int:
+        """Number of commanded values."""
+        return len(self.limits[0])
+
+    @abstractmethod
+    def __call__(self, values: FloatArray) -> FloatArray: ...
+
+
+class Sensor(Part):
+    """A part that reads something from a state: called with a `View`, it returns an array of shape (R, size).
+
+    Class attributes:
+        elements: Name of each element of the reading.
+        symbol: SI unit of the reading, empty for a pure number.
+        bounds: Smallest and largest possible value, SI.
+    """
+
+    elements: ClassVar[tuple[str, ...]]
+    symbol: ClassVar[str] = ""
+    bounds: ClassVar[tuple[float, float]] = (-np.inf, np.inf)
+
+    @property
+    def size(self) -> int:
+        """Number of elements of a reading."""
+        return len(self.elements)
+
+    @abstractmethod
+    def __call__(self, view: View) -> FloatArray: ...
+
+    def memory(self, world: World) -> Mapping[str, ArraySpec]:
+        """Declare the arrays that the sensor remembers, each with its shape for one agent. None by default."""
+        return {}
+
+    def remember(self, view: View, name: str) -> None:
+        """Update the remembered arrays, ``view.memory(name, array)``, in place; called once for every new state."""

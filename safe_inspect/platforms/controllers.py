@@ -1,0 +1,96 @@
+"""Controllers: from commanded values to thrust."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from safe_inspect.errors import RegistryError
+from safe_inspect.platforms.base import Controller, Property
+from safe_inspect.registry import registry
+from safe_inspect.types import FloatArray
+from safe_inspect.units import Force, unit
+
+
+class ThrustProp(Property):
+    """Thrust along one axis.
+
+    Attributes:
+        name: Label of the property.
+        low: Smallest thrust [N].
+        high: Largest thrust [N].
+        units: Unit of `low` and `high`.
+    """
+
+    low: Force = -1.0
+    high: Force = 1.0
+    units: str = "N"
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ThrustProp:
+        if unit(self.units).symbol != "N":
+            raise ValueError(f"{self.units!r} is no unit of force; use 'N'")
+        if not self.low < self.high:
+            raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high})")
+        return self
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest thrust [N]."""
+        scale = unit(self.units).factor
+        return self.low * scale, self.high * scale
+
+    def __call__(self, value: FloatArray) -> FloatArray:
+        """Return the thrust within its limits [N], same shape."""
+        return np.clip(value, *self.limits)
+
+
+class RateController(Controller):
+    """Command one property along one axis of Hill's frame: thrust_axis = clip(value, low, high).
+
+    Attributes:
+        name: Name of the part.
+        property_class: What is commanded.
+        axis: 0 radial, 1 along track, 2 cross track.
+        properties: Fields of the property, such as ``{name: x_thrust, low: -1, high: 1}``.
+    """
+
+    property_class: str = "ThrustProp"
+    axis: int = Field(default=0, ge=0, le=2)
+    properties: dict[str, Any] = Field(default_factory=dict)
+    _property: Property = PrivateAttr()
+    _limits: tuple[FloatArray, FloatArray] = PrivateAttr()
+
+    def model_post_init(self, context: Any) -> None:
+        """Build the property.
+
+        Raises:
+            ValueError: There is no such property, or a field of it is wrong.
+        """
+        try:
+            cls = registry.get("property", self.property_class)
+        except RegistryError as error:
+            raise ValueError(str(error)) from None
+        try:
+            made = cls.model_validate(self.properties)
+        except ValidationError as error:
+            problems = [{**item, "loc": ("properties", *item["loc"])} for item in error.errors(include_url=False)]
+            raise PydanticCustomError("functor", "the property is wrong", {"errors": problems}) from None
+        assert isinstance(made, Property)
+        self._property = made
+        low, high = made.limits
+        self._limits = np.array([low]), np.array([high])
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """Smallest and largest command, two arrays of shape (1,)."""
+        return self._limits
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """Return the thrust [N], Hill frame, shape (R, 3), for commands of shape (R, 1)."""
+        thrust = np.zeros((len(values), 3))
+        thrust[:, self.axis] = self._property(values[:, 0])
+        return thrust

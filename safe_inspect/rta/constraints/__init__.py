@@ -1,0 +1,30 @@
+"""Safety constraints of the run-time assurance, each a plugin with phi, h and the gradient of h in closed form."""
+
+from safe_inspect.rta.constraints.axis_speed import AlongTrackSpeed, AxisSpeed, CrossTrackSpeed, RadialSpeed
+from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState
+from safe_inspect.rta.constraints.chief_collision import ChiefCollision
+from safe_inspect.rta.constraints.maximum_range import MaximumRange
+from safe_inspect.rta.constraints.parameters import ConstraintParameters, braking_acceleration
+from safe_inspect.rta.constraints.passive_safety import PassivelySafeManoeuvre
+from safe_inspect.rta.constraints.relative_speed import RelativeSpeedLimit
+from safe_inspect.rta.constraints.sets import NAMES, constraint_set
+from safe_inspect.rta.constraints.sun import SunKeepOut
+
+__all__ = [
+    "NAMES",
+    "AlongTrackSpeed",
+    "AxisSpeed",
+    "ChiefCollision",
+    "Constraint",
+    "ConstraintParameters",
+    "CrossTrackSpeed",
+    "Evaluation",
+    "MaximumRange",
+    "PassivelySafeManoeuvre",
+    "RadialSpeed",
+    "RelativeSpeedLimit",
+    "RelativeState",
+    "SunKeepOut",
+    "braking_acceleration",
+    "constraint_set",
+]

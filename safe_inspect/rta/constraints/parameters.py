@@ -1,0 +1,139 @@
+"""The parameters of a task from which its constraints are built, under the peer's argument names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from safe_inspect.errors import did_you_mean
+from safe_inspect.rta.constraints.fields import FieldOfView, PositiveForce, PositiveSpeed
+from safe_inspect.units import (
+    NonNegativeSpeed,
+    PositiveAngularRate,
+    PositiveDuration,
+    PositiveLength,
+    PositiveMass,
+)
+
+
+def braking_acceleration(
+    u_max: float, mass: float, mean_motion: float, r_max: float, top_speed: float
+) -> float:  # fmt: skip
+    """Return the deceleration that the thrusters can promise in any direction [m/s^2].
+
+    Thrust acceleration less the largest tidal and Coriolis accelerations:
+    u_max / m - 3 n^2 r_max - 2 n v.
+
+    Args:
+        u_max: Largest thrust of each axis [N].
+        mass: Mass of the deputy [kg].
+        mean_motion: Mean motion n [rad/s].
+        r_max: Largest range [m].
+        top_speed: Largest speed v [m/s].
+    """
+    return u_max / mass - 3.0 * mean_motion**2 * r_max - 2.0 * mean_motion * top_speed
+
+
+class ConstraintParameters(BaseModel):
+    """The parameters of a task that its constraints need; quantities take units as everywhere.
+
+    Attributes:
+        step_size: Time for which a control is held [s]. No constraint depends on it; filters do.
+        collision_radius: Range at which the deputy hits the chief [m].
+        v0: Speed that is allowed at `v0_distance` [m/s].
+        v0_distance: Range at which the speed `v0` is allowed [m]; the collision radius unless given.
+        v1_coef: Slope of the speed limit over the range, in multiples of n [-].
+        n: Mean motion [rad/s].
+        r_max: Largest range [m].
+        u_max: Largest thrust of each axis [N].
+        m: Mass of the deputy [kg].
+        fov: Full opening angle of the sun keep-out cone [rad], the field of view of the sensor.
+        vel_limit: Largest speed along each axis [m/s].
+        psm_horizon: Time for which coasting must be safe [s].
+
+    Raises:
+        ValueError: A key is unknown, a value is impossible, or two values contradict each other.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+    step_size: PositiveDuration = 10.0
+    collision_radius: PositiveLength = 10.0
+    v0: NonNegativeSpeed = 0.2
+    v0_distance: PositiveLength | None = None
+    v1_coef: float = Field(default=2.0, ge=0.0, allow_inf_nan=False)
+    n: PositiveAngularRate = 0.001027
+    r_max: PositiveLength = 800.0
+    u_max: PositiveForce = 1.0
+    m: PositiveMass = 12.0
+    fov: FieldOfView = math.pi / 3.0
+    vel_limit: PositiveSpeed = 1.0
+    psm_horizon: PositiveDuration = 100.0
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, Any] | ConstraintParameters) -> ConstraintParameters:
+        """Return the parameters of a mapping, or those that are parameters already.
+
+        Raises:
+            ValueError: See the class; the message names every mistake.
+        """
+        if isinstance(parameters, ConstraintParameters):
+            return parameters
+        problems = [
+            f"unknown parameter {str(key)!r}; {did_you_mean(str(key), cls.model_fields)}"
+            for key in parameters
+            if key not in cls.model_fields
+        ]
+        try:
+            known = cls.model_validate({key: value for key, value in parameters.items() if key in cls.model_fields})
+        except ValidationError as error:
+            for problem in error.errors(include_url=False):
+                where = ".".join(map(str, problem["loc"]))
+                problems.append(f"{where}: {problem['msg']}" if where else problem["msg"])
+        if problems:
+            raise ValueError("the parameters of the constraints are wrong: " + "; ".join(problems))
+        return known
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        if self.r_max <= self.collision_radius:
+            raise ValueError(
+                f"r_max {self.r_max} m does not exceed collision_radius {self.collision_radius} m: "
+                f"no position is safe; give a larger r_max"
+            )
+        if self.speed_distance >= self.r_max:
+            raise ValueError(f"v0_distance {self.speed_distance} m is not below r_max {self.r_max} m")
+        if self.v0 + self.v1 * (self.collision_radius - self.speed_distance) < 0.0:
+            raise ValueError(
+                f"the speed limit is negative at the collision radius (v0 {self.v0} m/s at {self.speed_distance} m, "
+                f"slope {self.v1:g} 1/s): even a deputy at rest breaks it; lower v0_distance or v1_coef"
+            )
+        if self.max_acceleration <= 0.0:
+            raise ValueError(
+                f"thrust u_max {self.u_max} N on {self.m} kg cannot brake against the tide at r_max {self.r_max} m "
+                f"(net {self.max_acceleration:.3g} m/s^2); raise u_max or lower r_max"
+            )
+        return self
+
+    @property
+    def speed_distance(self) -> float:
+        """The range at which the speed v0 is allowed [m]."""
+        return self.collision_radius if self.v0_distance is None else float(self.v0_distance)
+
+    @property
+    def v1(self) -> float:
+        """The slope of the speed limit over the range [1/s]."""
+        return float(self.v1_coef * self.n)
+
+    @property
+    def max_acceleration(self) -> float:
+        """The deceleration that the thrusters can promise, `braking_acceleration` at the largest allowed speed."""
+        top_speed = min(self.vel_limit, self.v0 + self.v1 * self.r_max)
+        return braking_acceleration(self.u_max, self.m, self.n, self.r_max, top_speed)
+
+
+#: What the fields of the constraints default to: the inspection task.
+DEFAULTS = ConstraintParameters()

@@ -1,0 +1,163 @@
+"""`RejectionSampler`: draw initial states until a safe one is found, for all rows at once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic_core import PydanticCustomError
+
+from safe_inspect.errors import InitialStateError, did_you_mean
+from safe_inspect.functor import build, functor_field
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.simulators.initializers import Initializer
+from safe_inspect.simulators.parameters import Draw, Parameter
+from safe_inspect.types import FloatArray
+
+
+class SafetyTest(BaseModel):
+    """Which initial states count as safe.
+
+    Attributes:
+        functor: A safety glue; its constraints are the test.
+        states: Names of the states that it tests.
+        args: Values to choose from.
+        arg_map: Field of the glue to the name of its value in `args`.
+        config: Fields of the glue that are given directly.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    functor: str
+    states: tuple[str, ...] = ("position", "velocity", "sun_angle")
+    args: dict[str, Any] = Field(default_factory=dict)
+    arg_map: dict[str, str] = Field(default_factory=dict)
+    config: dict[str, Any] = Field(default_factory=dict)
+    _glue: SafetyGlue = PrivateAttr()
+
+    def model_post_init(self, context: Any) -> None:
+        """Build the glue.
+
+        Raises:
+            PydanticCustomError: A value is missing, or the glue refuses one.
+        """
+        problems: list[dict[str, Any]] = []
+        fields = dict(self.config)
+        for field, key in self.arg_map.items():
+            if key in self.args:
+                fields[field] = self.args[key]
+            else:
+                message = f"`args` has no {key!r}; {did_you_mean(key, self.args)}"
+                problems.append({"type": "functor_key", "loc": ("arg_map", field), "msg": message})
+        if not problems:
+            try:
+                glue = build("glue", {"functor": self.functor, "config": fields})
+            except PydanticCustomError as error:
+                problems += [self._relocate(problem) for problem in (error.context or {})["errors"]]
+            else:
+                if isinstance(glue, SafetyGlue):
+                    self._glue = glue
+                else:
+                    message = f"{glue.registered_name} is no safety glue; use one such as RTAGlueCWHInspection1v1"
+                    problems.append({"type": "functor_key", "loc": ("functor",), "msg": message})
+        if problems:
+            raise PydanticCustomError("functor", "the safety test is wrong", {"errors": problems})
+
+    def _relocate(self, problem: dict[str, Any]) -> dict[str, Any]:
+        loc = problem["loc"]
+        if len(loc) > 1 and loc[0] == "config" and loc[1] in self.arg_map:
+            key = self.arg_map[loc[1]]
+            return {**problem, "loc": ("args", key, *loc[2:])}
+        return problem
+
+    @property
+    def glue(self) -> SafetyGlue:
+        """The safety glue."""
+        return self._glue
+
+
+class RejectionSampler(Parameter):
+    """Draw states and keep the first safe draw of every row.
+
+    Attributes:
+        initializer: Turns the drawn parameters into states.
+        rta: The safety test; None accepts every draw.
+        wrapped: The parameters that the initialiser takes, by name.
+        max_rejections: Draws that a row may refuse before the run stops with an error.
+    """
+
+    initializer: functor_field("initializer")  # type: ignore[valid-type]
+    rta: SafetyTest | None = None
+    wrapped: dict[str, functor_field("parameter")] = Field(default_factory=dict)  # type: ignore[valid-type]
+    max_rejections: int = Field(default=1000, ge=1)
+
+    @model_validator(mode="after")
+    def _parameters_fit(self) -> RejectionSampler:
+        check_parameters(self.initializer, self.wrapped, "wrapped")
+        return self
+
+    def __call__(self, draw: Draw) -> dict[str, FloatArray]:
+        """Return the first safe states of every row, each with R rows.
+
+        Raises:
+            InitialStateError: A row refused `max_rejections` draws.
+        """
+        rows = np.arange(len(draw.streams))
+        accepted: dict[str, FloatArray] = {}
+        refused: Counter[str] = Counter()
+        for attempt in range(self.max_rejections):
+            states = self._draw(draw, rows, attempt)
+            if not accepted:
+                accepted = {name: np.empty((len(draw.streams), *array.shape[1:])) for name, array in states.items()}
+            safe = np.ones(len(rows), dtype=np.bool_)
+            if self.rta is not None:
+                tested = {name: states[name] for name in self.rta.states}
+                for name, unsafe in self.rta.glue.refusals(tested).items():
+                    refused[name] += int(unsafe.sum())
+                    safe &= ~unsafe
+            for name, array in states.items():
+                accepted[name][rows[safe]] = array[safe]
+            rows = rows[~safe]
+            if not len(rows):
+                return accepted
+        counts = ", ".join(f"{name} {count}" for name, count in refused.most_common() if count)
+        raise InitialStateError(
+            f"`{draw.purpose}`: no safe initial state in {self.max_rejections} draws for {len(rows)} environments; "
+            f"refused by {counts}; widen the limits or narrow the distributions"
+        )
+
+    def _draw(self, draw: Draw, rows: Any, attempt: int) -> dict[str, FloatArray]:
+        streams = draw.streams[rows]
+        values = {}
+        for name, parameter in self.wrapped.items():
+            child = Draw(streams, f"{draw.purpose}.{name}", attempt, draw.values)
+            values[name] = parameter(child)
+        result: dict[str, FloatArray] = self.initializer(values)
+        return result
+
+
+def check_parameters(initializer: Initializer, parameters: Mapping[str, Parameter], field: str) -> None:
+    """Check that an initialiser gets the parameters that it takes, in units of the right dimension.
+
+    Raises:
+        PydanticCustomError: It does not; every mistake is listed, each under `field`.
+    """
+    wanted = initializer.parameters
+    problems = []
+    for name in parameters:
+        if name not in wanted:
+            message = f"{initializer.registered_name} takes no {name!r}; {did_you_mean(name, wanted)}"
+            problems.append({"type": "functor_key", "loc": (field, name), "msg": message})
+        elif wanted[name] is not None and parameters[name].symbol not in (None, wanted[name]):
+            message = f"{name!r} is given in {parameters[name].symbol}, but is measured in {wanted[name]}"
+            problems.append({"type": "functor_key", "loc": (field, name, "config", "units"), "msg": message})
+    missing = [name for name in wanted if name not in parameters]
+    if missing:
+        names = ", ".join(f"`{name}`" for name in missing)
+        message = f"{initializer.registered_name} needs {names}"
+        problems.append({"type": "functor_key", "loc": (field,), "msg": message})
+    if problems:
+        raise PydanticCustomError("functor", "the parameters are wrong", {"errors": problems})

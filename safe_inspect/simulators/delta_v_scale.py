@@ -1,0 +1,65 @@
+"""The adaptive scale of the delta-v reward: fuel costs more once the inspection works."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class DeltaVSchedule:
+    """How the scale moves.
+
+    Attributes:
+        start: Scale at the beginning.
+        bounds: Smallest and largest scale (both negative: a cost).
+        change: What is added when the inspection works (negative: the cost rises).
+        steps_until_update: Steps between two updates.
+        fractions: At or below the first mean inspected fraction the scale moves back, at or above the second it moves on.
+    """
+
+    start: float
+    bounds: tuple[float, float]
+    change: float
+    steps_until_update: int
+    fractions: tuple[float, float]
+
+
+class DeltaVScale:
+    """The scale of each environment slot; it lives through resets.
+
+    Every slot counts its own steps and averages the inspected fraction at the end of its own episodes, so the scale
+    depends neither on the size of the batch nor on the number of workers. An interval in which no episode ended
+    changes nothing.
+    """
+
+    def __init__(self, schedule: DeltaVSchedule, num_envs: int) -> None:
+        self._schedule = schedule
+        self.scale: FloatArray = np.full(num_envs, schedule.start)
+        self._steps: IntArray = np.zeros(num_envs, dtype=np.int64)
+        self._sum: FloatArray = np.zeros(num_envs)
+        self._episodes: IntArray = np.zeros(num_envs, dtype=np.int64)
+
+    def end_episodes(self, rows: IntArray, fraction: FloatArray, steps: IntArray) -> None:
+        """Take note of finished episodes: their slots, inspected fractions and lengths (0: never begun)."""
+        ran = steps > 0
+        self._sum[rows] += np.where(ran, fraction, 0.0)
+        self._episodes[rows] += ran
+
+    def advance(self) -> None:
+        """Count one step of every slot and update the slots whose interval is over."""
+        schedule = self._schedule
+        self._steps += 1
+        due: BoolArray | AnyArray = self._steps >= schedule.steps_until_update
+        if not due.any():
+            return
+        mean = self._sum / np.maximum(self._episodes, 1)
+        told = due & (self._episodes > 0)
+        low, high = schedule.fractions
+        direction = (told & (mean >= high)).astype(np.float64) - (told & (mean <= low))
+        np.clip(self.scale + direction * schedule.change, *schedule.bounds, out=self.scale)
+        for counter in (self._steps, self._sum, self._episodes):
+            counter[due] = 0

@@ -1,0 +1,77 @@
+"""Configuration of the sun's light and of how the chief reflects it."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from safe_inspect.units import Length, NonNegativeLength, PositiveAngularRate
+
+Colour = tuple[float, float, float]
+
+
+class LightProperties(BaseModel):
+    """Intensity of the sun's light by red, green and blue [-]."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    ambient: Colour = (1.0, 1.0, 1.0)
+    diffuse: Colour = (1.0, 1.0, 1.0)
+    specular: Colour = (1.0, 1.0, 1.0)
+
+
+class SurfaceProperties(BaseModel):
+    """How the chief's surface reflects light, by red, green and blue [-].
+
+    Attributes:
+        ambient: Share of the ambient light.
+        diffuse: Share that is scattered.
+        specular: Share that is mirrored.
+        shininess: Sharpness of the highlight; the exponent is a quarter of it.
+        reflection: Share that would go on to other surfaces; a lone sphere has none, so it has no effect.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    ambient: Colour = (0.1, 0.0, 0.0)
+    diffuse: Colour = (0.7, 0.0, 0.0)
+    specular: Colour = (1.0, 1.0, 1.0)
+    shininess: float = Field(default=100.0, gt=0)
+    reflection: float = Field(default=0.5, ge=0, le=1)
+
+
+class IlluminationParams(BaseModel):
+    """The sun and its light.
+
+    Attributes:
+        mean_motion: Rate of the sun's angle [rad/s].
+        avg_rad_Earth2Sun: Distance of the sun [m]; its rays are parallel for every purpose.
+        light_properties: Colour of the light.
+        chief_properties: Colour of the chief's surface.
+        bin_ray_flag: True: a point is lit or dark (its ray to the sun is free or not). False: Blinn-Phong colour.
+        ray_offset: Height above the surface at which the ray to the sun starts [m]. 0 is exact; the peer uses 1e-5.
+        resolution: Pixels of the camera; recorded, without effect on the simulation.
+        focal_length: Focal length of the camera [m]; recorded, without effect on the simulation.
+        pixel_pitch: Pixel pitch of the camera [m]; recorded, without effect on the simulation.
+        render_flag_3d: Must be false: the simulator draws nothing, `safe_inspect.evaluation` does.
+        render_flag_subplots: Must be false, likewise.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    mean_motion: PositiveAngularRate = 0.001027
+    avg_rad_Earth2Sun: Length = 150e9  # noqa: N815 - the peer's key
+    light_properties: LightProperties = LightProperties()
+    chief_properties: SurfaceProperties = SurfaceProperties()
+    bin_ray_flag: bool = True
+    ray_offset: NonNegativeLength = 0.0
+    resolution: tuple[int, int] = (200, 200)
+    focal_length: Length = 9.6e-3
+    pixel_pitch: Length = 5.6e-3
+    render_flag_3d: bool = False
+    render_flag_subplots: bool = False
+
+    @model_validator(mode="after")
+    def _no_rendering(self) -> IlluminationParams:
+        if self.render_flag_3d or self.render_flag_subplots:
+            raise ValueError("the simulator draws nothing; set the render flags to False and plot recorded episodes")
+        return self

@@ -1,0 +1,234 @@
+"""The running simulation of N environments: reset by rows, step all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.geometry.light import binary_light, full_light, phong_light
+from safe_inspect.geometry.sphere import sphere_points
+from safe_inspect.geometry.visibility import inspect_points, lit
+from safe_inspect.randomness import Streams
+from safe_inspect.simulators.delta_v_scale import DeltaVScale
+from safe_inspect.simulators.inspection_simulator import InspectionPoints, InspectionSimulator
+from safe_inspect.simulators.reset import ResetPlan
+from safe_inspect.simulators.state import ArraySpec, State, base_specs
+from safe_inspect.simulators.view import Group, View
+from safe_inspect.simulators.world import PointsModel, World
+from safe_inspect.types import FloatArray, IntArray
+
+
+class Simulation:
+    """N environments with D deputies. SI units, Hill's frame.
+
+    Attributes:
+        world: What does not change.
+        before: State at the beginning of the last step.
+        state: The current state.
+    """
+
+    def __init__(
+        self,
+        config: InspectionSimulator,
+        *,
+        platforms: tuple[str, ...],
+        masses: FloatArray,
+        groups: Sequence[Group],
+        reset: ResetPlan,
+        step_size: float,
+        num_envs: int,
+        seed: int,
+        first_slot: int,
+    ) -> None:
+        self._config = config
+        self._reset_plan = reset
+        self._groups = tuple(groups)
+        self._seed = seed
+        self._slots = first_slot + np.arange(num_envs, dtype=np.int64)
+        self._episodes = np.full(num_envs, -1, dtype=np.int64)
+        bodies = {name: index for index, name in enumerate((*platforms, *reset.entities))}
+        light = self._light()
+        self._points = {
+            name: _points_model(name, bodies[name], points, light(points))
+            for name, points in config.inspection_points_map.items()
+        }
+        self._lights = {name: light(points) for name, points in config.inspection_points_map.items()}
+        self.world = World(
+            platforms, bodies, np.asarray(masses, dtype=np.float64), step_size, config.mean_motion, self._points
+        )
+        self._sun_rate = config.illumination_params.mean_motion if config.illumination_params else config.mean_motion
+        self._cos_half_fov = -1.0 if config.field_of_view >= math.pi else math.cos(config.field_of_view / 2.0)
+        # Thrust over mass drives every body alike, so one map for unit mass serves them all.
+        self._phi, self._gamma = transition(config.mean_motion, 1.0, step_size)
+        self._specs = self._declare()
+        self.before, self.state = State(num_envs, self._specs), State(num_envs, self._specs)
+        self._acceleration = np.zeros((num_envs, len(bodies), 3))
+        self._active = np.ones((num_envs, len(platforms)), dtype=np.bool_)
+        self._scale = DeltaVScale(config.schedule, num_envs)
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments, N."""
+        return len(self._slots)
+
+    @property
+    def episodes(self) -> IntArray:
+        """Index of the current episode of each slot, shape (N,)."""
+        return self._episodes
+
+    def seed(self, seed: int) -> None:
+        """Begin again with another seed: the next reset starts every slot's first episode."""
+        self._seed = seed
+        self._episodes[:] = -1
+        self._scale = DeltaVScale(self._config.schedule, self.num_envs)
+
+    def reset(self, rows: IntArray) -> State:
+        """Begin a new episode in some rows.
+
+        Args:
+            rows: Indices of the environments, shape (R,).
+
+        Returns:
+            The fresh state of these rows alone, R environments.
+        """
+        if self._points:
+            first = next(iter(self._points))
+            fraction = self.state.points[first].team_count[rows] / self._points[first].num_points
+            self._scale.end_episodes(rows, fraction, self.state.step[rows])
+        self._episodes[rows] += 1
+        streams = Streams(self._seed, self._slots[rows], self._episodes[rows])
+        fresh = State(len(rows), self._specs)
+        states, sun_angle, values = self._reset_plan.draw(streams)
+        for name, index in self.world.bodies.items():
+            fresh.position[:, index] = states[name]["position"]
+            fresh.velocity[:, index] = states[name]["velocity"]
+        fresh.sun_angle[:] = sun_angle
+        fresh.key[:] = streams.bits("step")[:, 0]
+        fresh.delta_v_scale[:] = self._scale.scale[rows]
+        self._weigh(fresh, values)
+        self._look(fresh)
+        self.state.put(rows, fresh)
+        return fresh
+
+    def step(self, control: FloatArray) -> None:
+        """Hold a thrust over one step.
+
+        Args:
+            control: Thrust of each deputy [N], Hill frame, shape (N, D, 3).
+        """
+        self.before, self.state = self.state, self.before
+        before, after, world = self.before, self.state, self.world
+        after.copy_from(before)
+        acceleration = self._acceleration
+        np.divide(control, world.masses[:, None], out=acceleration[:, : world.num_deputies])
+        propagate(
+            before.position.reshape(-1, 3),
+            before.velocity.reshape(-1, 3),
+            acceleration.reshape(-1, 3),
+            self._phi,
+            self._gamma,
+            after.position.reshape(-1, 3),
+            after.velocity.reshape(-1, 3),
+        )
+        after.control[...] = control
+        after.delta_v += np.abs(acceleration[:, : world.num_deputies]).sum(axis=-1) * world.step_size
+        after.time += world.step_size
+        after.step += 1
+        after.sun_angle += self._sun_rate * world.step_size
+        self._scale.advance()
+        after.delta_v_scale[:] = self._scale.scale
+        self._look(after)
+
+    def view(self, state: State, group: Group) -> View:
+        """Return one of the states as a group of agents sees it."""
+        return View(state, self.world, group)
+
+    def _look(self, state: State) -> None:
+        """Inspect what is in view and lit, then let the sensors remember."""
+        sun = np.zeros((state.num_envs, 3))
+        np.cos(state.sun_angle, out=sun[:, 0])
+        np.negative(np.sin(state.sun_angle), out=sun[:, 1])
+        deputies = self.world.num_deputies
+        for name, model in self._points.items():
+            points = state.points[name]
+            viewers = state.position[:, :deputies] - state.position[:, model.body, None]
+            inspect_points(
+                viewers,
+                sun,
+                model.points,
+                model.radius,
+                self._cos_half_fov,
+                self._lights[name],
+                self._active[: state.num_envs],
+                points.inspector,
+                points.team_count,
+                points.own_count,
+            )
+        for group in self._groups:
+            view = View(state, self.world, group)
+            for name, sensor in group.sensors.items():
+                sensor.remember(view, name)
+
+    def _weigh(self, state: State, values: object) -> None:
+        """Weigh the points by their angle from the direction opposite to the priority vector, if there is one."""
+        names = ("priority_vector_azimuth_angle", "priority_vector_elevation_angle")
+        if not isinstance(values, dict) or any(name not in values for name in names):
+            return
+        azimuth, elevation = (values[name] for name in names)
+        priority = np.stack(
+            (np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)), axis=-1
+        )
+        for name, model in self._points.items():
+            normals = model.points / model.radius
+            cosine = -(priority[:, None, 0] * normals[:, 0] + priority[:, None, 1] * normals[:, 1])
+            cosine -= priority[:, None, 2] * normals[:, 2]
+            weights = np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi
+            state.points[name].weights[...] = weights / weights.sum(axis=-1, keepdims=True)
+
+    def _declare(self) -> dict[str, ArraySpec]:
+        world = self.world
+        points = [(name, model.num_points) for name, model in world.points.items()]
+        specs = base_specs(len(world.bodies), world.num_deputies, points)
+        for group in self._groups:
+            for name, sensor in group.sensors.items():
+                for array, spec in sensor.memory(world).items():
+                    specs[f"memory/{group.name}/{name}/{array}"] = ArraySpec(
+                        (group.size, *spec.shape), spec.dtype, spec.fill
+                    )
+        return specs
+
+    def _light(self):  # type: ignore[no-untyped-def]
+        params = self._config.illumination_params
+
+        def of(points: InspectionPoints):  # type: ignore[no-untyped-def]
+            if params is None:
+                return full_light()
+            if params.bin_ray_flag:
+                return binary_light(points.radius, params.ray_offset)
+            light, chief = params.light_properties, params.chief_properties
+            return phong_light(
+                points.radius,
+                light_ambient=light.ambient,
+                light_diffuse=light.diffuse,
+                light_specular=light.specular,
+                chief_ambient=chief.ambient,
+                chief_diffuse=chief.diffuse,
+                chief_specular=chief.specular,
+                shininess=chief.shininess,
+                ray_offset=params.ray_offset,
+            )
+
+        return of
+
+
+def _points_model(name: str, body: int, points: InspectionPoints, light) -> PointsModel:  # type: ignore[no-untyped-def]
+    positions = sphere_points(points.points_algorithm, points.num_points, points.radius)
+
+    def is_lit(viewer: FloatArray, sun: FloatArray):  # type: ignore[no-untyped-def]
+        return lit(np.ascontiguousarray(viewer), sun, positions, points.radius, light)
+
+    return PointsModel(name, body, positions, points.radius, is_lit)

@@ -1,0 +1,255 @@
+"""What the functors of an agent see: `View` of one state, `Step` from one state to the next.
+
+Agents whose parts, glues, rewards and dones are the same form a group and are
+computed together. A view has one row for each environment and agent of the
+group, R = N * G rows, environment by environment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.world import PointsModel, World
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from safe_inspect.platforms.base import Sensor
+
+
+@dataclass(frozen=True)
+class Group:
+    """Agents with equal terms: a contiguous run of deputies.
+
+    Attributes:
+        name: Name of the group; the agent's name when there is one agent.
+        first: Index of the first deputy.
+        size: Number of deputies, G.
+        sensors: Sensors by part name.
+    """
+
+    name: str
+    first: int
+    size: int
+    sensors: Mapping[str, Sensor]
+
+
+class PointsView:
+    """The inspection points of one body, as the agents of a group see them. Arrays are read only by agreement."""
+
+    def __init__(self, view: View, model: PointsModel) -> None:
+        self._view = view
+        self._state = view.state.points[model.entity]
+        self.model = model
+
+    @property
+    def num_points(self) -> int:
+        """Number of points, P."""
+        return self.model.num_points
+
+    @cached_property
+    def inspector(self) -> AnyArray:
+        """Index of the deputy that first inspected each point, -1 for none, shape (R, P)."""
+        return self._view.per_environment(self._state.inspector)
+
+    @cached_property
+    def inspected(self) -> BoolArray:
+        """Points that any deputy has inspected, shape (R, P)."""
+        return self.inspector >= 0
+
+    @property
+    def count(self) -> IntArray:
+        """Number of points that the team has inspected, shape (R,)."""
+        return self._view.per_environment(self._state.team_count)
+
+    @property
+    def fraction(self) -> FloatArray:
+        """Fraction of the points that the team has inspected [-], shape (R,)."""
+        return self.count / self.num_points
+
+    def count_of(self, platform: str | None = None) -> IntArray:
+        """Return the number of points first inspected by one deputy (the agent's own by default), shape (R,)."""
+        if platform is None:
+            return self._view.per_agent(self._state.own_count)
+        return self._view.per_environment(self._state.own_count[:, self._view.world.bodies[platform]])
+
+    @property
+    def weights(self) -> FloatArray:
+        """Weight of each point, rows sum to 1, shape (R, P)."""
+        return self._view.per_environment(self._state.weights)
+
+    @cached_property
+    def inspected_weight(self) -> FloatArray:
+        """Summed weight of the inspected points, 0 to 1, shape (R,)."""
+        return np.asarray(np.where(self.inspected, self.weights, 0.0).sum(axis=-1))
+
+    @cached_property
+    def lit(self) -> BoolArray:
+        """Points that the sun lights well enough for an inspection from the own position, shape (R, P)."""
+        view = self._view
+        return self.model.lit(view.position - view.entity_position(self.model.entity), view.sun_direction)
+
+
+class View:
+    """One state as a group of agents sees it; every array has R = N * G rows. SI units, Hill's frame."""
+
+    def __init__(self, state: State, world: World, group: Group) -> None:
+        self.state = state
+        self.world = world
+        self.group = group
+        self._readings: dict[str, FloatArray] = {}
+        self._points: dict[str, PointsView] = {}
+
+    @property
+    def num_rows(self) -> int:
+        """Number of rows, R."""
+        return self.state.num_envs * self.group.size
+
+    def per_environment(self, array: Any) -> Any:
+        """Give an array with the environment axis (N, ...) the rows of the view (R, ...)."""
+        return array if self.group.size == 1 else np.repeat(array, self.group.size, axis=0)
+
+    def per_agent(self, array: Any) -> Any:
+        """Give an array with a deputy or body axis (N, D, ...) the rows of the view (R, ...): each agent its own."""
+        first, size = self.group.first, self.group.size
+        return array[:, first] if size == 1 else array[:, first : first + size].reshape(-1, *array.shape[2:])
+
+    @property
+    def time(self) -> FloatArray:
+        """Time since the reset [s], shape (R,)."""
+        return self.per_environment(self.state.time)  # type: ignore[no-any-return]
+
+    @property
+    def step(self) -> IntArray:
+        """Steps since the reset, shape (R,)."""
+        return self.per_environment(self.state.step)  # type: ignore[no-any-return]
+
+    @property
+    def position(self) -> FloatArray:
+        """Own position [m], Hill frame, shape (R, 3)."""
+        return self.per_agent(self.state.position)  # type: ignore[no-any-return]
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Own velocity [m/s], Hill frame, shape (R, 3)."""
+        return self.per_agent(self.state.velocity)  # type: ignore[no-any-return]
+
+    @property
+    def control(self) -> FloatArray:
+        """Own thrust held over the last step [N], Hill frame, shape (R, 3)."""
+        return self.per_agent(self.state.control)  # type: ignore[no-any-return]
+
+    @property
+    def delta_v(self) -> FloatArray:
+        """Own velocity change spent in the episode [m/s], shape (R,)."""
+        return self.per_agent(self.state.delta_v)  # type: ignore[no-any-return]
+
+    @property
+    def mass(self) -> FloatArray:
+        """Own mass [kg], shape (R,) or a scalar that broadcasts against it."""
+        first, size = self.group.first, self.group.size
+        own = self.world.masses[first : first + size]
+        return own if size == 1 else np.tile(own, self.state.num_envs)
+
+    @property
+    def delta_v_scale(self) -> FloatArray:
+        """Adaptive scale of the delta-v reward [1/(m/s)], shape (R,)."""
+        return self.per_environment(self.state.delta_v_scale)  # type: ignore[no-any-return]
+
+    @property
+    def sun_angle(self) -> FloatArray:
+        """Angle of the sun, not wrapped [rad], shape (R,)."""
+        return self.per_environment(self.state.sun_angle)  # type: ignore[no-any-return]
+
+    @cached_property
+    def sun_direction(self) -> FloatArray:
+        """Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, Hill frame, shape (R, 3)."""
+        angle = self.sun_angle
+        direction = np.zeros((len(angle), 3))
+        np.cos(angle, out=direction[:, 0])
+        np.sin(angle, out=direction[:, 1])
+        np.negative(direction[:, 1], out=direction[:, 1])
+        return direction
+
+    def entity_position(self, name: str) -> FloatArray:
+        """Return the position of a body [m], Hill frame, shape (R, 3)."""
+        return self.per_environment(self.state.position[:, self.world.bodies[name]])  # type: ignore[no-any-return]
+
+    def entity_velocity(self, name: str) -> FloatArray:
+        """Return the velocity of a body [m/s], Hill frame, shape (R, 3)."""
+        return self.per_environment(self.state.velocity[:, self.world.bodies[name]])  # type: ignore[no-any-return]
+
+    def points(self, entity: str) -> PointsView:
+        """Return the inspection points of a body."""
+        found = self._points.get(entity)
+        if found is None:
+            found = self._points[entity] = PointsView(self, self.world.points[entity])
+        return found
+
+    def reading(self, sensor: str) -> FloatArray:
+        """Return what a sensor of the agent reads in this state, shape (R, k); it is computed once."""
+        found = self._readings.get(sensor)
+        if found is None:
+            found = self._readings[sensor] = self.group.sensors[sensor](self)
+        return found
+
+    def memory(self, part: str, array: str) -> AnyArray:
+        """Return a declared array of a sensor with the rows of the view, writable, shape (R, ...)."""
+        memory = self.state.memory[f"{self.group.name}/{part}/{array}"]
+        return memory.reshape(-1, *memory.shape[2:])
+
+
+class Step:
+    """One step of a group of agents, from the state before to the state after.
+
+    Attributes:
+        before: State at the beginning of the step.
+        after: State at its end, before any reset.
+        action: What the policies asked for, shape (R, A).
+        control: Thrust held over the step [N], Hill frame, shape (R, 3).
+        desired_control: Thrust that the policies asked for, before any safety filter [N], shape (R, 3).
+        intervening: Rows in which a safety filter changed the thrust, shape (R,).
+        dt: Length of the step [s].
+    """
+
+    def __init__(
+        self,
+        before: View,
+        after: View,
+        action: FloatArray,
+        control: FloatArray,
+        desired_control: FloatArray,
+        intervening: BoolArray,
+        dt: float,
+    ) -> None:
+        self.before = before
+        self.after = after
+        self.action = action
+        self.control = control
+        self.desired_control = desired_control
+        self.intervening = intervening
+        self.dt = dt
+
+    @cached_property
+    def first(self) -> BoolArray:
+        """Rows in which this is the first step of the episode, shape (R,)."""
+        return self.before.step == 0
+
+    @cached_property
+    def delta_v(self) -> FloatArray:
+        """Velocity change of this step, sum of abs(u_i) dt / m [m/s], shape (R,)."""
+        return np.asarray(np.abs(self.control).sum(axis=-1) * (self.dt / self.before.mass))
+
+    def new_points(self, entity: str) -> IntArray:
+        """Return the number of points that the team first inspected in this step, shape (R,).
+
+        Points seen at the reset count as new in the first step of the episode.
+        """
+        after = self.after.points(entity).count
+        before = self.before.points(entity).count
+        return after - np.where(self.first, 0, before)

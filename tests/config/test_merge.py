@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import copy
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_inspect.config.loader import load
+from safe_inspect.config.located import locate
+from safe_inspect.config.merge import merge
+from safe_inspect.errors import ConfigError
+
+keys = st.sampled_from("abc")
+leaves = st.integers(0, 3) | st.lists(st.integers(0, 3), max_size=2)
+mappings = st.dictionaries(
+    keys, st.recursive(leaves, lambda inner: st.dictionaries(keys, inner, max_size=3), max_leaves=6), max_size=3
+)
+#: Mappings in which a key holds a mapping (upper case) or a leaf (lower case) wherever it stands.
+shaped = st.recursive(
+    st.dictionaries(keys, leaves, max_size=3),
+    lambda inner: st.builds(
+        lambda low, high: low | high,
+        st.dictionaries(keys, leaves, max_size=3),
+        st.dictionaries(st.sampled_from("AB"), inner, max_size=2),
+    ),
+    max_leaves=5,
+)
+
+
+def test_later_wins_key_by_key_and_lists_replace():
+    first = {"lr": 1, "model": {"fcnet": [256, 256], "act": "tanh"}, "old": {"x": 1}}
+    second = {"lr": 2, "model": {"fcnet": [64]}, "old": 3, "new": None}
+    assert merge([first, second]) == {"lr": 2, "model": {"fcnet": [64], "act": "tanh"}, "old": 3, "new": None}
+
+
+@settings(max_examples=60, deadline=None)
+@given(mappings)
+def test_the_empty_mapping_is_the_identity(mapping):
+    assert merge(mapping) == merge([mapping]) == merge([mapping, {}]) == merge([{}, mapping]) == mapping
+    assert merge([mapping, mapping]) == mapping
+
+
+@settings(max_examples=60, deadline=None)
+@given(mappings, mappings, mappings)
+def test_merging_goes_from_left_to_right(a, b, c):
+    assert merge([a, b, c]) == merge([merge([a, b]), c])
+
+
+@settings(max_examples=60, deadline=None)
+@given(shaped, shaped, shaped)
+def test_merging_is_associative_where_keys_keep_their_kind(a, b, c):
+    assert merge([merge([a, b]), c]) == merge([a, merge([b, c])])
+
+
+@settings(max_examples=30, deadline=None)
+@given(mappings, mappings)
+def test_nothing_is_changed_in_place(a, b):
+    before = copy.deepcopy((a, b))
+    merge([a, b])
+    assert (a, b) == before
+
+
+def test_no_items_are_the_empty_mapping():
+    assert merge([]) == {}
+
+
+def test_marks_follow_the_winning_value(write):
+    write(
+        {
+            "a.yml": "- !include b.yml\n- lr: 2\n  model:\n    act: relu\n",
+            "b.yml": "lr: 1\nmodel:\n  width: 8\n  act: tanh\n",
+        }
+    )
+    tree = load("a.yml")
+    merged = merge(tree)
+    assert merged == {"lr": 2, "model": {"width": 8, "act": "relu"}}
+    assert str(locate(merged, ("lr",))) == "a.yml:2"
+    assert str(locate(merged, ("model", "width"))) == "b.yml:3"
+    assert str(locate(merged, ("model", "act"))) == "a.yml:4"
+    assert str(locate(tree, (0, "model", "act"))) == "b.yml:4"
+
+
+def test_items_that_are_no_mappings_are_errors(write):
+    write({"a.yml": "x:\n  - {a: 1}\n  - 3\n  -\n"})
+    tree = load("a.yml")
+    with pytest.raises(ConfigError) as caught:
+        merge(tree["x"])
+    assert [str(problem) for problem in caught.value.problems] == [
+        "a.yml:3: item 1 of a list to be merged is no mapping but 3",
+        "a.yml:4: item 2 of a list to be merged is no mapping but None",
+    ]
+    with pytest.raises(ConfigError, match="a mapping or a list of mappings is wanted here, got 'abc'"):
+        merge("abc")

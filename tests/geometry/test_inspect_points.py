@@ -1,0 +1,137 @@
+"""Who is credited with which point, and that it is for good."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_inspect.geometry.light import Light, binary_light, full_light, phong_light
+from safe_inspect.geometry.sphere import sphere_points
+from safe_inspect.geometry.visibility import inspect_points, lit, visible
+
+R = 10.0
+POINTS = sphere_points("cmu", 100, R)
+P = len(POINTS)
+LIGHTS = [binary_light(R), binary_light(R, 1e-5), phong_light(R), full_light()]
+FIELDS = [-1.0, math.cos(0.12)]
+
+
+@dataclass
+class Credit:
+    inspector: np.ndarray
+    team: np.ndarray
+    own: np.ndarray
+
+
+def inspect(
+    viewer: np.ndarray,
+    sun: np.ndarray,
+    light: Light,
+    cos_half_fov: float = -1.0,
+    active: np.ndarray | None = None,
+    inspector: np.ndarray | None = None,
+) -> Credit:
+    rows, count = viewer.shape[:2]
+    active = np.ones((rows, count), dtype=bool) if active is None else active
+    inspector = np.full((rows, P), -1, dtype=np.int8) if inspector is None else inspector.copy()
+    credit = Credit(inspector, np.full(rows, -9), np.full((rows, count), -9))
+    inspect_points(viewer, sun, POINTS, R, cos_half_fov, light, active, inspector, credit.team, credit.own)
+    return credit
+
+
+def scene(seed: int, rows: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    viewer = rng.normal(size=(rows, count, 3))
+    viewer *= rng.uniform(8.0, 100.0, (rows, count, 1)) / np.linalg.norm(viewer, axis=-1, keepdims=True)
+    angle = rng.uniform(0.0, 2.0 * math.pi, rows)
+    return viewer, np.stack([np.cos(angle), -np.sin(angle), np.zeros(rows)], axis=-1)
+
+
+def expected_inspector(
+    viewer: np.ndarray, sun: np.ndarray, light: Light, field: float, active: np.ndarray, before: np.ndarray
+) -> np.ndarray:
+    result = before.copy()
+    for d in reversed(range(viewer.shape[1])):  # the first viewer writes last
+        own = np.ascontiguousarray(viewer[:, d])
+        seen = visible(own, POINTS, R, field) & lit(own, sun, POINTS, R, light) & active[:, d, None]
+        result[seen & (before < 0)] = d
+    return result
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(1, 4),
+    light=st.sampled_from(LIGHTS),
+    field=st.sampled_from(FIELDS),
+)
+@settings(max_examples=60, deadline=None)
+def test_first_viewer_that_sees_a_lit_point_has_it(seed: int, count: int, light: Light, field: float) -> None:
+    viewer, sun = scene(seed, 5, count)
+    rng = np.random.default_rng(seed)
+    active = rng.random((5, count)) < 0.8
+    before = np.where(rng.random((5, P)) < 0.3, rng.integers(0, count, (5, P)), -1).astype(np.int8)
+    credit = inspect(viewer, sun, light, field, active, before)
+    assert np.array_equal(credit.inspector, expected_inspector(viewer, sun, light, field, active, before))
+    assert np.array_equal(credit.team, (credit.inspector >= 0).sum(axis=1))
+    assert np.array_equal(credit.own, (credit.inspector[:, :, None] == np.arange(count)).sum(axis=1))
+
+
+def test_two_at_one_place_the_first_is_credited() -> None:
+    viewer, sun = np.array([[[60.0, 0.0, 0.0], [60.0, 0.0, 0.0]]]), np.array([[1.0, 0.0, 0.0]])
+    credit = inspect(viewer, sun, LIGHTS[0])
+    assert credit.own[0, 0] == credit.team[0] > 30
+    assert credit.own[0, 1] == 0
+    second = inspect(viewer, sun, LIGHTS[0], active=np.array([[False, True]]))
+    assert second.own.tolist() == [[0, credit.team[0]]]
+
+
+@pytest.mark.parametrize(("degrees", "part"), [(0.0, 0.5), (60.0, 1.0 / 3.0), (90.0, 0.25), (180.0, 0.0)])
+def test_lune_between_sun_and_viewer(degrees: float, part: float) -> None:
+    # From far away at an angle a to the sun, the lune that is lit and in sight is (180 - a)/360 of the sphere.
+    rng = np.random.default_rng(0)
+    sun, side = rng.normal(size=(2, 200, 3))
+    sun /= np.linalg.norm(sun, axis=1, keepdims=True)
+    side -= (side * sun).sum(axis=1, keepdims=True) * sun
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    angle = math.radians(degrees)
+    counts = inspect(1e6 * (math.cos(angle) * sun + math.sin(angle) * side)[:, None], sun, LIGHTS[0]).team
+    assert counts.mean() == pytest.approx(part * P, abs=0.4)
+    assert abs(counts - part * P).max() <= 5
+
+
+def test_inspected_is_for_good() -> None:
+    viewer, sun = scene(1, 3, 2)
+    first = inspect(viewer, sun, LIGHTS[0])
+    later = inspect(-viewer[:, ::-1].copy(), -sun, LIGHTS[0], inspector=first.inspector)
+    kept = first.inspector >= 0
+    assert np.array_equal(later.inspector[kept], first.inspector[kept])
+    assert (later.team >= first.team).all()
+    assert later.team.sum() > first.team.sum()
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_row_alone_is_the_same_to_the_bit(light: Light, field: float) -> None:
+    viewer, sun = scene(7, 40, 3)
+    whole = inspect(viewer, sun, light, field)
+    for row in range(40):
+        one = slice(row, row + 1)
+        alone = inspect(viewer[one], sun[one], light, field)
+        assert np.array_equal(alone.inspector[0], whole.inspector[row])
+        assert np.array_equal(alone.own[0], whole.own[row])
+        assert alone.team[0] == whole.team[row]
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+@pytest.mark.parametrize("field", FIELDS)
+def test_no_credit_from_inside_or_from_nowhere(light: Light, field: float) -> None:
+    viewer = np.array([[[0.0, 0.0, 0.0], [9.9, 0.0, 0.0], [np.nan, np.nan, np.nan]]])
+    credit = inspect(viewer, np.array([[1.0, 0.0, 0.0]]), light, field)
+    assert (credit.inspector == -1).all()
+    assert credit.team.tolist() == [0]
+    assert credit.own.tolist() == [[0, 0, 0]]
