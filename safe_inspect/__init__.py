@@ -1,1 +1,29 @@
-"""Safe reinforcement learning of spacecraft inspection and rendezvous."""
+"""Safe reinforcement learning of spacecraft inspection and rendezvous.
+
+Importing the package registers its Gymnasium ids. `make`, `make_vec` and `load_experiment` are imported when they are
+first used; neither they nor the package load Ray or Torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from safe_inspect.tasks import register_tasks
+from safe_inspect.version import __version__
+
+__all__ = ["__version__", "load_experiment", "make", "make_vec"]
+
+_HOMES = {
+    "load_experiment": "safe_inspect.config.experiment",
+    "make": "safe_inspect.environments.registration",
+    "make_vec": "safe_inspect.environments.registration",
+}
+
+register_tasks()
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'safe_inspect' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)

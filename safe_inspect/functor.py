@@ -136,7 +136,7 @@ def _located(problem: Any, cls: type[Plugin]) -> dict[str, Any]:
     loc = tuple(problem["loc"])
     where = loc if loc[:1] == ("wrapped",) else ("config", *loc)
     located = {**problem, "loc": where}
-    if problem["type"] == "extra_forbidden":
+    if problem["type"] == "extra_forbidden" and len(loc) == 1:
         located["msg"] = f"{cls.registered_name} has no field `{loc[-1]}`; {did_you_mean(str(loc[-1]), cls.model_fields)}"
     return located
 

@@ -14,23 +14,29 @@ STORE = "reference_store"
 REFERENCES = "references"
 
 
-def expand_references(tree: Any) -> Any:
+def expand_references(tree: Any, problems: list[Problem] | None = None) -> Any:
     """Put the value of the store in place of every reference to it.
 
     A mapping with ``references: {field: key}`` gets ``config[field] = store[key]``
     and loses ``references``. The store is the ``reference_store`` of the nearest
     mapping around it. An error about such a value points at the reference.
 
+    Args:
+        tree: A loaded configuration.
+        problems: Takes the mistakes, so that a caller can report them with others; they are raised unless given.
+
     Returns:
-        A new tree; the given one is not changed.
+        A new tree; the given one is not changed. A wrong reference leaves its field out.
 
     Raises:
         ConfigError: With every reference to nothing, and every field that ``config`` gives as well.
     """
-    problems: list[Problem] = []
-    expanded = _expand(tree, None, (), problems, tree)
-    if problems:
-        raise ConfigError(problems)
+    found: list[Problem] = []
+    expanded = _expand(tree, None, (), found, tree)
+    if found and problems is None:
+        raise ConfigError(found)
+    if problems is not None:
+        problems += found
     return expanded
 
 

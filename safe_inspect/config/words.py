@@ -55,8 +55,12 @@ def is_of_other_kind(error: Mapping[str, Any]) -> bool:
 
 def wanted(error: Mapping[str, Any]) -> str:
     """Return what the value should be, in words; empty when the error does not say so."""
-    pattern = _WANTED.get(error["type"], "")
-    return pattern.format_map({**error.get("ctx", {})}) if pattern else ""
+    limits = {name: _short(limit) for name, limit in error.get("ctx", {}).items()}
+    return _WANTED.get(error["type"], "").format_map(limits)
+
+
+def _short(limit: Any) -> Any:
+    return f"{limit:.15g}" if isinstance(limit, float) else limit
 
 
 def message(error: Mapping[str, Any]) -> tuple[str, str]:

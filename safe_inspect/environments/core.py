@@ -145,6 +145,7 @@ class BatchedEnvironment:
             for name, value in terms.items():
                 require_finite(f"reward {name}", value, simulation.state, simulation.before)
         terminated, truncated, status = self._ends(step, rows)
+        simulation.running &= ~(terminated | truncated).reshape(shape).all(axis=-1)
         return Transition(
             observation,
             reward.reshape(shape),

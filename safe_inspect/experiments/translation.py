@@ -67,7 +67,13 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
     settings["model_config"] = {**keys.MODEL_DEFAULTS, **found.settings.get("model_config", {})}
     if not problems:
         problems += _fit_batch(settings, found.given)
-    return Translation(settings, found.notes, tuple(problems), found.unchecked, found.given)
+    notes = list(found.notes)
+    if settings.get("batch_mode") == "complete_episodes" and settings["num_envs_per_env_runner"] != 1:
+        notes.append(
+            "`batch_mode: complete_episodes` throws unfinished episodes away and so favours short ones; "
+            "`truncate_episodes` keeps them"
+        )
+    return Translation(settings, tuple(notes), tuple(problems), found.unchecked, found.given)
 
 
 def translate_tune(mapping: Mapping[str, Any]) -> Translation:
@@ -108,11 +114,11 @@ def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, 
     return "PPO", [problem]
 
 
-def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str) -> Translation:
+def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool = False) -> Translation:
     """Translate RLlib's keys, and within them the nets and the settings of the evaluation."""
     own = keys.ALGORITHM_KEYS.get(algorithm)
     tables = _Tables(
-        {**keys.COMMON_KEYS, **keys.OWN_KEYS, **(own or {})},
+        {**keys.COMMON_KEYS, **({} if nested else keys.OWN_KEYS), **(own or {})},
         old_keys.RENAMED,
         old_keys.DROPPED,
         old_keys.ONLY_AT,
@@ -130,7 +136,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str) -> Translation
         notes += model.notes
         problems += model.problems
     if isinstance(settings.get("evaluation_config"), Mapping):
-        evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm)
+        evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm, True)
         settings["evaluation_config"] = evaluation.settings
         notes += evaluation.notes
         problems += evaluation.problems

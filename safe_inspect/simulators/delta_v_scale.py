@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class DeltaVScale:
         self._sum[rows] += np.where(ran, fraction, 0.0)
         self._episodes[rows] += ran
 
-    def advance(self) -> None:
-        """Count one step of every slot and update the slots whose interval is over."""
+    def advance(self, running: BoolArray) -> None:
+        """Count one step of the slots whose episode runs, and update those whose interval is over."""
         schedule = self._schedule
-        self._steps += 1
-        due: BoolArray | AnyArray = self._steps >= schedule.steps_until_update
+        self._steps += running
+        due: BoolArray = self._steps >= schedule.steps_until_update
         if not due.any():
             return
         mean = self._sum / np.maximum(self._episodes, 1)

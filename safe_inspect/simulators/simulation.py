@@ -29,6 +29,7 @@ class Simulation:
         world: What does not change.
         before: State at the beginning of the last step.
         state: The current state.
+        running: Environments whose episode runs, shape (N,); who ends an episode clears its row.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Simulation:
         self._acceleration = np.zeros((num_envs, len(bodies), 3))
         self._active = np.ones((num_envs, len(platforms)), dtype=np.bool_)
         self._scale = DeltaVScale(config.schedule, num_envs)
+        self.running = np.zeros(num_envs, dtype=np.bool_)
 
     @property
     def num_envs(self) -> int:
@@ -112,6 +114,7 @@ class Simulation:
         self._weigh(fresh, values)
         self._look(fresh)
         self.state.put(rows, fresh)
+        self.running[rows] = True
         return fresh
 
     def step(self, control: FloatArray) -> None:
@@ -139,7 +142,7 @@ class Simulation:
         after.time += world.step_size
         after.step += 1
         after.sun_angle += self._sun_rate * world.step_size
-        self._scale.advance()
+        self._scale.advance(self.running)
         after.delta_v_scale[:] = self._scale.scale
         self._look(after)
 

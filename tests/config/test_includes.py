@@ -83,7 +83,8 @@ def test_a_missing_include_is_reported_at_its_tag(write):
     write({"configs/task/a.yml": "x: 1\nagent:\n  !include configs/tsk/agent.yml\n", "configs/task/agent.yml": "{}"})
     (problem,) = problems("configs/task/a.yml")
     assert problem.startswith(
-        "configs/task/a.yml:3: the included file does not exist: 'configs/tsk/agent.yml' (looked for configs/tsk/agent.yml, "
+        "configs/task/a.yml:3: the included file does not exist: 'configs/tsk/agent.yml' "
+        "(looked for configs/tsk/agent.yml, "
     )
     assert (configs_root() / "tsk/agent.yml").as_posix() in problem
     assert problem.endswith("; did you mean `configs/task/agent.yml`?")

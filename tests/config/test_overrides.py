@@ -56,7 +56,7 @@ def problem(tree, override: str) -> str:
         ("records.blue0.config.lr=5", ("records", 0, 3, "config", "lr"), 5),
         ("records.blue1.agent=1", ("records", 1, 2, "agent"), 1),
         ("agent_config.blue0_ctrl.config.rewards.1.config.scale=2", ("rewards", 1, "config", "scale"), 2),
-        ("agent_config.blue0_ctrl.config.rewards.ObservedPointsReward.config.scale=0.02", ("rewards", 0, "config", "scale"), 0.02),
+        ("agent_config.blue0_ctrl.config.rewards.ObservedPointsReward.name=new", ("rewards", 0, "name"), "new"),
         ("ObservedPointsReward.config.scale=0.02", ("rewards", 0, "config", "scale"), 0.02),
         ("rewards.Points.config.scale=7", ("rewards", 0, "config", "scale"), 7),
         ("glues.Sensor_Velocity.config.scale=8", ("glues", 1, "config", "scale"), 8),
@@ -106,7 +106,8 @@ def test_a_suffix_that_fits_several_places_lists_them(tree):
         "command line: lr=2: `lr` fits 2 places; write one of `rllib.lr`, `records.0.3.config.lr`"
     )
     assert problem(tree, "glues.ObserveSensor.config.scale=2") == (
-        "command line: glues.ObserveSensor.config.scale=2: `glues.ObserveSensor.config.scale` fits 2 places; write one of "
+        "command line: glues.ObserveSensor.config.scale=2: `glues.ObserveSensor.config.scale` fits 2 places; "
+        "write one of "
         "`agent_config.blue0_ctrl.config.glues.0.config.scale`, `agent_config.blue0_ctrl.config.glues.1.config.scale`"
     )
 
@@ -117,7 +118,7 @@ def test_a_suffix_that_fits_several_places_lists_them(tree):
         ("rllib.lr", "not an override; write it as `path.of.keys=value`"),
         ("rllib..lr=1", "not an override; write it as `path.of.keys=value`"),
         ("=1", "not an override; write it as `path.of.keys=value`"),
-        ("train_batch_sise=1", "nothing is called `train_batch_sise` in the configuration; did you mean `train_batch_size`?"),
+        ("train_batch_s=1", "nothing is called `train_batch_s` in the configuration; did you mean `train_batch_size`?"),
         ("rlib.lr=1", "nothing is called `rlib` in the configuration; did you mean `rllib`?"),
         ("rllib.modle.act=1", "nothing is called `modle` in `rllib`; known: `1`, `lr`, `train_batch_size`"),
         ("rllib.lr.x=1", "nothing is called `x` in `rllib.lr`, which holds no keys"),

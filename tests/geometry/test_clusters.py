@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
@@ -14,7 +14,9 @@ from scipy.spatial.transform import Rotation
 from safe_inspect.geometry.clusters import cluster, cluster_sklearn, max_clusters, start_centres
 from safe_inspect.geometry.sphere import sphere_points
 
-POINTS = sphere_points("fibonacci", 100, 10.0)
+# The lattice's equal distances would leave it to rounding which of two points is the farther, so it is shaken.
+POINTS = sphere_points("fibonacci", 100, 10.0) + np.random.default_rng(0).normal(0.0, 0.05, (100, 3))
+POINTS *= 10.0 / np.linalg.norm(POINTS, axis=1, keepdims=True)
 PER_CLUSTER = 10
 K = 10
 
@@ -141,7 +143,7 @@ def test_draws_depend_on_key_and_step_and_are_even() -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), iterations=st.sampled_from([1, 2, 3, 50]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_agrees_with_scikit_learn(seed: int, iterations: int) -> None:
     candidates = some(seed)
     own = Rows.fresh(candidates, seed).run(iterations=iterations)
@@ -152,7 +154,7 @@ def test_agrees_with_scikit_learn(seed: int, iterations: int) -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=5, deadline=None)
 def test_agrees_with_scikit_learn_as_candidates_come_and_go(seed: int) -> None:
     rng = np.random.default_rng(seed)
     own, theirs = (Rows.fresh(some(seed), seed) for _ in range(2))
@@ -171,7 +173,7 @@ def test_agrees_with_scikit_learn_as_candidates_come_and_go(seed: int) -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), empty=st.integers(1, 2))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_empty_clusters_move_as_scikit_learns(seed: int, empty: int) -> None:
     candidates = some(seed, 4)
     candidates[:, ::2] = True  # at least five clusters
@@ -204,9 +206,9 @@ def line(places: list[float], centres: list[float], iterations: int) -> np.ndarr
 
 
 def test_by_hand() -> None:
-    # 0 and 1 go to 0.2; 4 and 10 to 9: means 0.5 and 7; then 4 is nearer to 7 than to 0.5 still: a fixed point.
-    assert line([0.0, 1.0, 4.0, 10.0], [0.2, 9.0], 50).tolist() == [0.5, 7.0]
-    # From 0.2 and 20: all of 0, 1, 4, 10 to the first; the second, empty, takes 10, the farthest; then 4 stays.
+    # 0 and 1 go to 0.2; 4 and 10 to 7.5: means 0.5 and 7; then 4 is nearer to 7 than to 0.5 still: a fixed point.
+    assert line([0.0, 1.0, 4.0, 10.0], [0.2, 7.5], 50).tolist() == [0.5, 7.0]
+    # From 0.2 and 30: all of 0, 1, 4, 10 to the first; the second, empty, takes 10, the farthest; then 4 stays.
     assert line([0.0, 1.0, 4.0, 10.0], [0.2, 30.0], 1).tolist() == pytest.approx([5.0 / 3.0, 10.0], rel=1e-15)
     # One centre is the mean.
     assert line([0.0, 1.0, 4.0, 10.0], [-3.0], 50).tolist() == [3.75]
@@ -313,7 +315,7 @@ def test_a_row_alone_is_the_same_to_the_bit(seed: int) -> None:
 def test_centres_turn_with_the_points(seed: int) -> None:
     turn = Rotation.random(rng=np.random.default_rng(seed))
     rows = Rows.fresh(some(seed), seed)
-    turned = replace(rows[:]).run(points=np.ascontiguousarray(turn.apply(POINTS)))
+    turned = rows[:].run(points=np.ascontiguousarray(turn.apply(POINTS)))
     rows.run()
     for row in range(6):
         np.testing.assert_allclose(turned.centres[row], turn.apply(rows.centres[row]), atol=1e-9)

@@ -109,3 +109,29 @@ def test_a_longer_horizon_is_never_safer(draw):
     for shorter, longer in pairwise(h):
         assert (longer <= shorter + 1e-9).all()
     assert (h[-1] < h[0] - 1.0).mean() > 0.3
+
+
+def reversed_in_time(state, horizon):
+    """Return the states from which the same ranges are flown in the reverse order: coasted, then mirrored in y."""
+    x = np.concatenate((state.position, state.velocity), axis=1) @ expm(SYSTEM * horizon).T
+    x *= np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    return RelativeState(x[:, :3].copy(), x[:, 3:].copy(), state.sun_angle)
+
+
+@pytest.mark.parametrize("horizon", [100.0, 2 * ORBIT])
+def test_flown_backwards_the_closest_approach_is_the_same(horizon, draw):
+    state = draw(16, 1000, farthest=300.0, fastest=0.3)
+    constraint = PassivelySafeManoeuvre(horizon=horizon)
+    np.testing.assert_allclose(constraint.h(state), constraint.h(reversed_in_time(state, horizon)), atol=1e-8)
+
+
+def test_a_dip_between_two_nodes_of_the_grid_is_found():
+    # the range rises at 0 s and at 95 s, nodes of the grid, and has a maximum and its least value between
+    state = RelativeState(np.array([[205.5, -647.6, 395.1]]), np.array([[-1e-4, -3e-4, -2e-4]]), np.zeros(1))
+    flown = ranges(state, np.linspace(0.0, 380.0, 7601))[0]
+    assert flown[1] > flown[0]
+    assert flown[1901] > flown[1900]
+    assert flown.min() < min(flown[0], flown[1900], flown[-1]) - 0.02
+    constraint = PassivelySafeManoeuvre(horizon=380.0)
+    for way in (state, reversed_in_time(state, 380.0)):
+        assert constraint.h(way)[0] == pytest.approx(flown.min() - 10.0, abs=1e-6)

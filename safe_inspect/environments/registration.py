@@ -1,0 +1,49 @@
+"""Environments from any experiment file, or from the id of a shipped task."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import build_experiment, load_experiment
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.single import InspectionEnv
+from safe_inspect.environments.vector import InspectionVectorEnv
+from safe_inspect.tasks import TASKS
+
+
+def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> EnvironmentSpec:
+    """Return the environment of an experiment file, or of a registered id such as
+    ``safe_inspect/TranslationalInspection-v0``.
+
+    Raises:
+        ConfigError: The file has mistakes.
+    """
+    path = configs_root() / TASKS[str(cfg)] if str(cfg) in TASKS else cfg
+    return load_experiment(path, overrides).spec
+
+
+def build_spec(resolved: Mapping[str, Any]) -> EnvironmentSpec:
+    """Return the environment of a resolved configuration, see `Experiment.resolved`."""
+    return build_experiment(resolved).spec
+
+
+def make(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionEnv:
+    """Make one environment of an experiment file or a registered id; see `InspectionEnv`."""
+    return InspectionEnv(load_spec(cfg, overrides), **kwargs)
+
+
+def make_vec(
+    cfg: str | os.PathLike[str],
+    num_envs: int = 1,
+    overrides: Iterable[str] = (),
+    *,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    **kwargs: Any,
+) -> InspectionVectorEnv:
+    """Make N environments that step together; see `InspectionVectorEnv`."""
+    return InspectionVectorEnv(load_spec(cfg, overrides), num_envs, autoreset_mode=autoreset_mode, **kwargs)

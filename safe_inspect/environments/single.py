@@ -1,0 +1,69 @@
+"""`InspectionEnv`: one environment as a `gymnasium.Env`. A façade over the batch of one; it holds no formula."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.core import BatchedEnvironment
+from safe_inspect.environments.episodes import facts, row, step_facts
+from safe_inspect.environments.spaces import box
+from safe_inspect.errors import SafeInspectError
+
+Observation = NDArray[np.float32]
+
+
+class InspectionEnv(gymnasium.Env[Observation, Observation]):
+    """One environment.
+
+    The info of every step holds ``inspected_count``, ``inspected_fraction``, ``delta_v`` (of the episode [m/s]),
+    ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every term.
+
+    Args:
+        spec: The task.
+        slot: Global index of the environment slot.
+        render_mode: Must be None; `safe_inspect.evaluation` draws recorded episodes.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+
+    def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode {render_mode!r} is not supported; record an episode and plot it")
+        self.core = BatchedEnvironment(spec, 1, first_slot=slot)
+        self.observation_space = box(self.core.observation_layout)
+        self.action_space = box(self.core.action_layout)
+        self._running = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a new episode; a seed begins the run again, so that its first episode follows."""
+        super().reset(seed=seed)
+        observation = self.core.reset(seed=seed)[0, 0]
+        self._running = True
+        return observation, _named(row(facts(self.core.view()), 0))
+
+    def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold an action over one step.
+
+        Raises:
+            SafeInspectError: The episode has not begun or is over.
+        """
+        if not self._running:
+            raise SafeInspectError("the episode has not begun or is over; call reset() first")
+        transition = self.core.step(np.asarray(action)[None, None])
+        terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
+        self._running = not (terminated or truncated)
+        info = _named(row(step_facts(self.core, transition), 0))
+        return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info
+
+
+def _named(told: dict[str, Any]) -> dict[str, Any]:
+    told["status"] = DoneStatus(told["status"]).name.lower()
+    return told

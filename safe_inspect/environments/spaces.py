@@ -1,0 +1,16 @@
+"""Gymnasium spaces of a layout."""
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from safe_inspect.environments.layout import Layout
+
+
+def box(layout: Layout) -> Box:
+    """Return the float32 box of a layout; a bound that float32 cannot hold is rounded outwards."""
+    low, high = layout.low.astype(np.float32), layout.high.astype(np.float32)
+    low = np.where(low > layout.low, np.nextafter(low, np.float32(-np.inf)), low)
+    high = np.where(high < layout.high, np.nextafter(high, np.float32(np.inf)), high)
+    return Box(low, high, dtype=np.float32)

@@ -1,0 +1,135 @@
+"""One attempt of a training: start Ray, let Tune train, stop Ray. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+import logging
+import os
+from typing import TYPE_CHECKING, Any, TextIO
+
+from ray import tune
+
+from safe_inspect.errors import CheckpointError
+from safe_inspect.experiments import cluster, environment, run_folder
+from safe_inspect.experiments.algorithm import build_config, environment_settings
+from safe_inspect.experiments.checkpoints import Checkpoint
+from safe_inspect.experiments.run_folder import RunFolder
+from safe_inspect.experiments.tune_hooks import Monitor, RunCallback, RunStopper, monitored, read_failure, trial_name
+
+if TYPE_CHECKING:
+    from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
+
+    from safe_inspect.experiments.train import Settings, TrainingRun
+
+
+def check(settings: Settings) -> None:
+    """Check what only the loaded RLlib knows: the keys of another algorithm than PPO, and values together.
+
+    Raises:
+        ConfigError: Something that RLlib does not take.
+    """
+    _quiet()
+    build_config(settings.rllib, environment_settings({}, settings.rllib.settings))
+
+
+def run_attempt(
+    run: TrainingRun,
+    settings: Settings,
+    folder: RunFolder,
+    digest: str,
+    start: Checkpoint | None,
+    stream: TextIO,
+) -> Monitor:
+    """Train until a limit is reached, and return the monitor, which knows the last iteration."""
+    from safe_inspect.experiments.train import raise_failure
+
+    number = run_folder.add_attempt(
+        folder, run.command, str(start.path) if start else "", start.iteration if start else 0
+    )
+    config = _config(run, settings, folder, number, start)
+    monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
+    folder.failure.unlink(missing_ok=True)
+    with cluster.ray_cluster(settings.ray.settings, _claimed(config), folder), monitored(monitor):
+        environment.register(run.maker)
+        tuner = _tuner(config, settings, folder, number, run.resume is not None)
+        results = tuner.fit()
+        failed = next((result.error for result in results if result.error is not None), None)
+        if failed is not None:
+            raise_failure(read_failure(folder.failure), failed)
+    if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
+        raise CheckpointError(f"{start.path}: the training did not go on from the checkpoint")
+    return monitor
+
+
+def _config(
+    run: TrainingRun, settings: Settings, folder: RunFolder, number: int, start: Checkpoint | None
+) -> AlgorithmConfig:
+    more: dict[str, Any] = {"attempt": number, "maker": run.maker, "failure_file": str(folder.failure)}
+    if start is not None:
+        more["continue_from"] = {
+            "path": str(start.path),
+            "iteration": start.iteration,
+            "seconds": start.seconds,
+        }
+    config = build_config(settings.rllib, environment_settings(run.experiment, settings.rllib.settings, **more))
+    if number and isinstance(config.seed, int):
+        config.seed += 10_000 * number  # the noise of the actions is not to repeat either
+    return config
+
+
+def _tuner(config: AlgorithmConfig, settings: Settings, folder: RunFolder, number: int, resumed: bool) -> tune.Tuner:
+    """Return a new Tuner that trains on from the checkpoint, or Tune's own restored one for several trials.
+
+    Tune's restored state may name a checkpoint that is gone; a new Tuner only needs the one that was
+    found good. Only a search over several trials needs Tune's state.
+    """
+    chosen = settings.tune.settings
+    algorithm = settings.rllib.settings["algorithm"]
+    if resumed and not settings.single:
+        experiments = sorted(path.parent for path in folder.tune.glob("*/tuner.pkl"))
+        if not experiments:
+            raise CheckpointError(f"{folder.path}: Tune has left no state to resume {chosen['num_samples']} trials from")
+        return tune.Tuner.restore(
+            str(experiments[-1]), trainable=algorithm, resume_unfinished=True, resume_errored=True, param_space=config
+        )
+    if not settings.single:
+        os.environ.setdefault("TUNE_GLOBAL_CHECKPOINT_S", "0.2")  # else its state may name deleted checkpoints
+    return tune.Tuner(
+        algorithm,
+        param_space=config,
+        tune_config=tune.TuneConfig(
+            num_samples=chosen["num_samples"],
+            max_concurrent_trials=chosen.get("max_concurrent_trials"),
+            time_budget_s=chosen.get("time_budget_s"),
+            reuse_actors=False,  # saves a second between trials, and carries state from one to the next
+            trial_dirname_creator=trial_name,
+        ),
+        run_config=tune.RunConfig(
+            name=f"{number:03d}",
+            storage_path=str(folder.tune),
+            stop=RunStopper(),
+            verbose=0,
+            callbacks=[RunCallback()],
+            failure_config=tune.FailureConfig(max_failures=chosen["max_failures"]),
+            checkpoint_config=tune.CheckpointConfig(
+                num_to_keep=chosen["num_to_keep"],
+                checkpoint_frequency=chosen["checkpoint_frequency"],
+                checkpoint_at_end=chosen["checkpoint_at_end"],
+                checkpoint_score_attribute=chosen.get("checkpoint_score_attribute"),
+                checkpoint_score_order=chosen.get("checkpoint_score_order", "max"),
+            ),
+        ),
+    )
+
+
+def _claimed(config: AlgorithmConfig) -> float:
+    """Return how many logical processors a trial claims."""
+    request = config.algo_class.default_resource_request(config)
+    return float(sum(bundle.get("CPU", 0.0) for bundle in request.bundles))
+
+
+def _quiet() -> None:
+    import warnings
+
+    for name in ("ray", "ray.tune", "ray.rllib", "ray.train", "ray.air"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    warnings.filterwarnings("ignore", module=r"(ray|gymnasium|tensorboardX)\b")

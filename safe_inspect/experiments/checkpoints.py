@@ -1,0 +1,125 @@
+"""Checkpoints that can be trusted: sealed when they are complete, found again by their seal.
+
+A process that is killed while Tune writes a checkpoint leaves a folder that looks like
+one. So each complete checkpoint gets a file with the sizes and sums of all its files, and
+one without that file, or that does not agree with it, is not loaded.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.errors import CheckpointError
+
+SEAL = "safe_inspect.json"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A complete checkpoint.
+
+    Attributes:
+        path: Its folder.
+        iteration: The iteration after which it was saved.
+        steps: Environment steps sampled until then.
+        seconds: Training time until then [s].
+        digest: Hash of the configuration, see `run_folder.digest`.
+    """
+
+    path: Path
+    iteration: int
+    steps: int = 0
+    seconds: float = 0.0
+    digest: str = ""
+
+
+@dataclass
+class Found:
+    """The newest complete checkpoint of a run, and what was passed over.
+
+    Attributes:
+        newest: The checkpoint; None when there is none.
+        refused: One sentence for each newer folder that was not good.
+    """
+
+    newest: Checkpoint | None = None
+    refused: list[str] = field(default_factory=list)
+
+
+def seal_checkpoint(checkpoint: Checkpoint) -> None:
+    """Mark a checkpoint as complete."""
+    content = {**asdict(checkpoint), "path": None, "files": _sums(checkpoint.path)}
+    temporary = checkpoint.path / f"{SEAL}.new"
+    temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    os.replace(temporary, checkpoint.path / SEAL)
+
+
+def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
+    """Return a checkpoint after comparing all its files with its seal.
+
+    Raises:
+        CheckpointError: It is missing, incomplete or damaged.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise CheckpointError(f"{path}: there is no such checkpoint")
+    try:
+        seal: dict[str, Any] = json.loads((path / SEAL).read_text(encoding="utf-8"))
+        checkpoint = Checkpoint(
+            path, int(seal["iteration"]), int(seal["steps"]), float(seal["seconds"]), str(seal["digest"])
+        )
+        expected: dict[str, list[int]] = seal["files"]
+    except FileNotFoundError:
+        raise CheckpointError(f"{path}: the checkpoint is incomplete; its writing was interrupted") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CheckpointError(f"{path}: the checkpoint's seal {SEAL} is damaged ({error})") from error
+    found = _sums(path)
+    for name in sorted(expected):
+        if name not in found:
+            raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is missing")
+        if found[name] != expected[name]:
+            raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is not what was saved")
+    return checkpoint
+
+
+def find_newest(folder: Path, digest: str = "") -> Found:
+    """Return the complete checkpoint of the highest iteration below `folder`.
+
+    Args:
+        folder: A run's `tune` folder, or a folder below it.
+        digest: Hash of the configuration that the checkpoint must have; any when empty.
+    """
+    found = Found()
+    for path in sorted(folder.glob("**/checkpoint_*"), key=_order, reverse=True):
+        if not path.is_dir():
+            continue
+        try:
+            checkpoint = read_checkpoint(path)
+        except CheckpointError as error:
+            found.refused.append(str(error))
+            continue
+        if digest and checkpoint.digest != digest:
+            found.refused.append(f"{path}: the checkpoint is of another configuration")
+            continue
+        found.newest = checkpoint
+        break
+    return found
+
+
+def _order(path: Path) -> tuple[int, float, str]:
+    """Sort by iteration; a folder without a readable seal comes first, by time, as it may be the newest."""
+    try:
+        iteration = int(json.loads((path / SEAL).read_text(encoding="utf-8"))["iteration"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return 2**62, path.stat().st_mtime, path.name
+    return iteration, path.stat().st_mtime, path.name
+
+
+def _sums(folder: Path) -> dict[str, list[int]]:
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(SEAL))
+    return {path.relative_to(folder).as_posix(): [path.stat().st_size, zlib.crc32(path.read_bytes())] for path in files}

@@ -1,0 +1,141 @@
+"""Start and stop Ray for a run: quiet, in a folder of its own, and with nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.errors import ConfigError, Problem
+from safe_inspect.experiments.run_folder import RunFolder
+
+#: Ray makes sockets in its folder, whose paths the system limits to 107 bytes; its own part takes up to 67.
+LONGEST_FOLDER = 40
+
+_ENVIRONMENT = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_CHDIR_TO_TRIAL_DIR": "0",  # relative paths of a configuration mean the same in every process
+    "RAY_AIR_NEW_OUTPUT": "0",
+    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes better logs, see training_log
+    "TUNE_DISABLE_SIGINT_HANDLER": "1",
+    "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
+}
+
+
+def set_environment() -> None:
+    """Set what Ray reads from the environment; call it before Ray is imported."""
+    for name, value in _ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
+
+
+@contextmanager
+def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> Iterator[None]:
+    """Provide Ray for as long as the context lasts.
+
+    A Ray that this process has started already is used and left running; so is a cluster to
+    which `address` points. Otherwise Ray is started for this run and stopped at its end.
+
+    Args:
+        settings: From `translate_ray`.
+        cpus: How many logical processors the training claims.
+        folder: The run's folder; Ray's logs are copied there when the training fails.
+
+    Raises:
+        ConfigError: The cluster cannot be reached, or is too small.
+    """
+    import ray
+
+    if ray.is_initialized():
+        _check_size(cpus, float(ray.cluster_resources().get("CPU", 0.0)))
+        yield
+        return
+    common = {
+        key: settings[key] for key in ("log_to_driver", "namespace", "runtime_env") if settings.get(key) is not None
+    } | {"logging_level": settings["logging_level"].upper()}
+    address = settings.get("address") or "local"
+    if address != "local":
+        yield from _attached(address, common, cpus)
+        return
+    available = settings.get("num_cpus") or max(os.cpu_count() or 1, int(-(-cpus // 1)))
+    _check_size(cpus, available)
+    temporary = _temporary_folder(settings.get("temporary_folder"))
+    _remove_leftovers(folder)
+    folder.ray_note.write_text(str(temporary), encoding="utf-8")
+    names = ("num_gpus", "resources", "include_dashboard", "dashboard_host", "dashboard_port")
+    local = {key: settings[key] for key in names if settings.get(key) is not None}
+    try:
+        ray.init(
+            address="local",
+            num_cpus=int(available),
+            object_store_memory=settings.get("object_store_memory") or 256 * 2**20,
+            _temp_dir=str(temporary),
+            **local,
+            **common,
+        )
+        yield
+    except BaseException:
+        _keep_logs(temporary, folder.path / "ray_logs")
+        raise
+    finally:
+        ray.shutdown()
+        shutil.rmtree(temporary, ignore_errors=True)
+        folder.ray_note.unlink(missing_ok=True)
+
+
+def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[None]:
+    import ray
+
+    try:
+        ray.init(address=address, **common)
+    except ConnectionError as error:
+        message = f"there is no Ray cluster at `{address}` ({str(error).splitlines()[0]})"
+        hint = "start one with `ray start --head`, or remove `address`"
+        raise ConfigError(Problem(message, "ray_config.address", hint=hint)) from error
+    try:
+        _check_size(cpus, float(ray.cluster_resources().get("CPU", 0.0)))
+        yield
+    finally:
+        ray.shutdown()  # leaves the cluster; it is never stopped
+
+
+def _check_size(needed: float, available: float) -> None:
+    """Refuse what would wait for ever: Tune only starts a training that fits."""
+    if needed > available:
+        message = f"the training claims {needed:g} processors, and Ray has {available:g}"
+        hint = "lower `num_env_runners` or `num_cpus_per_env_runner` in rllib_configs, or raise `num_cpus`"
+        raise ConfigError(Problem(message, "ray_config.num_cpus", hint=hint))
+
+
+def _temporary_folder(parent: str | None) -> Path:
+    if parent is None:
+        base = Path(tempfile.gettempdir())
+        base = base if len(str(base)) + 12 <= LONGEST_FOLDER else Path("/tmp")
+    else:
+        base = Path(parent).expanduser().absolute()
+        base.mkdir(parents=True, exist_ok=True)
+    path = Path(tempfile.mkdtemp(prefix="si-", dir=base))
+    if len(str(path)) > LONGEST_FOLDER and os.name == "posix":
+        path.rmdir()
+        message = f"the folder {base} is too long for Ray's sockets ({LONGEST_FOLDER - 12} characters at most)"
+        raise ConfigError(Problem(message, "ray_config.temporary_folder", hint="give a short one, such as /tmp"))
+    return path
+
+
+def _remove_leftovers(folder: RunFolder) -> None:
+    """Remove the folder that a killed attempt of this run has left; its processes have ended with it."""
+    if folder.ray_note.is_file():
+        old = Path(folder.ray_note.read_text(encoding="utf-8").strip() or "-")
+        if old.name.startswith("si-"):
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def _keep_logs(temporary: Path, target: Path) -> None:
+    for path in (temporary / "session_latest" / "logs").glob("*"):
+        if path.is_file() and path.stat().st_size and path.name.startswith(("worker-", "raylet", "python-core-driver")):
+            target.mkdir(exist_ok=True)
+            shutil.copyfile(path, target / path.name)

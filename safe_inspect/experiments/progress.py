@@ -1,0 +1,179 @@
+"""Progress that a person can read: one line for each iteration, and a bar on a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, TextIO
+
+#: Column of progress.csv, and where RLlib reports it.
+COLUMNS: dict[str, str] = {
+    "iteration": "training_iteration",
+    "steps": "num_env_steps_sampled_lifetime",
+    "seconds": "time_total_s",
+    "iteration_seconds": "time_this_iter_s",
+    "episodes": "env_runners/num_episodes_lifetime",
+    "return_mean": "env_runners/episode_return_mean",
+    "return_min": "env_runners/episode_return_min",
+    "return_max": "env_runners/episode_return_max",
+    "length_mean": "env_runners/episode_len_mean",
+    "success_rate": "env_runners/success_rate",
+    "lost_rate": "env_runners/lost_rate",
+    "inspected_fraction": "env_runners/inspected_fraction",
+    "inspected_count": "env_runners/inspected_count",
+    "delta_v": "env_runners/delta_v",
+    "evaluation_return_mean": "evaluation/env_runners/episode_return_mean",
+    "evaluation_success_rate": "evaluation/env_runners/success_rate",
+    "evaluation_inspected_fraction": "evaluation/env_runners/inspected_fraction",
+    "evaluation_delta_v": "evaluation/env_runners/delta_v",
+}
+
+_REWARD = "env_runners/reward/"
+_LEARNERS = "learners/default_policy/"
+_LEARNER_VALUES = ("policy_loss", "vf_loss", "entropy", "mean_kl_loss", "vf_explained_var")
+_ENDLESS = 1e15  # the peer's way to say "no limit" is 9e18
+
+
+def flatten(result: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
+    """Return the numbers of a nested result under paths such as ``env_runners/episode_return_mean``."""
+    flat: dict[str, float] = {}
+    for key, value in result.items():
+        if key == "config":
+            continue
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{key}/")
+        else:
+            try:
+                number = float(value)
+            except (TypeError, ValueError):
+                continue
+            if not isinstance(value, bool | str):
+                flat[f"{prefix}{key}"] = number
+    return flat
+
+
+def row_of(flat: Mapping[str, float]) -> dict[str, float]:
+    """Return the row of progress.csv for a flattened result; what is not known yet is NaN."""
+    row = {column: flat.get(key, math.nan) for column, key in COLUMNS.items()}
+    for key in sorted(flat):
+        if key.startswith(_REWARD):
+            row[f"reward/{key.removeprefix(_REWARD)}"] = flat[key]
+    for name in _LEARNER_VALUES:
+        if _LEARNERS + name in flat:
+            row[name] = flat[_LEARNERS + name]
+    return row
+
+
+def time_left(stop: Mapping[str, float], now: Mapping[str, float], rates: Mapping[str, float]) -> float:
+    """Return the seconds until the first of the limits is reached; infinite when none is in sight.
+
+    Args:
+        stop: Limits by RLlib's names.
+        now: Where the run is, by the same names.
+        rates: How much each grows in a second.
+    """
+    left = math.inf
+    for key, limit in stop.items():
+        if key in rates and rates[key] > 0.0 and limit < _ENDLESS:
+            left = min(left, max(limit - now.get(key, 0.0), 0.0) / rates[key])
+    return left
+
+
+def clock(seconds: float) -> str:
+    """Return hours, minutes and seconds; ``-`` when unknown."""
+    if not math.isfinite(seconds):
+        return "-"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+
+
+class Progress:
+    """Prints the iterations of a training.
+
+    Args:
+        stop: When the training ends, by RLlib's names.
+        stream: Where to print; a bar is added when it is a terminal.
+        label: Printed before each line, to tell trials apart.
+    """
+
+    _TIMED = ("training_iteration", "num_env_steps_sampled_lifetime", "time_total_s", "env_runners/num_episodes_lifetime")
+
+    def __init__(self, stop: Mapping[str, float], stream: TextIO, label: str = "") -> None:
+        self._stop = dict(stop)
+        self._stream = stream
+        self._label = f"{label}  " if label else ""
+        self._terminal = stream.isatty()
+        self._recent: deque[dict[str, float]] = deque(maxlen=11)
+        self._bar = False
+
+    def show(self, flat: Mapping[str, float]) -> None:
+        """Print the line of an iteration."""
+        self._recent.append({key: flat.get(key, 0.0) for key in self._TIMED})
+        self._clear()
+        print(self.line(flat), file=self._stream)
+        if self._terminal:
+            self._stream.write(self.bar(flat))
+            self._bar = True
+        self._stream.flush()
+
+    def message(self, text: str) -> None:
+        """Print a sentence between two iterations."""
+        self._clear()
+        print(text, file=self._stream, flush=True)
+
+    def line(self, flat: Mapping[str, float]) -> str:
+        """Return the line of an iteration."""
+        limit = self._stop.get("training_iteration", math.inf)
+        total = f"/{limit:.0f}" if limit < _ENDLESS else ""
+        return self._label + "  ".join(
+            (
+                f"iteration {flat.get('training_iteration', 0):>4.0f}{total}",
+                f"steps {flat.get('num_env_steps_sampled_lifetime', 0):>10,.0f}",
+                f"{self._rate('num_env_steps_sampled_lifetime'):>7,.0f}/s",
+                f"return {_number(flat, 'episode_return_mean', '7.3f')}",
+                f"success {_percent(flat, 'success_rate')}",
+                f"inspected {_percent(flat, 'inspected_fraction')}",
+                f"delta-v {_number(flat, 'delta_v', '6.2f')} m/s",
+                f"left {clock(self._left(flat))}",
+            )
+        )
+
+    def bar(self, flat: Mapping[str, float], width: int = 40) -> str:
+        """Return the bar: the share of the way to the nearest limit."""
+        left, passed = self._left(flat), flat.get("time_total_s", 0.0)
+        share = passed / (passed + left) if math.isfinite(left) and passed + left > 0.0 else 0.0
+        full = round(width * share)
+        return f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {clock(left)}"
+
+    def close(self) -> None:
+        """Remove the bar."""
+        self._clear()
+
+    def _clear(self) -> None:
+        if self._bar:
+            self._stream.write("\r\x1b[K")
+            self._bar = False
+
+    def _rate(self, key: str) -> float:
+        """Return the growth in a second over the last ten iterations."""
+        first, last = self._recent[0], self._recent[-1]
+        if len(self._recent) == 1:
+            first = dict.fromkeys(self._TIMED, 0.0)
+        seconds = last["time_total_s"] - first["time_total_s"]
+        return (last[key] - first[key]) / seconds if seconds > 0.0 else 0.0
+
+    def _left(self, flat: Mapping[str, float]) -> float:
+        if not self._recent:
+            return math.inf
+        return time_left(self._stop, flat, {key: self._rate(key) for key in self._TIMED})
+
+
+def _number(flat: Mapping[str, float], name: str, form: str) -> str:
+    value = flat.get(f"env_runners/{name}", math.nan)
+    return f"{value:{form}}" if math.isfinite(value) else "-".rjust(int(form.partition(".")[0]))
+
+
+def _percent(flat: Mapping[str, float], name: str) -> str:
+    value = flat.get(f"env_runners/{name}", math.nan)
+    return f"{100 * value:3.0f} %" if math.isfinite(value) else "  - %"

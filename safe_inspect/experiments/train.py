@@ -1,0 +1,186 @@
+"""Train a policy with RLlib: `train` takes what a command has read and returns what came of it."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+from safe_inspect import errors
+from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
+from safe_inspect.experiments import cluster, run_folder
+from safe_inspect.experiments.checkpoints import Checkpoint, find_newest
+from safe_inspect.experiments.environment import DEFAULT_MAKER
+from safe_inspect.experiments.run_folder import RunFolder
+from safe_inspect.experiments.translation import Translation, translate_ray, translate_rllib, translate_tune
+from safe_inspect.experiments.values import is_searched
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """What to train.
+
+    Attributes:
+        experiment: The resolved configuration from which the environment is built, as plain data.
+        rllib: The mapping `rllib_configs`, merged.
+        tune: The mapping `tune_config`, merged.
+        ray: The mapping `ray_config`, merged.
+        text: The resolved configuration as YAML, for the run folder.
+        name: Name of the experiment, with which the run folder begins.
+        output: Where run folders are made.
+        resume: The folder of an earlier run that is to go on.
+        command: The command line, for the record.
+        maker: ``module:function`` that builds the environments, see `environment.make_environment`.
+    """
+
+    experiment: Mapping[str, Any]
+    rllib: Mapping[str, Any] = field(default_factory=dict)
+    tune: Mapping[str, Any] = field(default_factory=dict)
+    ray: Mapping[str, Any] = field(default_factory=dict)
+    text: str = ""
+    name: str = "training"
+    output: Path = Path("output")
+    resume: Path | None = None
+    command: Sequence[str] = ()
+    maker: str = DEFAULT_MAKER
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """What came of a training.
+
+    Attributes:
+        folder: The run's folder.
+        checkpoint: The newest complete checkpoint.
+        iteration: Iterations of the run, earlier attempts included.
+        steps: Environment steps of the run.
+        seconds: Duration of this attempt, Ray's start included [s].
+        metrics: The last iteration, as paths such as ``env_runners/episode_return_mean``.
+        interrupted: Whether the user ended the training.
+        notes: What was translated in the configuration, a sentence each.
+    """
+
+    folder: Path
+    checkpoint: Path | None
+    iteration: int
+    steps: int
+    seconds: float
+    metrics: Mapping[str, float]
+    interrupted: bool
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The three mappings of an experiment that concern the training, translated."""
+
+    rllib: Translation
+    tune: Translation
+    ray: Translation
+
+    @property
+    def problems(self) -> tuple[errors.Problem, ...]:
+        """All mistakes."""
+        return self.rllib.problems + self.tune.problems + self.ray.problems
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """All that was translated or dropped."""
+        return self.rllib.notes + self.tune.notes + self.ray.notes
+
+    @property
+    def single(self) -> bool:
+        """Whether Tune makes one trial."""
+        nested = (self.rllib.settings, self.rllib.settings["model_config"])
+        searched = any(is_searched(value) for settings in nested for value in settings.values())
+        return self.tune.settings["num_samples"] == 1 and not searched
+
+
+def read_settings(rllib: Mapping[str, Any], tune: Mapping[str, Any], ray: Mapping[str, Any]) -> Settings:
+    """Translate and check the three mappings, without loading Ray."""
+    tuned = translate_tune(tune)
+    return Settings(translate_rllib(rllib, tuned.settings.get("algorithm")), tuned, translate_ray(ray))
+
+
+def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
+    """Train, or go on with an earlier training.
+
+    Args:
+        run: What to train.
+        stream: Where progress goes; standard error unless given.
+
+    Raises:
+        ConfigError: A key or a value that RLlib, Tune or Ray does not take.
+        CheckpointError: The run to resume is of another configuration, or has no complete checkpoint.
+        OutputError: The run folder cannot be written.
+        SafeInspectError: A user's error in an environment or a plugin.
+    """
+    stream = stream or sys.stderr
+    settings = read_settings(run.rllib, run.tune, run.ray)
+    if settings.problems:
+        raise ConfigError(settings.problems)
+    learning = run_folder.learning_configuration(run.experiment, settings.rllib.settings)
+    if run.resume is not None:
+        run_folder.check_configuration(run_folder.open_run_folder(run.resume), learning)
+    started = time.monotonic()
+    cluster.set_environment()
+    from safe_inspect.experiments import attempt  # loads Ray and Torch
+
+    attempt.check(settings)  # names of keys that only the loaded Ray knows, before anything is written
+    with ExitStack() as stack:
+        folder, start = _open(run, settings, learning, stack, stream)
+        monitor = attempt.run_attempt(run, settings, folder, run_folder.digest(learning), start, stream)
+    newest = find_newest(folder.tune).newest
+    return TrainingResult(
+        folder.path,
+        newest.path if newest else None,
+        int(monitor.last.get("training_iteration", start.iteration if start else 0)),
+        int(monitor.last.get("num_env_steps_sampled_lifetime", start.steps if start else 0)),
+        time.monotonic() - started,
+        {key: value for key, value in monitor.last.items() if math.isfinite(value)},
+        monitor.interrupted,
+        settings.notes,
+    )
+
+
+def _open(
+    run: TrainingRun, settings: Settings, learning: Mapping[str, Any], stack: ExitStack, stream: TextIO
+) -> tuple[RunFolder, Checkpoint | None]:
+    """Make the run's folder, or find the one to resume and the checkpoint to go on from."""
+    if run.resume is None:
+        folder = run_folder.create_run_folder(run.output, run.name)
+        stack.enter_context(run_folder.locked(folder))
+        seed = int(settings.rllib.settings.get("seed") or 0)
+        run_folder.write_record(folder, text=run.text, seed=seed, configuration=learning)
+        return folder, None
+    folder = run_folder.open_run_folder(run.resume)
+    stack.enter_context(run_folder.locked(folder))
+    if not settings.single:
+        return folder, None
+    found = find_newest(folder.tune, run_folder.digest(learning))
+    for sentence in found.refused:
+        print(f"passed over {sentence}", file=stream)
+    if found.newest is None:
+        if found.refused:
+            raise CheckpointError(f"{folder.path}: the run has no complete checkpoint of this configuration")
+        print(f"{folder.path}: the run has no checkpoint yet; it starts again", file=stream)
+    return folder, found.newest
+
+
+def raise_failure(failure: Mapping[str, str], error: BaseException | None) -> None:
+    """Raise the error of a training: the user's own when an environment has left one."""
+    kind = getattr(errors, failure.get("error", ""), SafeInspectError)
+    if failure:
+        raise kind(failure["message"])
+    cause = error
+    while cause is not None:
+        if isinstance(cause, SafeInspectError):
+            raise cause
+        cause = getattr(cause, "cause", None) or cause.__cause__
+    if error is not None:
+        raise error

@@ -1,0 +1,163 @@
+"""What Tune calls while it trains: log, seal checkpoints, stop.
+
+Tune pickles its callbacks and its stopper, so these hold nothing: they speak to the
+monitor of the process, which `train` sets.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
+
+from ray import tune
+
+from safe_inspect.experiments.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.progress import Progress, flatten
+from safe_inspect.experiments.training_log import TrainingLog
+
+_monitor: Monitor | None = None
+
+
+class Monitor:
+    """Follows the trials of a training in the process that asked for it.
+
+    Args:
+        folder: The run's folder.
+        stop: When the training ends, by RLlib's names.
+        stream: Where progress goes.
+        digest: Hash of the configuration, for the seals.
+        start: The checkpoint from which the training goes on.
+        single: Whether there is one trial, whose log stands in the run's folder itself.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        stop: Mapping[str, float],
+        stream: TextIO,
+        digest: str,
+        start: Checkpoint | None = None,
+        single: bool = True,
+    ) -> None:
+        self.folder, self.stop, self.stream, self.digest = folder, dict(stop), stream, digest
+        self.start, self.single = start, single
+        self.interrupted = False
+        self.last: dict[str, float] = {}
+        self.iterations = 0
+        self._logs: dict[str, TrainingLog] = {}
+        self._lines: dict[str, Progress] = {}
+
+    def on_result(self, trial: str, result: Mapping[str, Any]) -> None:
+        """Log and print an iteration of a trial."""
+        flat = flatten(result)
+        self.iterations += 1
+        self.last = flat
+        if trial not in self._logs:
+            start = self.start or Checkpoint(self.folder, 0)
+            if self.single:
+                self._logs[trial] = TrainingLog(self.folder, start.iteration, start.steps)
+            else:
+                passed = int(flat["training_iteration"]) - 1
+                self._logs[trial] = TrainingLog(self.folder / "trials" / trial, passed)
+            self._lines[trial] = Progress(self.stop, self.stream, "" if self.single else trial)
+        self._logs[trial].add(flat)
+        self._lines[trial].show(flat)
+
+    def on_checkpoint(self, path: Path, result: Mapping[str, Any]) -> None:
+        """Seal a checkpoint that Tune has written."""
+        flat = flatten(result)
+        seal_checkpoint(
+            Checkpoint(
+                path,
+                int(flat.get("training_iteration", 0)),
+                int(flat.get("num_env_steps_sampled_lifetime", 0)),
+                flat.get("time_total_s", 0.0),
+                self.digest,
+            )
+        )
+
+    def reached(self, result: Mapping[str, Any]) -> bool:
+        """Return whether a trial has reached a limit, or the user wants an end."""
+        flat = flatten(result)
+        return self.interrupted or any(flat.get(key, float("-inf")) >= limit for key, limit in self.stop.items())
+
+    def interrupt(self, *_: Any) -> None:
+        """End after this iteration with a checkpoint; at once when asked again."""
+        if self.interrupted:
+            raise KeyboardInterrupt
+        self.interrupted = True
+        for line in self._lines.values():
+            line.close()
+        print("stopping after this iteration, with a checkpoint; press Ctrl-C again to stop at once", file=self.stream)
+
+    def close(self) -> None:
+        """Close the logs."""
+        for log in self._logs.values():
+            log.close()
+        for line in self._lines.values():
+            line.close()
+
+
+@contextmanager
+def monitored(monitor: Monitor) -> Iterator[None]:
+    """Make a monitor the one to which Tune's hooks speak, and let Ctrl-C end the training in order."""
+    global _monitor
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, monitor.interrupt) if main else None
+    _monitor = monitor
+    try:
+        yield
+    finally:
+        _monitor = None
+        monitor.close()
+        if main:
+            signal.signal(signal.SIGINT, before or signal.default_int_handler)
+
+
+class RunCallback(tune.Callback):
+    """Passes Tune's news to the monitor."""
+
+    def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
+        """Pass on an iteration."""
+        if _monitor is not None:
+            _monitor.on_result(trial_name(trial), result)
+
+    def on_checkpoint(self, iteration: int, trials: list[Any], trial: Any, checkpoint: Any, **_: Any) -> None:
+        """Pass on a checkpoint that is complete."""
+        if _monitor is not None:
+            _monitor.on_checkpoint(Path(checkpoint.path), trial.last_result)
+
+
+class RunStopper(tune.Stopper):
+    """Ends a trial when the monitor says so."""
+
+    def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
+        """Return whether the trial ends."""
+        return _monitor is not None and _monitor.reached(result)
+
+    def stop_all(self) -> bool:
+        """Return whether every trial ends; each ends by itself, with a checkpoint."""
+        return False
+
+
+def trial_name(trial: Any) -> str:
+    """Return a short name of a trial, and of its folder: its number in the experiment."""
+    return f"trial_{str(trial.trial_id).rpartition('_')[2]}"
+
+
+def read_failure(path: Path) -> dict[str, str]:
+    """Return the user's error that an environment has left, or nothing."""
+    deadline = time.monotonic() + 1.0
+    while path.is_file() and time.monotonic() < deadline:
+        try:
+            found: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
+            return found
+        except ValueError:  # still being written
+            time.sleep(0.05)
+    return {}

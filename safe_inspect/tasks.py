@@ -1,0 +1,20 @@
+"""The shipped tasks and their Gymnasium ids."""
+
+from __future__ import annotations
+
+import gymnasium
+
+#: The experiment file of every registered id, below the shipped configurations.
+TASKS = {"safe_inspect/TranslationalInspection-v0": "translational-inspection/experiment.yml"}
+
+
+def register_tasks() -> None:
+    """Register the ids with Gymnasium; what they stand for is imported when one is made."""
+    for name in TASKS:
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                id=name,
+                entry_point="safe_inspect.environments.registration:make",
+                vector_entry_point="safe_inspect.environments.registration:make_vec",
+                kwargs={"cfg": name},
+            )
