@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Generic, TypeVar
 
-from pydantic import BeforeValidator, PlainSerializer, ValidationError
+from pydantic import BeforeValidator, PlainSerializer, ValidationError, WithJsonSchema
 from pydantic.dataclasses import dataclass
 from pydantic_core import PydanticCustomError
 
@@ -20,6 +20,9 @@ from safe_inspect.registry import registry
 
 #: The key that holds the plugin's name, by the kinds that do not call it ``functor``.
 NAME_KEYS = {"part": "part", "parameter": "type", "simulator": "type", "platform": "platform_class"}
+
+#: In a JSON schema, the kind of functor that stands there; `safe_inspect.config.schema` spells it out.
+SCHEMA_KIND = "x-functor"
 
 T = TypeVar("T")
 
@@ -119,6 +122,7 @@ def functor_field(kind: str) -> Any:
         Plugin,
         BeforeValidator(convert, json_schema_input_type=dict[str, Any]),
         PlainSerializer(describe, return_type=dict[str, Any]),
+        WithJsonSchema({"type": "object", SCHEMA_KIND: kind}),
     ]
 
 

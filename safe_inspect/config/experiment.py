@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import yaml
 from pydantic import ValidationError
 
 from safe_inspect.config.assemble import assemble
@@ -20,6 +21,7 @@ from safe_inspect.config.references import expand_references
 from safe_inspect.config.report import problems_of
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
+from safe_inspect.version import __version__
 
 #: The lists of mappings that are merged from left to right, by their path in the task.
 _MERGED = ("ray_config", "env_config", "tune_config")
@@ -50,6 +52,12 @@ class Experiment:
     def resolved(self) -> dict[str, Any]:
         """The resolved configuration as plain dictionaries, lists and values."""
         return dict(plain(self.tree))
+
+    @property
+    def text(self) -> str:
+        """The resolved configuration as YAML."""
+        dumped: str = yaml.safe_dump(self.resolved, sort_keys=False, width=120)
+        return f"# Resolved from {self.source} by safe_inspect {__version__}\n{dumped}"
 
 
 def load_experiment(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, InstanceOf
+from pydantic import BeforeValidator, InstanceOf, WithJsonSchema
 
-from safe_inspect.functor import Named, build, functor_field
+from safe_inspect.functor import SCHEMA_KIND, Named, build, functor_field
 from safe_inspect.plugin import Plugin
 from safe_inspect.simulators.parameters import ConstantParameter
 
@@ -25,7 +25,7 @@ def named_field(kind: str) -> Any:
         name = value.get("name") if isinstance(value, Mapping) else None
         return Named(str(name) if name else plugin.registered_name, plugin)
 
-    return Annotated[InstanceOf[Named], BeforeValidator(convert, json_schema_input_type=dict[str, Any])]
+    return Annotated[InstanceOf[Named], BeforeValidator(convert), WithJsonSchema({"type": "object", SCHEMA_KIND: kind})]
 
 
 def _number(value: Any) -> Any:
@@ -36,5 +36,7 @@ def _number(value: Any) -> Any:
 
 
 ParameterField = Annotated[
-    functor_field("parameter"), BeforeValidator(_number, json_schema_input_type=float | dict[str, Any])
+    functor_field("parameter"),
+    BeforeValidator(_number),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "object", SCHEMA_KIND: "parameter"}]}),
 ]

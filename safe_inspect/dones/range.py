@@ -6,7 +6,6 @@ from typing import ClassVar
 
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.plugin import SensorName
-from safe_inspect.simulators.ranges import range_to
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import BoolArray
 from safe_inspect.units import PositiveLength
@@ -27,7 +26,7 @@ class MaxDistanceDoneFunction(DoneFunction):
 
     def __call__(self, step: Step) -> BoolArray:
         """Return the rows that are out of range, shape (R,)."""
-        return range_to(step.after, self.reference_position_sensor_name) > self.max_distance
+        return step.after.range_to(self.reference_position_sensor_name) > self.max_distance
 
 
 class CrashDoneFunction(DoneFunction):
@@ -47,4 +46,4 @@ class CrashDoneFunction(DoneFunction):
 
     def __call__(self, step: Step) -> BoolArray:
         """Return the rows that have crashed, shape (R,)."""
-        return range_to(step.after, self.reference_position_sensor_name) < self.crash_region_radius
+        return step.after.range_to(self.reference_position_sensor_name) < self.crash_region_radius

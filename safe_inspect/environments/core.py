@@ -11,6 +11,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.guard import require_finite
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
+from safe_inspect.glues.base import ActionGlue
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -75,7 +76,16 @@ class BatchedEnvironment:
             first_slot=first_slot,
         )
         self._no_intervention = np.zeros(num_envs * self.group.size, dtype=np.bool_)
-        self._sizes = [len(glue.names(self.agent.parts)) for glue in self.agent.action_glues]
+        parts = self.agent.parts
+        self._commands: list[tuple[ActionGlue, slice]] = []
+        first = 0
+        for glue in (leaf for outer in self.agent.action_glues for leaf in outer.leaves()):
+            last = first + len(glue.names(parts))
+            self._commands.append((glue, slice(first, last)))
+            first = last
+        # A status that is written later stands: lose before win before draw.
+        order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
+        self._dones = sorted(self.agent.dones, key=lambda named: order.index(named.functor.status))
 
     @property
     def num_envs(self) -> int:
@@ -89,7 +99,7 @@ class BatchedEnvironment:
 
     def view(self) -> View:
         """Return the current state as the agents see it."""
-        return View(self.state, self.simulation.world, self.group)
+        return self.simulation.views[0]
 
     def reset(self, rows: IntArray | None = None, *, seed: int | None = None) -> AnyArray:
         """Begin new episodes.
@@ -120,19 +130,12 @@ class BatchedEnvironment:
         rows = self.num_envs * group.size
         action = np.asarray(action, dtype=np.float64).reshape(rows, self.action_layout.size)
         require_finite("action", action, simulation.state)
-        action = np.clip(action, self.action_layout.low, self.action_layout.high)
+        action = np.minimum(np.maximum(action, self.action_layout.low), self.action_layout.high)
         control = self._control(action)
+        before = simulation.views[0]
         simulation.step(control.reshape(self.num_envs, group.size, 3))
-        world = simulation.world
-        step = Step(
-            View(simulation.before, world, group),
-            View(simulation.state, world, group),
-            action,
-            control,
-            control,
-            self._no_intervention,
-            world.step_size,
-        )
+        step_size = simulation.world.step_size
+        step = Step(before, simulation.views[0], action, control, control, self._no_intervention, step_size)
         shape = (self.num_envs, group.size)
         observation = self._observe(step.after)
         terms: dict[str, FloatArray] = {}
@@ -158,10 +161,8 @@ class BatchedEnvironment:
 
     def _control(self, action: FloatArray) -> FloatArray:
         control = np.zeros((len(action), 3))
-        first = 0
-        for glue, size in zip(self.agent.action_glues, self._sizes, strict=True):
-            control += glue(action[:, first : first + size], self.agent.parts)
-            first += size
+        for glue, columns in self._commands:
+            control += glue(action[:, columns], self.agent.parts)
         return control
 
     def _observe(self, view: View) -> AnyArray:
@@ -173,16 +174,12 @@ class BatchedEnvironment:
         return observation.astype(np.float32).reshape(view.state.num_envs, self.group.size, -1)
 
     def _ends(self, step: Step, rows: int) -> tuple[BoolArray, BoolArray, AnyArray]:
-        fired = {status: np.zeros(rows, dtype=np.bool_) for status in DoneStatus}
         terminated, truncated = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)
-        for named in self.agent.dones:
-            done = named.functor(step)
-            fired[named.functor.status] |= done
-            if named.functor.truncates:
-                truncated |= done
-            else:
-                terminated |= done
         status = np.zeros(rows, dtype=np.int8)
-        for value in (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE):
-            status[fired[value]] = value
+        for named in self._dones:
+            done = named.functor(step)
+            if done.any():
+                status[done] = named.functor.status
+                ended = truncated if named.functor.truncates else terminated
+                ended |= done
         return terminated, truncated & ~terminated, status

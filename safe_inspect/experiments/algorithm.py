@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.experiments.environment import ENVIRONMENT
 from safe_inspect.experiments.translation import Translation
-from safe_inspect.experiments.values import is_searched
+from safe_inspect.experiments.values import GRID, is_searched
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
@@ -45,12 +45,27 @@ def build_config(rllib: Translation, env_config: Mapping[str, Any]) -> Algorithm
     evaluation = settings.get("evaluation_config")
     if evaluation is not None:
         config.evaluation(evaluation_config={ATTRIBUTES.get(key, key): item for key, item in evaluation.items()})
-    if not any(is_searched(value) for value in settings.values()):
-        try:
-            config.copy(copy_frozen=False).validate()
-        except ValueError as error:
-            raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
+    try:
+        first_choice(config, settings).validate()
+    except ValueError as error:
+        raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
     return config
+
+
+def first_choice(config: AlgorithmConfig, settings: Mapping[str, Any]) -> AlgorithmConfig:
+    """Return a copy in which each value that Tune searches is the first of its list."""
+    chosen = config.copy(copy_frozen=False)
+    for name, value in settings.items():
+        if is_searched(value):
+            setattr(chosen, ATTRIBUTES.get(name, name), value[GRID][0])
+    return chosen
+
+
+def claimed_processors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> float:
+    """Return how many logical processors a trial claims."""
+    trainable: Any = config.algo_class
+    request = trainable.default_resource_request(first_choice(config, settings))
+    return float(sum(bundle.get("CPU", 0.0) for bundle in request.bundles))
 
 
 def environment_settings(experiment: Mapping[str, Any], rllib: Mapping[str, Any], **more: Any) -> dict[str, Any]:
@@ -68,7 +83,8 @@ def default_config(algorithm: str) -> AlgorithmConfig:
     import ray.rllib  # registers its algorithms with Tune  # noqa: F401
     from ray.tune.registry import get_trainable_cls
 
-    config: AlgorithmConfig = get_trainable_cls(algorithm).get_default_config()
+    trainable: Any = get_trainable_cls(algorithm)  # type: ignore[no-untyped-call]
+    config: AlgorithmConfig = trainable.get_default_config()
     return config
 
 
@@ -86,7 +102,7 @@ def attribute_names(config: AlgorithmConfig) -> set[str]:
 def _check_names(config: AlgorithmConfig, rllib: Translation) -> None:
     names = attribute_names(config)
     problems = []
-    for name in (*rllib.unchecked, *rllib.given):
+    for name in dict.fromkeys((*rllib.unchecked, *sorted(rllib.given))):
         attribute = ATTRIBUTES.get(name, name)
         if name in _OWN or attribute in names:
             continue

@@ -10,7 +10,7 @@ from ray import tune
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments import cluster, environment, run_folder
-from safe_inspect.experiments.algorithm import build_config, environment_settings
+from safe_inspect.experiments.algorithm import build_config, claimed_processors, environment_settings
 from safe_inspect.experiments.checkpoints import Checkpoint
 from safe_inspect.experiments.run_folder import RunFolder
 from safe_inspect.experiments.tune_hooks import Monitor, RunCallback, RunStopper, monitored, read_failure, trial_name
@@ -28,7 +28,10 @@ def check(settings: Settings) -> None:
         ConfigError: Something that RLlib does not take.
     """
     _quiet()
-    build_config(settings.rllib, environment_settings({}, settings.rllib.settings))
+    config = build_config(settings.rllib, environment_settings({}, settings.rllib.settings))
+    processors = settings.ray.settings.get("num_cpus")
+    if processors:
+        cluster.check_size(claimed_processors(config, settings.rllib.settings), processors)
 
 
 def run_attempt(
@@ -48,11 +51,13 @@ def run_attempt(
     config = _config(run, settings, folder, number, start)
     monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
-    with cluster.ray_cluster(settings.ray.settings, _claimed(config), folder), monitored(monitor):
+    processors = claimed_processors(config, settings.rllib.settings)
+    with cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor):
+        _quiet()  # starting Ray sets its logs anew
         environment.register(run.maker)
         tuner = _tuner(config, settings, folder, number, run.resume is not None)
         results = tuner.fit()
-        failed = next((result.error for result in results if result.error is not None), None)
+        failed = next(iter(results.errors), None)
         if failed is not None:
             raise_failure(read_failure(folder.failure), failed)
     if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
@@ -83,19 +88,22 @@ def _tuner(config: AlgorithmConfig, settings: Settings, folder: RunFolder, numbe
     found good. Only a search over several trials needs Tune's state.
     """
     chosen = settings.tune.settings
+    space: Any = config
     algorithm = settings.rllib.settings["algorithm"]
     if resumed and not settings.single:
         experiments = sorted(path.parent for path in folder.tune.glob("*/tuner.pkl"))
         if not experiments:
-            raise CheckpointError(f"{folder.path}: Tune has left no state to resume {chosen['num_samples']} trials from")
+            raise CheckpointError(
+                f"{folder.path}: Tune has left no state to resume {chosen['num_samples']} trials from"
+            )
         return tune.Tuner.restore(
-            str(experiments[-1]), trainable=algorithm, resume_unfinished=True, resume_errored=True, param_space=config
+            str(experiments[-1]), trainable=algorithm, resume_unfinished=True, resume_errored=True, param_space=space
         )
     if not settings.single:
         os.environ.setdefault("TUNE_GLOBAL_CHECKPOINT_S", "0.2")  # else its state may name deleted checkpoints
     return tune.Tuner(
         algorithm,
-        param_space=config,
+        param_space=space,
         tune_config=tune.TuneConfig(
             num_samples=chosen["num_samples"],
             max_concurrent_trials=chosen.get("max_concurrent_trials"),
@@ -121,15 +129,10 @@ def _tuner(config: AlgorithmConfig, settings: Settings, folder: RunFolder, numbe
     )
 
 
-def _claimed(config: AlgorithmConfig) -> float:
-    """Return how many logical processors a trial claims."""
-    request = config.algo_class.default_resource_request(config)
-    return float(sum(bundle.get("CPU", 0.0) for bundle in request.bundles))
-
-
 def _quiet() -> None:
     import warnings
 
-    for name in ("ray", "ray.tune", "ray.rllib", "ray.train", "ray.air"):
+    for name in ("ray", "ray.rllib", "ray.train", "ray.air"):
         logging.getLogger(name).setLevel(logging.ERROR)
+    logging.getLogger("ray.tune").setLevel(logging.CRITICAL)  # it prints the error that is raised again here
     warnings.filterwarnings("ignore", module=r"(ray|gymnasium|tensorboardX)\b")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import tempfile
@@ -51,7 +52,7 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
     import ray
 
     if ray.is_initialized():
-        _check_size(cpus, float(ray.cluster_resources().get("CPU", 0.0)))
+        check_size(cpus, _processors())
         yield
         return
     common = {
@@ -61,8 +62,8 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
     if address != "local":
         yield from _attached(address, common, cpus)
         return
-    available = settings.get("num_cpus") or max(os.cpu_count() or 1, int(-(-cpus // 1)))
-    _check_size(cpus, available)
+    available = settings.get("num_cpus") or max(os.cpu_count() or 1, math.ceil(cpus))
+    check_size(cpus, available)
     temporary = _temporary_folder(settings.get("temporary_folder"))
     _remove_leftovers(folder)
     folder.ray_note.write_text(str(temporary), encoding="utf-8")
@@ -97,13 +98,20 @@ def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[
         hint = "start one with `ray start --head`, or remove `address`"
         raise ConfigError(Problem(message, "ray_config.address", hint=hint)) from error
     try:
-        _check_size(cpus, float(ray.cluster_resources().get("CPU", 0.0)))
+        check_size(cpus, _processors())
         yield
     finally:
         ray.shutdown()  # leaves the cluster; it is never stopped
 
 
-def _check_size(needed: float, available: float) -> None:
+def _processors() -> float:
+    import ray
+
+    resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
+    return float(resources.get("CPU", 0.0))
+
+
+def check_size(needed: float, available: float) -> None:
     """Refuse what would wait for ever: Tune only starts a training that fits."""
     if needed > available:
         message = f"the training claims {needed:g} processors, and Ray has {available:g}"

@@ -11,11 +11,12 @@ import importlib
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector import VectorEnv as _VectorEnv
 
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.types import AnyArray, FloatArray
@@ -23,8 +24,10 @@ from safe_inspect.types import AnyArray, FloatArray
 #: The name under which RLlib knows the environment, in checkpoints too.
 ENVIRONMENT = "safe_inspect"
 
+VectorEnv: TypeAlias = _VectorEnv[Any, Any, Any]
+
 #: Builds the environments from the resolved configuration, the number, the seed and the first slot.
-EnvironmentMaker = Callable[[Mapping[str, Any], int, int, int], VectorEnv]
+EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], VectorEnv]
 
 #: The maker of this package's own environments.
 DEFAULT_MAKER = "safe_inspect.experiments.environment:make_environment"
@@ -76,7 +79,7 @@ def stream_seed(seed: int, attempt: int = 0, evaluation: bool = False) -> int:
     return mixed ^ (mixed >> 31)
 
 
-class TrainingEnv(VectorEnv):  # type: ignore[type-arg]
+class TrainingEnv(_VectorEnv[Any, Any, Any]):
     """A batched environment that reports each episode once, at its end.
 
     RLlib turns infos into one dict for each environment and step, which costs more than the
@@ -102,7 +105,9 @@ class TrainingEnv(VectorEnv):  # type: ignore[type-arg]
         self.single_action_space = self.env.single_action_space
         self.observation_space = self.env.observation_space
         self.action_space = self.env.action_space
-        self._low, self._high = self.single_action_space.low, self.single_action_space.high  # type: ignore[attr-defined]
+        if not isinstance(self.single_action_space, Box):
+            raise ValueError(f"the action space is to be a Box, not {self.single_action_space}")
+        self._low, self._high = self.single_action_space.low, self.single_action_space.high
         self._terms: tuple[str, ...] = ()
         self._sums: FloatArray = np.zeros((0, num_envs))
         self._ended = np.zeros(num_envs, dtype=bool)
@@ -166,7 +171,7 @@ def register(maker: str = DEFAULT_MAKER) -> None:
     """Tell RLlib how to create the environment; needed in each process that builds or restores an algorithm."""
     from ray.tune.registry import register_env
 
-    def create(config: Mapping[str, Any]) -> gymnasium.Env | VectorEnv:  # type: ignore[type-arg]
+    def create(config: Mapping[str, Any]) -> VectorEnv:
         rest = {key: value for key, value in config.items() if key != "num_envs"}
         return TrainingEnv({"maker": maker, **rest}, int(config.get("num_envs", 1)))
 

@@ -167,9 +167,8 @@ MODEL_RENAMED: dict[str, str] = {
 }
 
 #: Old keys of the nets without an effect for vectors of numbers.
-MODEL_DROPPED: dict[str, str] = {
-    name: "it has no effect for the policies of this package"
-    for name in (
+MODEL_DROPPED: dict[str, str] = dict.fromkeys(
+    (
         "_disable_action_flattening",
         "_disable_preprocessor_api",
         "_time_major",
@@ -184,8 +183,9 @@ MODEL_DROPPED: dict[str, str] = {
         "grayscale",
         "no_final_linear",
         "zero_mean",
-    )
-}
+    ),
+    "it has no effect for the policies of this package",
+)
 
 #: Old keys of the nets that are harmless at one value.
 MODEL_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {

@@ -97,7 +97,12 @@ class Progress:
         label: Printed before each line, to tell trials apart.
     """
 
-    _TIMED = ("training_iteration", "num_env_steps_sampled_lifetime", "time_total_s", "env_runners/num_episodes_lifetime")
+    _TIMED = (
+        "training_iteration",
+        "num_env_steps_sampled_lifetime",
+        "time_total_s",
+        "env_runners/num_episodes_lifetime",
+    )
 
     def __init__(self, stop: Mapping[str, float], stream: TextIO, label: str = "") -> None:
         self._stop = dict(stop)

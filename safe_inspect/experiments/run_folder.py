@@ -1,12 +1,12 @@
 """The folder of a training run: what was asked, by which code, and what came of it.
 
-    <output>/<name>_<date>_<time>/
-        experiment.resolved.yml   the whole configuration
-        run.json                  version, commit, seed, command, attempts
-        progress.csv              one row for each iteration
-        result.json               one line for each iteration, every value
-        tensorboard/              the same for TensorBoard
-        tune/<attempt>/           Tune's own state and the checkpoints
+<output>/<name>_<date>_<time>/
+    experiment.resolved.yml   the whole configuration
+    run.json                  version, commit, seed, command, attempts
+    progress.csv              one row for each iteration
+    result.json               one line for each iteration, every value
+    tensorboard/              the same for TensorBoard
+    tune/<attempt>/           Tune's own state and the checkpoints
 """
 
 from __future__ import annotations
@@ -88,7 +88,9 @@ def create_run_folder(output: str | os.PathLike[str], name: str) -> RunFolder:
             return RunFolder(path)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"{parent}: the output folder cannot be written ({reason}); give another with --output") from error
+        raise OutputError(
+            f"{parent}: the output folder cannot be written ({reason}); give another with --output"
+        ) from error
     raise OutputError(f"{parent}: there are a thousand runs called {stem}; give another folder with --output")
 
 

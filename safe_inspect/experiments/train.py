@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -96,8 +97,7 @@ class Settings:
     @property
     def single(self) -> bool:
         """Whether Tune makes one trial."""
-        nested = (self.rllib.settings, self.rllib.settings["model_config"])
-        searched = any(is_searched(value) for settings in nested for value in settings.values())
+        searched = any(is_searched(value) for value in self.rllib.settings.values())
         return self.tune.settings["num_samples"] == 1 and not searched
 
 
@@ -134,7 +134,12 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
     attempt.check(settings)  # names of keys that only the loaded Ray knows, before anything is written
     with ExitStack() as stack:
         folder, start = _open(run, settings, learning, stack, stream)
-        monitor = attempt.run_attempt(run, settings, folder, run_folder.digest(learning), start, stream)
+        try:
+            monitor = attempt.run_attempt(run, settings, folder, run_folder.digest(learning), start, stream)
+        except ConfigError:
+            if run.resume is None:  # nothing has been trained, so nothing is left
+                shutil.rmtree(folder.path, ignore_errors=True)
+            raise
     newest = find_newest(folder.tune).newest
     return TrainingResult(
         folder.path,

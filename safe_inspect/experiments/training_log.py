@@ -29,7 +29,7 @@ class TrainingLog:
     """
 
     def __init__(self, folder: Path, iteration: int = 0, steps: int = 0) -> None:
-        from tensorboardX import SummaryWriter
+        from tensorboardX import SummaryWriter  # type: ignore[import-untyped]
 
         folder.mkdir(parents=True, exist_ok=True)
         self._csv, self._json = folder / "progress.csv", folder / "result.json"

@@ -12,7 +12,7 @@ from typing import Any
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments import keys, old_keys, run_keys
 from safe_inspect.experiments.keys import Key
-from safe_inspect.experiments.values import check_value
+from safe_inspect.experiments.values import check_value, is_searched
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class _Tables:
     prefixes: Mapping[str, str] = field(default_factory=dict)
     spellings: Mapping[str, str] = field(default_factory=dict)
     open: bool = False
+    searchable: bool = False
 
 
 _MODEL = _Tables(keys.MODEL_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT)
@@ -126,6 +127,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         old_keys.RESERVED_PREFIXES,
         old_keys.SPELLINGS,
         open=own is None,
+        searchable=not nested,
     )
     found = _translate(mapping, path, tables)
     settings, notes, problems = dict(found.settings), list(found.notes), list(found.problems)
@@ -183,6 +185,9 @@ def _translate(mapping: Mapping[str, Any], path: str, tables: _Tables) -> Transl
             continue  # null asks for the default
         if "." in name:
             settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
+            continue
+        if is_searched(value) and not tables.searchable:
+            problems.append(Problem("`grid_search` is possible for the keys of `rllib_configs` themselves only", where))
             continue
         value, mistake = check_value(tables.known[name], value)
         if mistake:

@@ -50,6 +50,10 @@ class ActionGlue(Glue):
     @abstractmethod
     def __call__(self, action: FloatArray, parts: Parts) -> FloatArray: ...
 
+    def leaves(self) -> tuple[ActionGlue, ...]:
+        """Return the glues that command a controller: the wrapped ones of a wrapper, else the glue itself."""
+        return (self,)
+
 
 def sensor_of(parts: Parts, name: str) -> Sensor:
     """Return a part that is known to be a sensor."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.functor import build
@@ -25,28 +26,33 @@ class Normalization(BaseModel):
     enabled: bool = True
     normalizer: str = "LinearNormalizer"
     config: dict[str, Any] = Field(default_factory=dict)
-    _normalizer: Normalizer | None = PrivateAttr(default=None)
 
     @field_validator("config", mode="before")
     @classmethod
     def _nothing(cls, value: Any) -> Any:
         return {} if value is None else value
 
-    def model_post_init(self, context: Any) -> None:
-        """Build the normaliser, unless it is switched off."""
-        if self.enabled:
-            try:
-                made = build("normalizer", {"functor": self.normalizer, "config": self.config})
-            except PydanticCustomError as error:
-                problems = [
-                    {**problem, "loc": ("normalizer",) if problem["loc"] == ("functor",) else problem["loc"]}
-                    for problem in (error.context or {})["errors"]
-                ]
-                raise PydanticCustomError("functor", "the normaliser is wrong", {"errors": problems}) from None
-            assert isinstance(made, Normalizer)
-            self._normalizer = made
+    @model_validator(mode="after")
+    def _check_normalizer(self) -> Normalization:
+        assert self.active is not None or not self.enabled  # a wrong normaliser is found now
+        return self
 
-    @property
+    @cached_property
     def active(self) -> Normalizer | None:
-        """The normaliser, or None when it is switched off."""
-        return self._normalizer
+        """The normaliser, or None when it is switched off.
+
+        Raises:
+            PydanticCustomError: There is no such normaliser, or a field of it is wrong.
+        """
+        if not self.enabled:
+            return None
+        try:
+            made = build("normalizer", {"functor": self.normalizer, "config": self.config})
+        except PydanticCustomError as error:
+            problems = [
+                {**problem, "loc": ("normalizer",) if problem["loc"] == ("functor",) else problem["loc"]}
+                for problem in (error.context or {})["errors"]
+            ]
+            raise PydanticCustomError("functor", "the normaliser is wrong", {"errors": problems}) from None
+        assert isinstance(made, Normalizer)
+        return made

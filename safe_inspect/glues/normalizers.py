@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from safe_inspect.plugin import Plugin
 from safe_inspect.types import FloatArray
@@ -38,8 +39,6 @@ class StandardNormalNormalizer(Normalizer):
 
     mu: float | tuple[float, ...] = 0.0
     sigma: float | tuple[float, ...] = 1.0
-    _mu: FloatArray = PrivateAttr()
-    _sigma: FloatArray = PrivateAttr()
 
     @field_validator("sigma")
     @classmethod
@@ -48,23 +47,25 @@ class StandardNormalNormalizer(Normalizer):
             raise ValueError(f"a standard deviation is above 0, not {value}")
         return value
 
-    def model_post_init(self, context: Any) -> None:
-        """Keep the numbers as arrays."""
-        self._mu, self._sigma = np.atleast_1d(self.mu), np.atleast_1d(self.sigma)
+    @cached_property
+    def _arrays(self) -> tuple[FloatArray, FloatArray]:
+        return np.atleast_1d(np.asarray(self.mu, dtype=np.float64)), np.atleast_1d(np.asarray(self.sigma, dtype=np.float64))
 
     def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
         """Raise ValueError when `mu` or `sigma` has another number of elements."""
-        for field, array in (("mu", self._mu), ("sigma", self._sigma)):
+        for field, array in zip(("mu", "sigma"), self._arrays, strict=True):
             if array.size not in (1, size):
                 raise ValueError(f"`{field}` has {array.size} elements for {size} values; give 1 or {size}")
 
     def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return (values - mu) / sigma."""
-        return np.asarray((values - self._mu) / self._sigma)
+        mu, sigma = self._arrays
+        return (values - mu) / sigma
 
     def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return mu + sigma * values."""
-        return np.asarray(self._mu + self._sigma * values)
+        mu, sigma = self._arrays
+        return mu + sigma * values
 
 
 class LinearNormalizer(Normalizer):

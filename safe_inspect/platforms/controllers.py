@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import RegistryError
@@ -37,7 +38,7 @@ class ThrustProp(Property):
             raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high})")
         return self
 
-    @property
+    @cached_property
     def limits(self) -> tuple[float, float]:
         """Smallest and largest thrust [N]."""
         scale = unit(self.units).factor
@@ -45,7 +46,8 @@ class ThrustProp(Property):
 
     def __call__(self, value: FloatArray) -> FloatArray:
         """Return the thrust within its limits [N], same shape."""
-        return np.clip(value, *self.limits)
+        low, high = self.limits
+        return np.minimum(np.maximum(value, low), high)
 
 
 class RateController(Controller):
@@ -61,14 +63,19 @@ class RateController(Controller):
     property_class: str = "ThrustProp"
     axis: int = Field(default=0, ge=0, le=2)
     properties: dict[str, Any] = Field(default_factory=dict)
-    _property: Property = PrivateAttr()
-    _limits: tuple[FloatArray, FloatArray] = PrivateAttr()
 
-    def model_post_init(self, context: Any) -> None:
-        """Build the property.
+    @model_validator(mode="after")
+    def _check_property(self) -> RateController:
+        assert self.commanded is not None  # a wrong property is found now, not at the first step
+        return self
+
+    @cached_property
+    def commanded(self) -> Property:
+        """The property that is commanded.
 
         Raises:
-            ValueError: There is no such property, or a field of it is wrong.
+            ValueError: There is no such property.
+            PydanticCustomError: A field of it is wrong.
         """
         try:
             cls = registry.get("property", self.property_class)
@@ -80,17 +87,16 @@ class RateController(Controller):
             problems = [{**item, "loc": ("properties", *item["loc"])} for item in error.errors(include_url=False)]
             raise PydanticCustomError("functor", "the property is wrong", {"errors": problems}) from None
         assert isinstance(made, Property)
-        self._property = made
-        low, high = made.limits
-        self._limits = np.array([low]), np.array([high])
+        return made
 
-    @property
+    @cached_property
     def limits(self) -> tuple[FloatArray, FloatArray]:
         """Smallest and largest command, two arrays of shape (1,)."""
-        return self._limits
+        low, high = self.commanded.limits
+        return np.array([low]), np.array([high])
 
     def __call__(self, values: FloatArray) -> FloatArray:
         """Return the thrust [N], Hill frame, shape (R, 3), for commands of shape (R, 1)."""
         thrust = np.zeros((len(values), 3))
-        thrust[:, self.axis] = self._property(values[:, 0])
+        thrust[:, self.axis] = self.commanded(values[:, 0])
         return thrust

@@ -6,7 +6,6 @@ import numpy as np
 
 from safe_inspect.plugin import SensorName
 from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.ranges import range_to
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
@@ -29,5 +28,5 @@ class InspectionCrashReward(Reward):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return scale in the rows that have crashed, else 0, shape (R,)."""
-        distance = range_to(step.after, self.reference_position_sensor_name)
+        distance = step.after.range_to(self.reference_position_sensor_name)
         return np.where(distance < self.crash_region_radius, self.scale, 0.0)

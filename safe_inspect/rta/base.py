@@ -21,6 +21,10 @@ class SafetyGlue(ActionGlue):
     enabled: bool = False
     wrapped: tuple[functor_field("glue"), ...] = ()  # type: ignore[valid-type]
 
+    def leaves(self) -> tuple[ActionGlue, ...]:
+        """Return the glues that command a controller."""
+        return tuple(leaf for glue in self.wrapped for leaf in glue.leaves())
+
     @abstractmethod
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return for each constraint the rows of initial states that it refuses, shape (R,).

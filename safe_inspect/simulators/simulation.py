@@ -29,6 +29,7 @@ class Simulation:
         world: What does not change.
         before: State at the beginning of the last step.
         state: The current state.
+        views: The current state as each group of agents sees it.
         running: Environments whose episode runs, shape (N,); who ends an episode clears its row.
     """
 
@@ -71,6 +72,7 @@ class Simulation:
         self._active = np.ones((num_envs, len(platforms)), dtype=np.bool_)
         self._scale = DeltaVScale(config.schedule, num_envs)
         self.running = np.zeros(num_envs, dtype=np.bool_)
+        self.views = self._views(self.state)
 
     @property
     def num_envs(self) -> int:
@@ -115,6 +117,7 @@ class Simulation:
         self._look(fresh)
         self.state.put(rows, fresh)
         self.running[rows] = True
+        self.views = self._views(self.state)  # what the old ones have computed is out of date
         return fresh
 
     def step(self, control: FloatArray) -> None:
@@ -144,14 +147,13 @@ class Simulation:
         after.sun_angle += self._sun_rate * world.step_size
         self._scale.advance(self.running)
         after.delta_v_scale[:] = self._scale.scale
-        self._look(after)
+        self.views = self._look(after)
 
-    def view(self, state: State, group: Group) -> View:
-        """Return one of the states as a group of agents sees it."""
-        return View(state, self.world, group)
+    def _views(self, state: State) -> tuple[View, ...]:
+        return tuple(View(state, self.world, group) for group in self._groups)
 
-    def _look(self, state: State) -> None:
-        """Inspect what is in view and lit, then let the sensors remember."""
+    def _look(self, state: State) -> tuple[View, ...]:
+        """Inspect what is in view and lit, then let the sensors remember; return the views of what they see."""
         sun = np.zeros((state.num_envs, 3))
         np.cos(state.sun_angle, out=sun[:, 0])
         np.negative(np.sin(state.sun_angle), out=sun[:, 1])
@@ -171,10 +173,11 @@ class Simulation:
                 points.team_count,
                 points.own_count,
             )
-        for group in self._groups:
-            view = View(state, self.world, group)
-            for name, sensor in group.sensors.items():
+        views = self._views(state)
+        for view in views:
+            for name, sensor in view.group.sensors.items():
                 sensor.remember(view, name)
+        return views
 
     def _weigh(self, state: State, values: object) -> None:
         """Weigh the points by their angle from the direction opposite to the priority vector, if there is one."""

@@ -103,6 +103,7 @@ class View:
         self.world = world
         self.group = group
         self._readings: dict[str, FloatArray] = {}
+        self._ranges: dict[str | None, FloatArray] = {}
         self._points: dict[str, PointsView] = {}
 
     @property
@@ -196,6 +197,15 @@ class View:
         found = self._readings.get(sensor)
         if found is None:
             found = self._readings[sensor] = self.group.sensors[sensor](self)
+        return found
+
+    def range_to(self, position_sensor: str | None) -> FloatArray:
+        """Return the distance to what a sensor locates [m], shape (R,); to the origin of Hill's frame for None."""
+        found = self._ranges.get(position_sensor)
+        if found is None:
+            offset = self.position if position_sensor is None else self.position - self.reading(position_sensor)
+            x, y, z = offset[:, 0], offset[:, 1], offset[:, 2]
+            found = self._ranges[position_sensor] = np.sqrt(x * x + y * y + z * z)
         return found
 
     def memory(self, part: str, array: str) -> AnyArray:

@@ -189,8 +189,8 @@ def test_empty_clusters_move_as_scikit_learns(seed: int, empty: int) -> None:
         np.testing.assert_allclose(a.centres, b.centres, rtol=0, atol=1e-9)
 
 
-def line(places: list[float], centres: list[float], iterations: int) -> np.ndarray:
-    """Cluster points of the x axis, two to a cluster, and return the centres."""
+def line(places: list[float], centres: list[float], iterations: int, settles: bool | None = None) -> np.ndarray:
+    """Cluster points of the x axis, two or so to a cluster, and return the centres."""
     points = np.zeros((len(places), 3))
     points[:, 0] = places
     start_at = np.zeros((1, len(centres), 3))
@@ -202,12 +202,13 @@ def line(places: list[float], centres: list[float], iterations: int) -> np.ndarr
     per = -(-len(places) // len(centres))
     cluster(points, candidates, start_at, n, key, step, per, iterations, previous, settled)
     assert n[0] == len(centres)
+    assert settles is None or settled[0] == settles
     return start_at[0, :, 0]
 
 
 def test_by_hand() -> None:
     # 0 and 1 go to 0.2; 4 and 10 to 7.5: means 0.5 and 7; then 4 is nearer to 7 than to 0.5 still: a fixed point.
-    assert line([0.0, 1.0, 4.0, 10.0], [0.2, 7.5], 50).tolist() == [0.5, 7.0]
+    assert line([0.0, 1.0, 4.0, 10.0], [0.2, 7.5], 50, settles=True).tolist() == [0.5, 7.0]
     # From 0.2 and 30: all of 0, 1, 4, 10 to the first; the second, empty, takes 10, the farthest; then 4 stays.
     assert line([0.0, 1.0, 4.0, 10.0], [0.2, 30.0], 1).tolist() == pytest.approx([5.0 / 3.0, 10.0], rel=1e-15)
     # One centre is the mean.
@@ -230,7 +231,9 @@ def test_a_cluster_of_one_that_gives_its_point_away() -> None:
 
 def test_more_clusters_than_places() -> None:
     # Four points at one place: nothing lies off its centre, so nothing is gained by moving one.
-    assert line([5.0] * 4, [5.0, 70.0], 50).tolist() == [5.0, 5.0]
+    # As long as a cluster is empty the row has not settled.
+    assert line([5.0] * 4, [5.0, 70.0], 50, settles=False).tolist() == [5.0, 5.0]
+    assert line([9.0, 5.0, 5.0, 5.0, 5.0], [9.0, 5.0, 70.0], 50, settles=False).tolist() == [9.0, 5.0, 5.0]
 
 
 @given(seed=st.integers(0, 2**32 - 1))

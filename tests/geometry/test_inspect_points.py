@@ -104,6 +104,27 @@ def test_lune_between_sun_and_viewer(degrees: float, part: float) -> None:
     assert abs(counts - part * P).max() <= 5
 
 
+@pytest.mark.parametrize("light", LIGHTS[:2])
+@pytest.mark.parametrize("field", [-1.0, math.cos(0.15)])
+def test_horizon_and_terminator_to_the_edge(light: Light, field: float) -> None:
+    point = POINTS[40]
+    normal = point / R
+    side = np.cross(normal, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+
+    def has(at_sun: float, at_viewer: float) -> bool:
+        """Inspect with the sun and the viewer at these cosines from the point's normal."""
+        sun = at_sun * normal + math.sqrt(1.0 - at_sun**2) * side
+        viewer = 80.0 * (at_viewer * normal - math.sqrt(1.0 - at_viewer**2) * side)
+        return bool(inspect(viewer[None, None], sun[None], light, field).inspector[0, 40] == 0)
+
+    edge, horizon = light.threshold, R / 80.0
+    assert has(edge + 1e-9, 0.5)
+    assert not has(edge - 1e-9, 0.5)
+    assert has(edge + 1e-9, horizon + 1e-9)
+    assert not has(0.5, horizon - 1e-9)
+
+
 def test_inspected_is_for_good() -> None:
     viewer, sun = scene(1, 3, 2)
     first = inspect(viewer, sun, LIGHTS[0])

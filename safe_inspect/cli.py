@@ -1,0 +1,111 @@
+"""The command ``safe-inspect``: list, validate, schema and train."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.version import __version__
+
+USER_ERROR = 2
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code: 0, or 2 for a mistake of the user's."""
+    parser = argparse.ArgumentParser(prog="safe-inspect", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"safe_inspect {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    listing = commands.add_parser("list", help="list the plugins with their fields, defaults and units")
+    listing.add_argument("kind", nargs="?", help="only this kind, such as reward")
+    listing.add_argument("name", nargs="?", help="only the plugin of this name")
+    listing.set_defaults(run=_list)
+
+    validate = commands.add_parser("validate", help="check an experiment file; Ray is not loaded")
+    add_experiment_arguments(validate, positional=True)
+    validate.set_defaults(run=_validate)
+
+    schema = commands.add_parser("schema", help="print the JSON schema of a configuration file, for editors")
+    schema.add_argument("file", nargs="?", default="experiment", help="kind of file (default: experiment)")
+    schema.add_argument("--output", type=Path, help="write it to a file")
+    schema.set_defaults(run=_schema)
+
+    train = commands.add_parser("train", help="train a policy; the same as python -m safe_inspect.train_rl")
+    from safe_inspect.train_rl import add_arguments, run
+
+    add_arguments(train)
+    train.set_defaults(run=run)
+
+    arguments = parser.parse_args(argv)
+    return guarded(arguments.run, arguments)
+
+
+def add_experiment_arguments(parser: argparse.ArgumentParser, *, positional: bool) -> None:
+    """Add what names an experiment: its file, overrides and the compute platform."""
+    if positional:
+        parser.add_argument("cfg", metavar="CFG", help="experiment file")
+    else:
+        parser.add_argument("--cfg", metavar="CFG", help="experiment file")
+    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="replaces a value, by its dotted path")
+    parser.add_argument(
+        "--compute-platform", default="local", metavar="NAME", help="which of the task's rllib_configs (default: local)"
+    )
+
+
+def guarded(command: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
+    """Run a command; print a mistake of the user's without a traceback."""
+    try:
+        return command(arguments)
+    except SafeInspectError as error:
+        print(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}", file=sys.stderr)
+        return USER_ERROR
+    except BrokenPipeError:
+        return 0
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from safe_inspect.catalogue import catalogue
+
+    print(catalogue(arguments.kind, arguments.name))
+    return 0
+
+
+def _validate(arguments: argparse.Namespace) -> int:
+    from safe_inspect.config.experiment import load_experiment
+    from safe_inspect.config.learning import check_learning
+    from safe_inspect.experiments.train import read_settings
+
+    experiment = load_experiment(
+        arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform
+    )
+    settings = check_learning(experiment, read_settings)
+    for note in settings.notes:
+        print(f"note: {note}", file=sys.stderr)
+    agents = ", ".join(f"{agent.name} on {agent.platform}" for agent in experiment.spec.agents)
+    print(f"{arguments.cfg} is valid: {experiment.algorithm}, {agents}")
+    return 0
+
+
+def _schema(arguments: argparse.Namespace) -> int:
+    from safe_inspect.config.file_schemas import FILES, file_schema
+    from safe_inspect.errors import ConfigError, OutputError, did_you_mean
+
+    if arguments.file not in FILES:
+        raise ConfigError(f"no kind of file is called {arguments.file!r}; {did_you_mean(arguments.file, FILES)}")
+    text = json.dumps(file_schema(arguments.file), indent=2, sort_keys=True)
+    if arguments.output is None:
+        print(text)
+        return 0
+    try:
+        arguments.output.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{arguments.output}: cannot be written ({error.strerror}); give another file") from None
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

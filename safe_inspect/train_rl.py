@@ -1,0 +1,111 @@
+"""Train a policy: ``python -m safe_inspect.train_rl --cfg configs/translational-inspection/experiment.yml``."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from safe_inspect.cli import add_experiment_arguments, guarded
+from safe_inspect.errors import ConfigError
+
+if TYPE_CHECKING:
+    from safe_inspect.config.experiment import Experiment
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code: 0, or 2 for a mistake of the user's."""
+    parser = argparse.ArgumentParser(prog="python -m safe_inspect.train_rl", description=__doc__)
+    add_arguments(parser)
+    return guarded(run, parser.parse_args(argv))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the training."""
+    add_experiment_arguments(parser, positional=False)
+    parser.add_argument("--output", type=Path, metavar="FOLDER", help="where run folders are made (default: output_path)")
+    parser.add_argument("--resume", type=Path, metavar="RUN", help="go on with the run in this folder")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="validate, build, step and print the layout; Ray is not started"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Train, or go on with a training, or only try the experiment out."""
+    from safe_inspect.config.experiment import load_experiment
+    from safe_inspect.config.learning import check_learning, placed
+    from safe_inspect.experiments.train import TrainingRun, read_settings, train
+
+    cfg = arguments.cfg
+    if cfg is None and arguments.resume is not None:
+        cfg = arguments.resume / "experiment.resolved.yml"
+    if cfg is None:
+        raise ConfigError("no experiment: give its file with --cfg, or an earlier run's folder with --resume")
+    experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)
+    settings = check_learning(experiment, read_settings)
+    for note in settings.notes:
+        print(f"note: {note}", file=sys.stderr)
+    if arguments.dry_run:
+        print(dry_run(experiment))
+        return 0
+    task = experiment.config.config.config
+    try:
+        result = train(
+            TrainingRun(
+                experiment=experiment.resolved,
+                rllib={"algorithm": experiment.algorithm, **experiment.rllib},
+                tune=task.tune_config,
+                ray=task.ray_config,
+                text=experiment.text,
+                name=task.env_config.TrialName,
+                output=arguments.output or Path(task.env_config.output_path),
+                resume=arguments.resume,
+                command=[sys.executable, "-m", "safe_inspect.train_rl", *sys.argv[1:]],
+            )
+        )
+    except ConfigError as error:
+        raise ConfigError(placed(experiment, error.problems)) from None
+    print(_closing(result))
+    return 0
+
+
+def dry_run(experiment: Experiment, steps: int = 20) -> str:
+    """Build the experiment's environment, step it with random actions and describe it."""
+    import numpy as np
+
+    from safe_inspect.environments.vector import InspectionVectorEnv
+
+    environment = InspectionVectorEnv(experiment.spec, num_envs=4)
+    environment.reset()
+    generator = np.random.default_rng(0)
+    low, high = environment.single_action_space.low, environment.single_action_space.high
+    for _ in range(steps):
+        environment.step(generator.uniform(low, high, (4, len(low))).astype(np.float32))
+    agent, core = experiment.spec.agents[0], environment.core
+    terms = ", ".join(named.name for named in agent.rewards)
+    ends = ", ".join(named.name for named in agent.dones)
+    return (
+        f"{experiment.source}: built and stepped {steps} times\n"
+        f"agent {agent.name} on {agent.platform}, one action for {experiment.spec.step_size:g} s\n"
+        f"observation, {core.observation_layout.size} elements:\n{core.observation_layout}\n"
+        f"action, {core.action_layout.size} elements:\n{core.action_layout}\n"
+        f"rewards: {terms}\ndones: {ends}"
+    )
+
+
+def _closing(result: Any) -> str:
+    state = "interrupted" if result.interrupted else "finished"
+    lines = [f"{state} after {result.iteration} iterations, {result.steps} steps, {result.seconds:.0f} s"]
+    if result.checkpoint is not None:
+        lines.append(f"checkpoint: {result.checkpoint}")
+    lines.append(f"curves:     tensorboard --logdir {shlex.quote(str(result.folder))}")
+    if result.interrupted:
+        lines.append(f"go on:      python -m safe_inspect.train_rl --resume {shlex.quote(str(result.folder))}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
