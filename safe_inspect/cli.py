@@ -79,9 +79,7 @@ def _validate(arguments: argparse.Namespace) -> int:
     from safe_inspect.config.learning import check_learning
     from safe_inspect.experiments.train import read_settings
 
-    experiment = load_experiment(
-        arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform
-    )
+    experiment = load_experiment(arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform)
     settings = check_learning(experiment, read_settings)
     for note in settings.notes:
         print(f"note: {note}", file=sys.stderr)

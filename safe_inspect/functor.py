@@ -1,4 +1,4 @@
-"""Functors in a configuration: ``{functor: NAME, name: ..., config: {...}, wrapped: ...}`` and the plugin each stands for.
+"""Functors in a configuration: ``{functor: NAME, name: ..., config: {...}}`` and the plugin that each stands for.
 
 `functor_field(kind)` is a Pydantic field type that takes such a mapping (or a
 plugin that is built already) and gives the plugin, so that plugins nest to any
@@ -141,7 +141,9 @@ def _located(problem: Any, cls: type[Plugin]) -> dict[str, Any]:
     where = loc if loc[:1] == ("wrapped",) else ("config", *loc)
     located = {**problem, "loc": where}
     if problem["type"] == "extra_forbidden" and len(loc) == 1:
-        located["msg"] = f"{cls.registered_name} has no field `{loc[-1]}`; {did_you_mean(str(loc[-1]), cls.model_fields)}"
+        located["msg"] = (
+            f"{cls.registered_name} has no field `{loc[-1]}`; {did_you_mean(str(loc[-1]), cls.model_fields)}"
+        )
     return located
 
 

@@ -65,9 +65,9 @@ class Streams:
     def __len__(self) -> int:
         return len(self.slot)
 
-    def __getitem__(self, rows: object) -> Streams:
+    def __getitem__(self, rows: IntArray | NDArray[np.bool_] | slice) -> Streams:
         """Return the streams of some rows (a mask, a slice or an array of indices)."""
-        return Streams(self.seed, self.slot[rows], self.episode[rows])  # type: ignore[index]
+        return Streams(self.seed, self.slot[rows], self.episode[rows])
 
     def bits(self, purpose: str, count: int = 1, index: int = 0) -> Words:
         """Return 64-bit words, shape (R, count).

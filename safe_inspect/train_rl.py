@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the training."""
     add_experiment_arguments(parser, positional=False)
-    parser.add_argument("--output", type=Path, metavar="FOLDER", help="where run folders are made (default: output_path)")
+    parser.add_argument("--output", type=Path, metavar="FOLDER", help="where run folders are made")
     parser.add_argument("--resume", type=Path, metavar="RUN", help="go on with the run in this folder")
     parser.add_argument(
         "--dry-run", action="store_true", help="validate, build, step and print the layout; Ray is not started"
@@ -81,7 +81,7 @@ def dry_run(experiment: Experiment, steps: int = 20) -> str:
     environment = InspectionVectorEnv(experiment.spec, num_envs=4)
     environment.reset()
     generator = np.random.default_rng(0)
-    low, high = environment.single_action_space.low, environment.single_action_space.high
+    low, high = environment.core.action_layout.low, environment.core.action_layout.high
     for _ in range(steps):
         environment.step(generator.uniform(low, high, (4, len(low))).astype(np.float32))
     agent, core = experiment.spec.agents[0], environment.core

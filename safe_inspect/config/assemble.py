@@ -119,7 +119,7 @@ def _reset(config: ExperimentConfig, report: Report) -> ResetPlan:
         _fits(body, where, report)
         for key, parameter in begin.config.items():
             _accesses(parameter, parameters, (*where, key), report)
-        deputies |= {platform: body for platform in agent.platforms[:1]}
+        deputies |= dict.fromkeys(agent.platforms[:1], body)
     used = {"priority_vector_azimuth_angle", "priority_vector_elevation_angle"} | {
         accessor.attribute_name.split(".")[0]
         for body in (*deputies.values(), *entities.values())

@@ -177,7 +177,10 @@ def _rllib(config: ExperimentConfig, compute_platform: str, report: Any) -> dict
     configs = config.config.config.rllib_configs
     name = compute_platform if compute_platform in configs else "default"
     if configs and name not in configs:
-        report(("config", "config", "rllib_configs"), f"no {compute_platform!r} here; {did_you_mean(compute_platform, configs)}")
+        report(
+            ("config", "config", "rllib_configs"),
+            f"no {compute_platform!r} here; {did_you_mean(compute_platform, configs)}",
+        )
     return {**configs.get(name, {}), **config.agent_config[0].policy.config}
 
 

@@ -25,7 +25,7 @@ def named_field(kind: str) -> Any:
         name = value.get("name") if isinstance(value, Mapping) else None
         return Named(str(name) if name else plugin.registered_name, plugin)
 
-    return Annotated[InstanceOf[Named], BeforeValidator(convert), WithJsonSchema({"type": "object", SCHEMA_KIND: kind})]
+    return Annotated[InstanceOf[Named[Any]], BeforeValidator(convert), WithJsonSchema({"type": "object", SCHEMA_KIND: kind})]
 
 
 def _number(value: Any) -> Any:
@@ -35,7 +35,8 @@ def _number(value: Any) -> Any:
     return value
 
 
-ParameterField = Annotated[
+#: A reset parameter, or a plain number for a constant.
+ParameterField: Any = Annotated[
     functor_field("parameter"),
     BeforeValidator(_number),
     WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "object", SCHEMA_KIND: "parameter"}]}),

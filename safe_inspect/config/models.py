@@ -53,14 +53,14 @@ class EntityConfig(Model):
     platform: _one_of("cwh") | None = None  # type: ignore[valid-type]
     entity_class: _one_of("Sun") | None = None  # type: ignore[valid-type]
     initializer: functor_field("initializer") | None = None  # type: ignore[valid-type]
-    config: dict[str, ParameterField] = Field(default_factory=dict)
+    config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
 
 
 class ResetParameters(Model):
     """What is drawn at a reset: named parameters, and the bodies beside the deputies."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, ParameterField]
+    __pydantic_extra__: dict[str, ParameterField]  # type: ignore[valid-type]
 
     additional_entities: dict[str, EntityConfig] = Field(default_factory=dict)
 
@@ -109,7 +109,7 @@ class AgentReset(Model):
     """Initial state of the agent's platform: an initialiser and its parameters."""
 
     initializer: functor_field("initializer")  # type: ignore[valid-type]
-    config: dict[str, ParameterField] = Field(default_factory=dict)
+    config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
 
 
 class AgentBody(Model):

@@ -35,4 +35,5 @@ class DoneFunction(Plugin):
     truncates: ClassVar[bool] = False
 
     @abstractmethod
-    def __call__(self, step: Step) -> BoolArray: ...
+    def __call__(self, step: Step) -> BoolArray:
+        """Return the rows that end, shape (R,)."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
+
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.plugin import SensorName
 from safe_inspect.simulators.view import Step
@@ -26,7 +28,7 @@ class MaxDistanceDoneFunction(DoneFunction):
 
     def __call__(self, step: Step) -> BoolArray:
         """Return the rows that are out of range, shape (R,)."""
-        return step.after.range_to(self.reference_position_sensor_name) > self.max_distance
+        return np.asarray(step.after.range_to(self.reference_position_sensor_name) > self.max_distance)
 
 
 class CrashDoneFunction(DoneFunction):
@@ -46,4 +48,4 @@ class CrashDoneFunction(DoneFunction):
 
     def __call__(self, step: Step) -> BoolArray:
         """Return the rows that have crashed, shape (R,)."""
-        return step.after.range_to(self.reference_position_sensor_name) < self.crash_region_radius
+        return np.asarray(step.after.range_to(self.reference_position_sensor_name) < self.crash_region_radius)

@@ -1,4 +1,4 @@
-"""`BatchedEnvironment`: the one core that every façade wraps. It steps N environments as arrays and never resets by itself."""
+"""`BatchedEnvironment`: the core that every façade wraps. It steps N environments as arrays; resets are asked for."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.guard import require_finite
+from safe_inspect.environments.guard import require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
-from safe_inspect.glues.base import ActionGlue
+from safe_inspect.glues.base import ActionGlue, Glue, Parts
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -83,6 +83,7 @@ class BatchedEnvironment:
             last = first + len(glue.names(parts))
             self._commands.append((glue, slice(first, last)))
             first = last
+        self._sizes = [len(glue.names(parts)) for glue in self.agent.observation_glues]
         # A status that is written later stands: lose before win before draw.
         order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
         self._dones = sorted(self.agent.dones, key=lambda named: order.index(named.functor.status))
@@ -112,19 +113,21 @@ class BatchedEnvironment:
             First observation of these rows, float32, shape (R, G, O).
         """
         if seed is not None:
+            if rows is not None:
+                raise ValueError("a seed begins the run of all environments again; reset them all, or give no seed")
             self.simulation.seed(seed)
         rows = np.arange(self.num_envs) if rows is None else np.asarray(rows, dtype=np.int64)
         fresh = self.simulation.reset(rows)
         return self._observe(View(fresh, self.simulation.world, self.group))
 
-    def step(self, action: FloatArray) -> Transition:
+    def step(self, action: AnyArray) -> Transition:
         """Hold an action over one step.
 
         Args:
             action: Action of each agent in the units of `action_layout`, clipped to its bounds, shape (N, G, A).
 
         Raises:
-            PluginValueError: A plugin gave NaN or infinity; the state that caused it is saved.
+            PluginValueError: A plugin gave NaN or infinity (the state that caused it is saved), or a wrong shape.
         """
         simulation, group = self.simulation, self.group
         rows = self.num_envs * group.size
@@ -132,6 +135,11 @@ class BatchedEnvironment:
         require_finite("action", action, simulation.state)
         action = np.minimum(np.maximum(action, self.action_layout.low), self.action_layout.high)
         control = self._control(action)
+        if not np.isfinite(control).all():
+            for glue, columns in self._commands:
+                require_finite(
+                    _title(glue, self.agent.parts), glue(action[:, columns], self.agent.parts), simulation.state
+                )
         before = simulation.views[0]
         simulation.step(control.reshape(self.num_envs, group.size, 3))
         step_size = simulation.world.step_size
@@ -141,14 +149,15 @@ class BatchedEnvironment:
         terms: dict[str, FloatArray] = {}
         reward = np.zeros(rows)
         for named in self.agent.rewards:
-            value = named.functor(step)
+            value = np.array(named.functor(step), dtype=np.float64)  # a copy: it may be an array of the state
+            require_shape(f"reward {named.name}", value, (rows,))
             reward += value
             terms[named.name] = value.reshape(shape)
         if not np.isfinite(reward).all():
             for name, value in terms.items():
                 require_finite(f"reward {name}", value, simulation.state, simulation.before)
         terminated, truncated, status = self._ends(step, rows)
-        simulation.running &= ~(terminated | truncated).reshape(shape).all(axis=-1)
+        simulation.end(np.asarray((terminated | truncated).reshape(shape).all(axis=-1)))
         return Transition(
             observation,
             reward.reshape(shape),
@@ -166,20 +175,30 @@ class BatchedEnvironment:
         return control
 
     def _observe(self, view: View) -> AnyArray:
-        parts = [glue(view) for glue in self.agent.observation_glues]
+        glues = self.agent.observation_glues
+        parts = [glue(view) for glue in glues]
+        for glue, part, size in zip(glues, parts, self._sizes, strict=True):
+            if part.shape != (view.num_rows, size):
+                require_shape(_title(glue, self.agent.parts), part, (view.num_rows, size))
         observation = np.concatenate(parts, axis=-1) if parts else np.zeros((view.num_rows, 0))
         if not np.isfinite(observation).all():
-            for glue, part in zip(self.agent.observation_glues, parts, strict=True):
-                require_finite(f"glue {' '.join(glue.names(self.agent.parts))}", part, view.state)
+            for glue, part in zip(glues, parts, strict=True):
+                require_finite(_title(glue, self.agent.parts), part, view.state)
         return observation.astype(np.float32).reshape(view.state.num_envs, self.group.size, -1)
 
     def _ends(self, step: Step, rows: int) -> tuple[BoolArray, BoolArray, AnyArray]:
         terminated, truncated = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)
         status = np.zeros(rows, dtype=np.int8)
         for named in self._dones:
-            done = named.functor(step)
+            done = np.asarray(named.functor(step), dtype=np.bool_)
+            require_shape(f"done {named.name}", done, (rows,))
             if done.any():
                 status[done] = named.functor.status
                 ended = truncated if named.functor.truncates else terminated
                 ended |= done
         return terminated, truncated & ~terminated, status
+
+
+def _title(glue: Glue, parts: Parts) -> str:
+    """Name a glue in a message: its class and what it observes or commands."""
+    return f"glue {glue.registered_name} ({', '.join(glue.names(parts))})"

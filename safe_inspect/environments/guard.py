@@ -1,4 +1,4 @@
-"""The guard against NaN and infinity: name the plugin, save the state."""
+"""The guard against NaN, infinity and wrong shapes: name the plugin, save the state."""
 
 from __future__ import annotations
 
@@ -13,6 +13,16 @@ from safe_inspect.types import AnyArray
 
 #: Folder for the states that caused an error; the run folder during a training.
 CRASH_FOLDER_VARIABLE = "SAFE_INSPECT_CRASH_FOLDER"
+
+
+def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
+    """Stop when an array has another shape than its plugin promises.
+
+    Raises:
+        PluginValueError: It has.
+    """
+    if value.shape != shape:
+        raise PluginValueError(f"{what} gave an array of shape {value.shape}; one of shape {shape} is wanted")
 
 
 def require_finite(what: str, value: AnyArray, after: State, before: State | None = None) -> None:
@@ -36,6 +46,7 @@ def require_finite(what: str, value: AnyArray, after: State, before: State | Non
     bad = np.flatnonzero(~finite.reshape(len(value), -1).all(axis=-1))
     rows = np.unique(bad * after.num_envs // len(value))
     folder = os.environ.get(CRASH_FOLDER_VARIABLE) or tempfile.mkdtemp(prefix="safe_inspect_")
+    os.makedirs(folder, exist_ok=True)
     saved = []
     for name, state in (("before", before), ("after", after)):
         if state is not None:

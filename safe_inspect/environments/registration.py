@@ -17,8 +17,11 @@ from safe_inspect.tasks import TASKS
 
 
 def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> EnvironmentSpec:
-    """Return the environment of an experiment file, or of a registered id such as
-    ``safe_inspect/TranslationalInspection-v0``.
+    """Return the environment of an experiment file or a registered id.
+
+    Args:
+        cfg: A file, or an id such as ``safe_inspect/TranslationalInspection-v0``.
+        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
 
     Raises:
         ConfigError: The file has mistakes.

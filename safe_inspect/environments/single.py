@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -30,7 +30,7 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
         render_mode: Must be None; `safe_inspect.evaluation` draws recorded episodes.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium declares it so
 
     def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
         if render_mode is not None:

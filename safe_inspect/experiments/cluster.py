@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -69,6 +70,8 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
     folder.ray_note.write_text(str(temporary), encoding="utf-8")
     names = ("num_gpus", "resources", "include_dashboard", "dashboard_host", "dashboard_port")
     local = {key: settings[key] for key in names if settings.get(key) is not None}
+    paths = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)  # Ray's processes import the same
     try:
         ray.init(
             address="local",
@@ -84,6 +87,9 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
         raise
     finally:
         ray.shutdown()
+        os.environ.pop("PYTHONPATH")
+        if paths is not None:
+            os.environ["PYTHONPATH"] = paths
         shutil.rmtree(temporary, ignore_errors=True)
         folder.ray_note.unlink(missing_ok=True)
 

@@ -33,18 +33,17 @@ EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], Vecto
 DEFAULT_MAKER = "safe_inspect.experiments.environment:make_environment"
 
 _TERM = "reward/"
-_VALUES = ("success", "lost", "delta_v", "inspected_count", "inspected_fraction")
+_FACTS = ("delta_v", "inspected_count", "inspected_fraction")
 _WIN, _LOSE = 1, 2
 
 
 def make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> VectorEnv:
     """Build the batched environment of a resolved configuration."""
-    module = importlib.import_module("safe_inspect.environments")
-    spec = module.build_spec(experiment)
-    environment: VectorEnv = module.make_vector(
-        spec, num_envs, seed=seed, first_slot=first_slot, autoreset_mode=AutoresetMode.NEXT_STEP
+    from safe_inspect.environments import InspectionVectorEnv, build_spec
+
+    return InspectionVectorEnv(
+        build_spec(experiment), num_envs, seed=seed, first_slot=first_slot, autoreset_mode=AutoresetMode.NEXT_STEP
     )
-    return environment
 
 
 def find_maker(path: str) -> EnvironmentMaker:
@@ -108,6 +107,8 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
         if not isinstance(self.single_action_space, Box):
             raise ValueError(f"the action space is to be a Box, not {self.single_action_space}")
         self._low, self._high = self.single_action_space.low, self.single_action_space.high
+        self._known = False
+        self._facts: tuple[str, ...] = ()
         self._terms: tuple[str, ...] = ()
         self._sums: FloatArray = np.zeros((0, num_envs))
         self._ended = np.zeros(num_envs, dtype=bool)
@@ -123,7 +124,7 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
     @property
     def episode_fields(self) -> tuple[str, ...]:
         """Names of the values in a row of ``infos["episode"]``; known after the first step."""
-        return (*_VALUES, *self._terms)
+        return ("success", "lost", *self._facts, *self._terms)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[AnyArray, dict[str, Any]]:
         """Begin a new episode in every slot.
@@ -141,7 +142,9 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
         actions = np.clip(np.asarray(actions, dtype=self.single_action_space.dtype), self._low, self._high)
         with _Reported(self._config):
             observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        if not self._terms:
+        if not self._known:
+            self._known = True
+            self._facts = tuple(name for name in _FACTS if name in infos)
             self._terms = tuple(sorted(key for key in infos if key.startswith(_TERM)))
             self._sums = np.zeros((len(self._terms), self.num_envs))
         for row, term in zip(self._sums, self._terms, strict=True):
@@ -163,7 +166,7 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
 
     def _rows(self, infos: Mapping[str, Any]) -> FloatArray:
         status = np.asarray(infos["status"])
-        columns = [status == _WIN, status == _LOSE, *(infos[key] for key in _VALUES[2:]), *self._sums]
+        columns = [status == _WIN, status == _LOSE, *(infos[key] for key in self._facts), *self._sums]
         return np.array([np.asarray(column, dtype=np.float64) for column in columns]).T.copy()
 
 

@@ -6,7 +6,6 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar, Literal
 
-
 from safe_inspect.platforms.base import Controller, Part, Sensor
 from safe_inspect.plugin import Plugin
 from safe_inspect.simulators.view import View
@@ -41,14 +40,16 @@ class ObservationGlue(Glue):
     """A part of the observation: called with a `View`, it returns an array of shape (R, size)."""
 
     @abstractmethod
-    def __call__(self, view: View) -> FloatArray: ...
+    def __call__(self, view: View) -> FloatArray:
+        """Return the observation, shape (R, size)."""
 
 
 class ActionGlue(Glue):
     """A part of the action: called with actions (R, size) and the parts, it returns thrust [N], Hill frame, (R, 3)."""
 
     @abstractmethod
-    def __call__(self, action: FloatArray, parts: Parts) -> FloatArray: ...
+    def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
+        """Return the thrust [N], Hill frame, shape (R, 3)."""
 
     def leaves(self) -> tuple[ActionGlue, ...]:
         """Return the glues that command a controller: the wrapped ones of a wrapper, else the glue itself."""

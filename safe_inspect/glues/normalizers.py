@@ -19,7 +19,8 @@ class Normalizer(Plugin):
     kind: ClassVar[str] = "normalizer"
 
     @abstractmethod
-    def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray: ...
+    def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the normalised values, shape (R, k)."""
 
     @abstractmethod
     def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
@@ -49,7 +50,7 @@ class StandardNormalNormalizer(Normalizer):
 
     @cached_property
     def _arrays(self) -> tuple[FloatArray, FloatArray]:
-        return np.atleast_1d(np.asarray(self.mu, dtype=np.float64)), np.atleast_1d(np.asarray(self.sigma, dtype=np.float64))
+        return np.atleast_1d(np.array(self.mu, np.float64)), np.atleast_1d(np.array(self.sigma, np.float64))
 
     def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
         """Raise ValueError when `mu` or `sigma` has another number of elements."""

@@ -29,7 +29,8 @@ class Platform(Plugin):
     mass: PositiveMass = 12.0
 
     @abstractmethod
-    def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]: ...
+    def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]:
+        """Return the names of the parts, or raise ValueError when they do not fit the platform."""
 
 
 class Property(Plugin):
@@ -45,7 +46,8 @@ class Property(Plugin):
         """Smallest and largest value, SI."""
 
     @abstractmethod
-    def __call__(self, value: FloatArray) -> FloatArray: ...
+    def __call__(self, value: FloatArray) -> FloatArray:
+        """Return the value within its limits, SI, same shape."""
 
 
 class Part(Plugin):
@@ -83,7 +85,8 @@ class Controller(Part):
         return len(self.limits[0])
 
     @abstractmethod
-    def __call__(self, values: FloatArray) -> FloatArray: ...
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """Return the share of the thrust [N], Hill frame, shape (R, 3)."""
 
 
 class Sensor(Part):
@@ -105,7 +108,8 @@ class Sensor(Part):
         return len(self.elements)
 
     @abstractmethod
-    def __call__(self, view: View) -> FloatArray: ...
+    def __call__(self, view: View) -> FloatArray:
+        """Return the reading, SI, shape (R, size)."""
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the arrays that the sensor remembers, each with its shape for one agent. None by default."""

@@ -19,4 +19,5 @@ class Reward(Plugin):
     kind: ClassVar[str] = "reward"
 
     @abstractmethod
-    def __call__(self, step: Step) -> FloatArray: ...
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the reward of each row [-], shape (R,)."""

@@ -25,7 +25,7 @@ class ObservedPointsReward(Reward):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return scale times the number of new points, shape (R,)."""
-        return self.scale * step.new_points(self.inspection_entity_name)
+        return np.asarray(self.scale * step.new_points(self.inspection_entity_name))
 
 
 class InspectionSuccessReward(Reward):

@@ -1,4 +1,4 @@
-"""Run-time assurance: safety constraints, the glue that applies them, and the rejection sampler. Importing registers."""
+"""Run-time assurance: constraints, the glue that applies them, the rejection sampler. Importing registers them."""
 
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1

@@ -76,7 +76,7 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         return thrust
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return for each constraint the rows that it refuses: h < 0 or phi < 0, shape (R,)."""
+        """Return for each constraint the rows that it refuses: not (h >= 0 and phi >= 0), NaN included, shape (R,)."""
         state = RelativeState(states["position"], states["velocity"], states["sun_angle"])
         evaluations = {name: constraint.evaluate(state) for name, constraint in self._constraints.items()}
-        return {name: (value.h < 0.0) | (value.phi < 0.0) for name, value in evaluations.items()}
+        return {name: ~((value.h >= 0.0) & (value.phi >= 0.0)) for name, value in evaluations.items()}

@@ -18,7 +18,8 @@ class DeltaVSchedule:
         bounds: Smallest and largest scale (both negative: a cost).
         change: What is added when the inspection works (negative: the cost rises).
         steps_until_update: Steps between two updates.
-        fractions: At or below the first mean inspected fraction the scale moves back, at or above the second it moves on.
+        fractions: At or below the first mean inspected fraction the scale moves back, at or above the second it
+            moves on.
     """
 
     start: float
@@ -33,7 +34,7 @@ class DeltaVScale:
 
     Every slot counts its own steps and averages the inspected fraction at the end of its own episodes, so the scale
     depends neither on the size of the batch nor on the number of workers. An interval in which no episode ended
-    changes nothing.
+    changes nothing, and an episode that is abandoned by a reset does not count.
     """
 
     def __init__(self, schedule: DeltaVSchedule, num_envs: int) -> None:
@@ -43,11 +44,10 @@ class DeltaVScale:
         self._sum: FloatArray = np.zeros(num_envs)
         self._episodes: IntArray = np.zeros(num_envs, dtype=np.int64)
 
-    def end_episodes(self, rows: IntArray, fraction: FloatArray, steps: IntArray) -> None:
-        """Take note of finished episodes: their slots, inspected fractions and lengths (0: never begun)."""
-        ran = steps > 0
-        self._sum[rows] += np.where(ran, fraction, 0.0)
-        self._episodes[rows] += ran
+    def end_episodes(self, rows: IntArray, fraction: FloatArray) -> None:
+        """Take note of finished episodes: their slots and inspected fractions."""
+        self._sum[rows] += fraction
+        self._episodes[rows] += 1
 
     def advance(self, running: BoolArray) -> None:
         """Count one step of the slots whose episode runs, and update those whose interval is over."""

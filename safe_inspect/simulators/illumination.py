@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from safe_inspect.geometry.light import Light, binary_light, phong_light
 from safe_inspect.units import Length, NonNegativeLength, PositiveAngularRate
 
 Colour = tuple[float, float, float]
@@ -69,6 +70,23 @@ class IlluminationParams(BaseModel):
     pixel_pitch: Length = 5.6e-3
     render_flag_3d: bool = False
     render_flag_subplots: bool = False
+
+    def light(self, radius: float) -> Light:
+        """Return the light on a sphere of that radius [m]."""
+        if self.bin_ray_flag:
+            return binary_light(radius, self.ray_offset)
+        sun, chief = self.light_properties, self.chief_properties
+        return phong_light(
+            radius,
+            light_ambient=sun.ambient,
+            light_diffuse=sun.diffuse,
+            light_specular=sun.specular,
+            chief_ambient=chief.ambient,
+            chief_diffuse=chief.diffuse,
+            chief_specular=chief.specular,
+            shininess=chief.shininess,
+            ray_offset=self.ray_offset,
+        )
 
     @model_validator(mode="after")
     def _no_rendering(self) -> IlluminationParams:

@@ -26,7 +26,8 @@ class Initializer(Plugin):
     gives: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
-    def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]: ...
+    def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
+        """Return the named states, each with R rows."""
 
 
 def _polar(radius: FloatArray, azimuth: FloatArray, elevation: FloatArray) -> FloatArray:

@@ -37,7 +37,8 @@ class Simulator(Plugin):
         num_envs: int,
         seed: int,
         first_slot: int,
-    ) -> Simulation: ...
+    ) -> Simulation:
+        """Build the running simulation."""
 
 
 class InspectionPoints(BaseModel):
@@ -71,7 +72,7 @@ class InspectionSimulator(Simulator):
             episode is at most the first, and on when it is at least the second.
     """
 
-    inspection_points_map: dict[str, InspectionPoints] = {"chief": InspectionPoints()}
+    inspection_points_map: dict[str, InspectionPoints] = Field(default_factory=lambda: {"chief": InspectionPoints()})
     illumination_params: IlluminationParams | None = IlluminationParams()
     mean_motion: PositiveAngularRate = 0.001027
     field_of_view: Angle = math.pi

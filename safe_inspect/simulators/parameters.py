@@ -51,7 +51,8 @@ class Parameter(Plugin):
     kind: ClassVar[str] = "parameter"
 
     @abstractmethod
-    def __call__(self, draw: Draw) -> Value: ...
+    def __call__(self, draw: Draw) -> Value:
+        """Return the drawn value, SI."""
 
     @property
     def symbol(self) -> str | None:

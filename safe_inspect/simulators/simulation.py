@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.geometry.light import binary_light, full_light, phong_light
+from safe_inspect.geometry.light import Light, full_light
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import inspect_points, lit
 from safe_inspect.randomness import Streams
@@ -19,7 +19,7 @@ from safe_inspect.simulators.reset import ResetPlan
 from safe_inspect.simulators.state import ArraySpec, State, base_specs
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import PointsModel, World
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
 class Simulation:
@@ -30,7 +30,7 @@ class Simulation:
         before: State at the beginning of the last step.
         state: The current state.
         views: The current state as each group of agents sees it.
-        running: Environments whose episode runs, shape (N,); who ends an episode clears its row.
+        running: Environments whose episode runs, shape (N,); see `end`.
     """
 
     def __init__(
@@ -53,16 +53,19 @@ class Simulation:
         self._slots = first_slot + np.arange(num_envs, dtype=np.int64)
         self._episodes = np.full(num_envs, -1, dtype=np.int64)
         bodies = {name: index for index, name in enumerate((*platforms, *reset.entities))}
-        light = self._light()
-        self._points = {
-            name: _points_model(name, bodies[name], points, light(points))
+        illumination = config.illumination_params
+        self._lights = {
+            name: full_light() if illumination is None else illumination.light(points.radius)
             for name, points in config.inspection_points_map.items()
         }
-        self._lights = {name: light(points) for name, points in config.inspection_points_map.items()}
+        self._points = {
+            name: _points_model(name, bodies[name], points, self._lights[name])
+            for name, points in config.inspection_points_map.items()
+        }
         self.world = World(
             platforms, bodies, np.asarray(masses, dtype=np.float64), step_size, config.mean_motion, self._points
         )
-        self._sun_rate = config.illumination_params.mean_motion if config.illumination_params else config.mean_motion
+        self._sun_rate = illumination.mean_motion if illumination else config.mean_motion
         self._cos_half_fov = -1.0 if config.field_of_view >= math.pi else math.cos(config.field_of_view / 2.0)
         # Thrust over mass drives every body alike, so one map for unit mass serves them all.
         self._phi, self._gamma = transition(config.mean_motion, 1.0, step_size)
@@ -99,10 +102,6 @@ class Simulation:
         Returns:
             The fresh state of these rows alone, R environments.
         """
-        if self._points:
-            first = next(iter(self._points))
-            fraction = self.state.points[first].team_count[rows] / self._points[first].num_points
-            self._scale.end_episodes(rows, fraction, self.state.step[rows])
         self._episodes[rows] += 1
         streams = Streams(self._seed, self._slots[rows], self._episodes[rows])
         fresh = State(len(rows), self._specs)
@@ -148,6 +147,17 @@ class Simulation:
         self._scale.advance(self.running)
         after.delta_v_scale[:] = self._scale.scale
         self.views = self._look(after)
+
+    def end(self, ended: BoolArray) -> None:
+        """End the episodes of a mask of environments, shape (N,); what they inspected moves the delta-v scale.
+
+        An environment that has ended may be stepped on until it is reset: that counts for nothing.
+        """
+        rows = np.flatnonzero(ended & self.running)
+        self.running[rows] = False
+        if len(rows) and self._points:
+            name, model = next(iter(self._points.items()))
+            self._scale.end_episodes(rows, self.state.points[name].team_count[rows] / model.num_points)
 
     def _views(self, state: State) -> tuple[View, ...]:
         return tuple(View(state, self.world, group) for group in self._groups)
@@ -207,34 +217,12 @@ class Simulation:
                     )
         return specs
 
-    def _light(self):  # type: ignore[no-untyped-def]
-        params = self._config.illumination_params
 
-        def of(points: InspectionPoints):  # type: ignore[no-untyped-def]
-            if params is None:
-                return full_light()
-            if params.bin_ray_flag:
-                return binary_light(points.radius, params.ray_offset)
-            light, chief = params.light_properties, params.chief_properties
-            return phong_light(
-                points.radius,
-                light_ambient=light.ambient,
-                light_diffuse=light.diffuse,
-                light_specular=light.specular,
-                chief_ambient=chief.ambient,
-                chief_diffuse=chief.diffuse,
-                chief_specular=chief.specular,
-                shininess=chief.shininess,
-                ray_offset=params.ray_offset,
-            )
-
-        return of
-
-
-def _points_model(name: str, body: int, points: InspectionPoints, light) -> PointsModel:  # type: ignore[no-untyped-def]
+def _points_model(name: str, body: int, points: InspectionPoints, light: Light) -> PointsModel:
     positions = sphere_points(points.points_algorithm, points.num_points, points.radius)
 
-    def is_lit(viewer: FloatArray, sun: FloatArray):  # type: ignore[no-untyped-def]
-        return lit(np.ascontiguousarray(viewer), sun, positions, points.radius, light)
+    def is_lit(viewer: FloatArray, sun: FloatArray) -> BoolArray:
+        found: BoolArray = lit(np.ascontiguousarray(viewer), sun, positions, points.radius, light)
+        return found
 
     return PointsModel(name, body, positions, points.radius, is_lit)

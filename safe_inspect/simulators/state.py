@@ -73,12 +73,13 @@ class State:
         self.sun_angle: FloatArray = arrays["sun_angle"]
         self.delta_v_scale: FloatArray = arrays["delta_v_scale"]
         self.points: dict[str, PointsState] = {
-            name.split("/")[1]: PointsState(
-                *(arrays[name.rpartition("/")[0] + part] for part in ("/inspector", "/team_count", "/own_count")),
-                weights=arrays[name.rpartition("/")[0] + "/weights"],
+            entity: PointsState(
+                inspector=arrays[f"points/{entity}/inspector"],
+                team_count=arrays[f"points/{entity}/team_count"],
+                own_count=arrays[f"points/{entity}/own_count"],
+                weights=arrays[f"points/{entity}/weights"],
             )
-            for name in arrays
-            if name.startswith("points/") and name.endswith("/inspector")
+            for entity in (name.split("/")[1] for name in arrays if name.startswith("points/"))
         }
         self.memory: dict[str, AnyArray] = {
             name.removeprefix("memory/"): array for name, array in arrays.items() if name.startswith("memory/")

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import PointsModel, World
@@ -20,6 +21,8 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from safe_inspect.platforms.base import Sensor
+
+Array = TypeVar("Array", bound=NDArray[Any])
 
 
 @dataclass(frozen=True)
@@ -111,44 +114,45 @@ class View:
         """Number of rows, R."""
         return self.state.num_envs * self.group.size
 
-    def per_environment(self, array: Any) -> Any:
+    def per_environment(self, array: Array) -> Array:
         """Give an array with the environment axis (N, ...) the rows of the view (R, ...)."""
-        return array if self.group.size == 1 else np.repeat(array, self.group.size, axis=0)
+        return array if self.group.size == 1 else cast(Array, np.repeat(array, self.group.size, axis=0))
 
-    def per_agent(self, array: Any) -> Any:
+    def per_agent(self, array: Array) -> Array:
         """Give an array with a deputy or body axis (N, D, ...) the rows of the view (R, ...): each agent its own."""
         first, size = self.group.first, self.group.size
-        return array[:, first] if size == 1 else array[:, first : first + size].reshape(-1, *array.shape[2:])
+        own = array[:, first] if size == 1 else array[:, first : first + size].reshape(-1, *array.shape[2:])
+        return cast(Array, own)
 
     @property
     def time(self) -> FloatArray:
         """Time since the reset [s], shape (R,)."""
-        return self.per_environment(self.state.time)  # type: ignore[no-any-return]
+        return self.per_environment(self.state.time)
 
     @property
     def step(self) -> IntArray:
         """Steps since the reset, shape (R,)."""
-        return self.per_environment(self.state.step)  # type: ignore[no-any-return]
+        return self.per_environment(self.state.step)
 
     @property
     def position(self) -> FloatArray:
         """Own position [m], Hill frame, shape (R, 3)."""
-        return self.per_agent(self.state.position)  # type: ignore[no-any-return]
+        return self.per_agent(self.state.position)
 
     @property
     def velocity(self) -> FloatArray:
         """Own velocity [m/s], Hill frame, shape (R, 3)."""
-        return self.per_agent(self.state.velocity)  # type: ignore[no-any-return]
+        return self.per_agent(self.state.velocity)
 
     @property
     def control(self) -> FloatArray:
         """Own thrust held over the last step [N], Hill frame, shape (R, 3)."""
-        return self.per_agent(self.state.control)  # type: ignore[no-any-return]
+        return self.per_agent(self.state.control)
 
     @property
     def delta_v(self) -> FloatArray:
         """Own velocity change spent in the episode [m/s], shape (R,)."""
-        return self.per_agent(self.state.delta_v)  # type: ignore[no-any-return]
+        return self.per_agent(self.state.delta_v)
 
     @property
     def mass(self) -> FloatArray:
@@ -160,12 +164,12 @@ class View:
     @property
     def delta_v_scale(self) -> FloatArray:
         """Adaptive scale of the delta-v reward [1/(m/s)], shape (R,)."""
-        return self.per_environment(self.state.delta_v_scale)  # type: ignore[no-any-return]
+        return self.per_environment(self.state.delta_v_scale)
 
     @property
     def sun_angle(self) -> FloatArray:
         """Angle of the sun, not wrapped [rad], shape (R,)."""
-        return self.per_environment(self.state.sun_angle)  # type: ignore[no-any-return]
+        return self.per_environment(self.state.sun_angle)
 
     @cached_property
     def sun_direction(self) -> FloatArray:
@@ -179,11 +183,11 @@ class View:
 
     def entity_position(self, name: str) -> FloatArray:
         """Return the position of a body [m], Hill frame, shape (R, 3)."""
-        return self.per_environment(self.state.position[:, self.world.bodies[name]])  # type: ignore[no-any-return]
+        return self.per_environment(self.state.position[:, self.world.bodies[name]])
 
     def entity_velocity(self, name: str) -> FloatArray:
         """Return the velocity of a body [m/s], Hill frame, shape (R, 3)."""
-        return self.per_environment(self.state.velocity[:, self.world.bodies[name]])  # type: ignore[no-any-return]
+        return self.per_environment(self.state.velocity[:, self.world.bodies[name]])
 
     def points(self, entity: str) -> PointsView:
         """Return the inspection points of a body."""
@@ -248,7 +252,7 @@ class Step:
     @cached_property
     def first(self) -> BoolArray:
         """Rows in which this is the first step of the episode, shape (R,)."""
-        return self.before.step == 0
+        return np.asarray(self.before.step == 0)
 
     @cached_property
     def delta_v(self) -> FloatArray:

@@ -1,0 +1,64 @@
+"""Trained policies: from a checkpoint to a function of observations."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from ray.rllib.core.columns import Columns
+from ray.rllib.core.rl_module.rl_module import RLModule
+
+from safe_inspect.experiments.checkpoints import read_checkpoint
+from safe_inspect.types import FloatArray
+
+_MODULE = Path("learner_group", "learner", "rl_module", "default_policy")
+
+
+class TrainedPolicy:
+    """The mean action of a Gaussian policy, without exploration.
+
+    Args:
+        module: RLlib's module of the policy.
+    """
+
+    def __init__(self, module: RLModule) -> None:
+        self.module = module.eval()
+
+    def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
+        """Return the actions (N, A) for observations (N, O)."""
+        with torch.no_grad():
+            outputs = self.module.forward_inference({Columns.OBS: torch.from_numpy(np.ascontiguousarray(observation))})
+        mean = outputs[Columns.ACTION_DIST_INPUTS].chunk(2, dim=-1)[0]
+        return np.asarray(mean.numpy(), dtype=np.float64)
+
+
+def load_policy(checkpoint: str | os.PathLike[str]) -> TrainedPolicy:
+    """Return the policy of a checkpoint.
+
+    Raises:
+        CheckpointError: The checkpoint is missing or damaged.
+    """
+    return TrainedPolicy(_load(checkpoint))
+
+
+def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0) -> TrainedPolicy:
+    """Return a policy of the same make as a checkpoint's, with fresh random weights.
+
+    Raises:
+        CheckpointError: The checkpoint is missing or damaged.
+    """
+    module = _load(checkpoint)
+    arguments, keywords = module.get_ctor_args_and_kwargs()
+    torch.manual_seed(seed)
+    return TrainedPolicy(type(module)(*arguments, **keywords))
+
+
+def _load(checkpoint: str | os.PathLike[str]) -> Any:
+    folder = read_checkpoint(checkpoint).path
+    logging.getLogger("ray.rllib").setLevel(logging.ERROR)
+    return RLModule.from_checkpoint(str(folder / _MODULE))

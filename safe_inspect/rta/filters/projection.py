@@ -1,0 +1,193 @@
+"""The nearest point of a polyhedron in three dimensions, compiled, one row at a time.
+
+Seidel's incremental method: half-spaces are added one by one; where the best point so far breaks one, the new best
+point lies on its plane, which is the same problem in two dimensions, and there in one (Seidel, "Small-dimensional
+linear programming and convex hulls made easy", Discrete & Computational Geometry 6, 1991). It is exact, needs no
+start, and tells an empty polyhedron from the empty interval of the last line.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from safe_inspect.types import BoolArray, FloatArray
+
+#: A half-space counts as met within this distance.
+TOLERANCE = 1e-11
+#: Planes whose unit normals differ by less than this are parallel.
+PARALLEL = 1e-10
+#: A row shorter than this does not depend on the control.
+SHORTEST = 1e-12
+_HALVINGS = 60
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _on_line(a: FloatArray, c: FloatArray, i: int, j: int, target: FloatArray, out: FloatArray) -> bool:
+    """Minimise the distance to `target`, a point of plane i, on the line of planes i and j, under the rows before j."""
+    dot = a[j, 0] * a[i, 0] + a[j, 1] * a[i, 1] + a[j, 2] * a[i, 2]
+    px, py, pz = a[j, 0] - dot * a[i, 0], a[j, 1] - dot * a[i, 1], a[j, 2] - dot * a[i, 2]
+    length = math.sqrt(px * px + py * py + pz * pz)
+    short = c[j] - (a[j, 0] * target[0] + a[j, 1] * target[1] + a[j, 2] * target[2])
+    if length < PARALLEL:
+        return False
+    px, py, pz = px / length, py / length, pz / length
+    shift = short / length
+    ox, oy, oz = target[0] + shift * px, target[1] + shift * py, target[2] + shift * pz
+    dx, dy, dz = a[i, 1] * pz - a[i, 2] * py, a[i, 2] * px - a[i, 0] * pz, a[i, 0] * py - a[i, 1] * px
+    low, high = -np.inf, np.inf
+    for k in range(j):
+        slope = a[k, 0] * dx + a[k, 1] * dy + a[k, 2] * dz
+        room = a[k, 0] * ox + a[k, 1] * oy + a[k, 2] * oz - c[k]
+        if abs(slope) < PARALLEL:
+            if room < -TOLERANCE:
+                return False
+        elif slope > 0.0:
+            low = max(low, -room / slope)
+        else:
+            high = min(high, -room / slope)
+    if low > high + TOLERANCE:
+        return False
+    step = min(max(0.0, low), high)
+    out[0], out[1], out[2] = ox + step * dx, oy + step * dy, oz + step * dz
+    return True
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _on_plane(a: FloatArray, c: FloatArray, i: int, target: FloatArray, out: FloatArray, work: FloatArray) -> bool:
+    """Minimise the distance to `target` on plane i, under the rows before it."""
+    short = c[i] - (a[i, 0] * target[0] + a[i, 1] * target[1] + a[i, 2] * target[2])
+    for axis in range(3):
+        work[axis] = target[axis] + short * a[i, axis]
+        out[axis] = work[axis]
+    for j in range(i):
+        if a[j, 0] * out[0] + a[j, 1] * out[1] + a[j, 2] * out[2] < c[j] - TOLERANCE and not _on_line(
+            a, c, i, j, work, out
+        ):
+            return False
+    return True
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def project(a: FloatArray, c: FloatArray, rows: int, target: FloatArray, out: FloatArray, work: FloatArray) -> bool:
+    """Write the point nearest to `target` with a u >= c; False, and no meaning in `out`, where there is none.
+
+    Args:
+        a: Unit normals, shape (K, 3).
+        c: Offsets, shape (K,).
+        rows: How many of them count.
+        target: The point to be near to, shape (3,).
+        out: Receives the nearest point, shape (3,).
+        work: Room for one point, shape (3,).
+    """
+    out[0], out[1], out[2] = target[0], target[1], target[2]
+    for i in range(rows):
+        if a[i, 0] * out[0] + a[i, 1] * out[1] + a[i, 2] * out[2] < c[i] - TOLERANCE and not _on_plane(
+            a, c, i, target, out, work
+        ):
+            return False
+    return True
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def box(a: FloatArray, c: FloatArray, limit: float) -> None:
+    """Write |u_i| <= limit into the first six half-spaces."""
+    for axis in range(3):
+        for side in range(2):
+            row = 2 * axis + side
+            a[row, 0], a[row, 1], a[row, 2] = 0.0, 0.0, 0.0
+            a[row, axis] = 1.0 - 2.0 * side
+            c[row] = -limit
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def nearest(
+    rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray,
+    out: FloatArray, missed: BoolArray, a: FloatArray, c: FloatArray, size: FloatArray, work: FloatArray,
+) -> bool:  # fmt: skip
+    """Write the control nearest to `target` with rows u >= bounds in the box, else the least-violating one.
+
+    Args:
+        rows: Normals, of any length, shape (M, 3).
+        bounds: Right-hand sides, shape (M,).
+        count: How many of them count.
+        limit: Bound of each component.
+        target: The desired control, shape (3,).
+        out: Receives the control, shape (3,).
+        missed: Receives the rows that are broken, shape (M,).
+        a: Room for M + 6 normals.
+        c: Room for M + 6 offsets.
+        size: Room for the M lengths of the rows.
+        work: Room for one point.
+
+    Returns:
+        True where all rows can be met.
+    """
+    box(a, c, limit)
+    used, met = 6, True
+    for i in range(count):
+        missed[i] = False
+        length = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)
+        if length < SHORTEST:
+            missed[i] = bounds[i] > TOLERANCE
+            met = met and not missed[i]
+            continue
+        a[used, 0], a[used, 1], a[used, 2] = rows[i, 0] / length, rows[i, 1] / length, rows[i, 2] / length
+        c[used] = bounds[i] / length
+        size[used - 6] = length
+        used += 1
+    if not project(a, c, used, target, out, work):
+        met = False
+        _least_violating(a, c, used, size, limit, target, out, work)
+    if not met:
+        for i in range(count):
+            short = bounds[i] - (rows[i, 0] * out[0] + rows[i, 1] * out[1] + rows[i, 2] * out[2])
+            missed[i] = short > 1e-9 * (1.0 + abs(bounds[i]))
+    for axis in range(3):
+        out[axis] = min(max(out[axis], -limit), limit)
+    return met
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _least_violating(
+    a: FloatArray, c: FloatArray, used: int, size: FloatArray, limit: float,
+    target: FloatArray, out: FloatArray, work: FloatArray,
+) -> None:  # fmt: skip
+    """Bisect for the smallest violation that is enough for every row, then take the control nearest to the target."""
+    high = 0.0
+    for i in range(6, used):
+        inside = 0.0
+        for axis in range(3):
+            inside += a[i, axis] * min(max(target[axis], -limit), limit)
+        high = max(high, (c[i] - inside) * size[i - 6])
+    low, done, span = 0.0, 0.0, high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        for i in range(6, used):
+            c[i] -= (middle - done) / size[i - 6]
+        done = middle
+        if project(a, c, used, target, out, work):
+            high = middle
+        else:
+            low = middle
+        if high - low <= 1e-13 * span:
+            break
+    for i in range(6, used):
+        c[i] -= (high - done) / size[i - 6]
+    project(a, c, used, target, out, work)
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def solve_rows(
+    desired: FloatArray, rows: FloatArray, bounds: FloatArray, limit: float,
+    control: FloatArray, missed: BoolArray, feasible: BoolArray,
+) -> None:  # fmt: skip
+    """Solve one problem for each row of the batch; see `safe_inspect.rta.filters.qp`."""
+    count = rows.shape[1]
+    a, c, size, work = np.empty((count + 6, 3)), np.empty(count + 6), np.empty(count), np.empty(3)
+    for i in range(desired.shape[0]):
+        feasible[i] = nearest(
+            rows[i], bounds[i], count, limit, desired[i], control[i], missed[i], a, c, size, work
+        )  # fmt: skip
