@@ -94,7 +94,9 @@ class Monitor:
         self.interrupted = True
         for line in self._lines.values():
             line.close()
-        print("stopping after this iteration, with a checkpoint; press Ctrl-C again to stop at once", file=self.stream)
+        print(
+            "stopping after this iteration, with a checkpoint; ask again to stop at once", file=self.stream, flush=True
+        )
 
     def close(self) -> None:
         """Close the logs."""
@@ -106,18 +108,19 @@ class Monitor:
 
 @contextmanager
 def monitored(monitor: Monitor) -> Iterator[None]:
-    """Make a monitor the one to which Tune's hooks speak, and let Ctrl-C end the training in order."""
+    """Make a monitor the one to which Tune's hooks speak, and let Ctrl-C and SIGTERM end the training in order."""
     global _monitor
-    main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGINT, monitor.interrupt) if main else None
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.signal(number, monitor.interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     _monitor = monitor
     try:
         yield
     finally:
         _monitor = None
         monitor.close()
-        if main:
-            signal.signal(signal.SIGINT, before or signal.default_int_handler)
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
 
 
 class RunCallback(tune.Callback):

@@ -1,0 +1,73 @@
+"""What a plugin does wrong, gathered and told at once."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from safe_inspect.errors import SafeInspectError
+
+
+@dataclass(frozen=True)
+class Breach:
+    """One rule of the contract that a plugin breaks.
+
+    Attributes:
+        rule: Name of the rule, such as ``row-wise``.
+        message: What is wrong.
+        remedy: What to do.
+    """
+
+    rule: str
+    message: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.rule}: {self.message}; {self.remedy}"
+
+
+class ContractError(SafeInspectError, AssertionError):
+    """A plugin breaks the contract.
+
+    Attributes:
+        plugin: Name of the plugin.
+        breaches: All that it breaks.
+    """
+
+    def __init__(self, plugin: str, breaches: Sequence[Breach]) -> None:
+        self.plugin = plugin
+        self.breaches = tuple(breaches)
+        count = "1 rule" if len(self.breaches) == 1 else f"{len(self.breaches)} rules"
+        lines = "\n".join(f"  - {breach}" for breach in self.breaches)
+        super().__init__(f"{plugin} breaks {count} of the plugin contract:\n{lines}")
+
+
+@dataclass
+class Report:
+    """Gathers breaches; a rule with the same message is told once."""
+
+    breaches: list[Breach] = field(default_factory=list)
+
+    def add(self, rule: str, message: str, remedy: str) -> None:
+        """Take note of a breach."""
+        breach = Breach(rule, message, remedy)
+        if breach not in self.breaches:
+            self.breaches.append(breach)
+
+    def expect(self, condition: object, rule: str, message: str, remedy: str) -> bool:
+        """Take note of a breach unless the condition holds; return whether it does."""
+        if not condition:
+            self.add(rule, message, remedy)
+        return bool(condition)
+
+    @contextmanager
+    def attempt(self, what: str, remedy: str = "it must work for every row of the sample world") -> Iterator[None]:
+        """Turn an exception of the plugin's into a breach that names its line."""
+        try:
+            yield
+        except Exception as error:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            told = f"{type(error).__name__}: {error}".splitlines()[0]
+            self.add("runs", f"{what} raised {told} ({last.filename}:{last.lineno})", remedy)
