@@ -71,7 +71,8 @@ def main() -> int:
         print(f"{name:>12}  {cells}")
     if arguments.json:
         means = {name: {key: float(np.mean(array)) for key, array in table.items()} for name, table in figures.items()}
-        arguments.json.write_text(json.dumps({"steps": result.steps, "seconds": result.seconds, "mean": means}, indent=1))
+        content = {"steps": result.steps, "seconds": result.seconds, "mean": means}
+        arguments.json.write_text(json.dumps(content, indent=1))
     return 0
 
 

@@ -85,14 +85,18 @@ class Streams:
         name = np.full(shape, zlib.crc32(purpose.encode()), dtype=np.uint64)
         key = (self.seed & 0xFFFFFFFF, (self.seed >> 32) & 0xFFFFFFFF)
         w0, w1, w2, w3 = philox4x32((np.broadcast_to(block, shape), name, episode, slot), key)
-        return np.stack(((w0 << _SHIFT) | w1, (w2 << _SHIFT) | w3), axis=-1).reshape(len(self), -1)[:, :count]
+        return np.stack(((w0 << _SHIFT) | w1, (w2 << _SHIFT) | w3), axis=-1).reshape(len(self), 2 * blocks)[:, :count]
 
     def uniform(self, purpose: str, count: int = 1, index: int = 0) -> FloatArray:
         """Return uniform numbers in [0, 1) with 53 random bits, shape (R, count)."""
         return (self.bits(purpose, count, index) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
+    def interior(self, purpose: str, count: int = 1, index: int = 0) -> FloatArray:
+        """Return uniform numbers in (0, 1), whose quantiles are finite, shape (R, count)."""
+        return np.minimum(self.uniform(purpose, count, index) + 2.0**-54, 1.0 - 2.0**-53)
+
     def normal(self, purpose: str, count: int = 1, index: int = 0) -> FloatArray:
         """Return standard normal numbers by inversion, shape (R, count)."""
         from scipy.special import ndtri  # slow to import, and most configurations draw uniformly
 
-        return np.asarray(ndtri(self.uniform(purpose, count, index) + 2.0**-54))
+        return np.asarray(ndtri(self.interior(purpose, count, index)))

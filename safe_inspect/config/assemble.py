@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from pydantic import ValidationError
-from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.models import AgentEntry, ExperimentConfig
+from safe_inspect.config.resets import reset_plan
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean
@@ -17,16 +17,12 @@ from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugin import Plugin
-from safe_inspect.rta.rejection_sampler import RejectionSampler, check_parameters
 from safe_inspect.simulators.inspection_simulator import InspectionSimulator
-from safe_inspect.simulators.parameters import Parameter, SimAttributeAccessor
-from safe_inspect.simulators.reset import BodyReset, ResetPlan
 
 Path = tuple[Any, ...]
 Report = Callable[[Path, str], None]
 
 _ENVIRONMENT: Path = ("config", "config", "env_config")
-_RESET: Path = (*_ENVIRONMENT, "simulator_reset_parameters")
 
 
 def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: int) -> EnvironmentSpec | None:
@@ -49,7 +45,7 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
         report(where, message)
 
     platforms = _platforms(config, tell)
-    reset = _reset(config, tell)
+    reset = reset_plan(config, tell)
     environment = config.config.config.env_config
     names = {
         "entity": {*platforms, *reset.entities},
@@ -61,6 +57,10 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
             if name not in names["entity"]:
                 where = (*_ENVIRONMENT, "simulator", "config", "inspection_points_map", name)
                 tell(where, f"no body is named {name!r}; {did_you_mean(name, names['entity'])}")
+    controlled = {name for agent in config.agent_config for name in agent.platforms}
+    for index, platform in enumerate(config.platform_config):
+        if platform.name not in controlled and controlled and controlled <= set(platforms):
+            tell(("platform_config", index), f"no agent controls the platform {platform.name!r}; remove it")
     if environment.dones.shared:
         tell((*_ENVIRONMENT, "dones", "shared"), "shared dones concern several agents; this version trains one")
     if len(config.agent_config) > 1:
@@ -90,72 +90,6 @@ def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
     return platforms
 
 
-def _reset(config: ExperimentConfig, report: Report) -> ResetPlan:
-    drawn = config.config.config.env_config.simulator_reset_parameters
-    parameters: dict[str, Parameter] = dict(drawn.__pydantic_extra__ or {})
-    entities: dict[str, BodyReset] = {}
-    sun: Parameter | None = None
-    for name, entity in drawn.additional_entities.items():
-        where = (*_RESET, "additional_entities", name)
-        if entity.entity_class == "Sun":
-            for key in entity.config:
-                if key != "theta":
-                    report((*where, "config", key), "the sun takes `theta` alone")
-            sun = entity.config.get("theta")
-            if sun is None:
-                report(where, "the sun needs `theta`, its angle at the reset")
-        elif entity.initializer is None:
-            report(where, "a body needs an `initializer`, and the sun `entity_class: Sun`")
-        else:
-            entities[name] = BodyReset(entity.initializer, entity.config)
-            _fits(entities[name], (*where, "config"), report)
-        for key, parameter in entity.config.items():
-            _accesses(parameter, parameters, (*where, "config", key), report)
-    deputies: dict[str, BodyReset] = {}
-    for index, agent in enumerate(config.agent_config):
-        where = ("agent_config", index, "config", "config", "simulator_reset_parameters", "config")
-        begin = agent.config.config.simulator_reset_parameters
-        body = BodyReset(begin.initializer, begin.config)
-        _fits(body, where, report)
-        for key, parameter in begin.config.items():
-            _accesses(parameter, parameters, (*where, key), report)
-        deputies |= dict.fromkeys(agent.platforms[:1], body)
-    used = {"priority_vector_azimuth_angle", "priority_vector_elevation_angle"} | {
-        accessor.attribute_name.split(".")[0]
-        for body in (*deputies.values(), *entities.values())
-        for accessor in body.parameters.values()
-        if isinstance(accessor, SimAttributeAccessor)
-    }
-    used |= {sun.attribute_name.split(".")[0]} if isinstance(sun, SimAttributeAccessor) else set()
-    for name in parameters:
-        if name not in used:
-            report((*_RESET, name), f"nothing uses the reset parameter {name!r}; {did_you_mean(name, used)}")
-    return ResetPlan(parameters, deputies, entities, sun)
-
-
-def _fits(body: BodyReset, where: Path, report: Report) -> None:
-    try:
-        check_parameters(body.initializer, body.parameters, where[-1])
-    except PydanticCustomError as error:
-        for problem in (error.context or {})["errors"]:
-            report((*where[:-1], *problem["loc"]), problem["msg"])
-
-
-def _accesses(parameter: Parameter, parameters: Mapping[str, Parameter], where: Path, report: Report) -> None:
-    """Check that an accessor names something that is drawn before it."""
-    if not isinstance(parameter, SimAttributeAccessor):
-        return
-    name, _, state = parameter.attribute_name.partition(".")
-    where = (*where, "config", "attribute_name")
-    if name not in parameters:
-        report(where, f"no reset parameter is named {name!r}; {did_you_mean(name, parameters)}")
-        return
-    source = parameters[name]
-    states = source.initializer.gives if isinstance(source, RejectionSampler) else ()
-    if state and state not in states:
-        report(where, f"{name!r} has no state {state!r}; {did_you_mean(state, states)}")
-
-
 def _agent(
     entry: AgentEntry,
     where: Path,
@@ -182,6 +116,7 @@ def _agent(
         parts[part.part_name] = part
     known = {
         **names,
+        "done": {named.name for named in body.dones} | {"EpisodeLengthDone"},
         "sensor": {name for name, part in parts.items() if isinstance(part, Sensor)},
         "controller": {name for name, part in parts.items() if isinstance(part, Controller)},
     }
@@ -189,7 +124,9 @@ def _agent(
     for path, plugin in _plugins(entry, base):
         for field, kind in plugin.references().items():
             value = getattr(plugin, field)
-            if value is not None and value not in known[kind]:
+            if len(parts) < len(body.parts) and kind in ("sensor", "controller"):
+                sound = False  # the part that is meant may be one of those whose name is taken
+            elif value is not None and value not in known[kind]:
                 sound = False
                 report((*path, "config", field), f"no {kind} is named {value!r}; {did_you_mean(value, known[kind])}")
     dones = list(body.dones)
@@ -232,10 +169,15 @@ def _plugins(entry: AgentEntry, base: Path) -> Iterator[tuple[Path, Plugin]]:
             yield from _nested((*base, key, index), plugin)
     for key in ("rewards", "dones"):
         for index, named in enumerate(getattr(body, key)):
-            yield (*base, key, index), named.functor
+            yield from _nested((*base, key, index), named.functor)
 
 
 def _nested(path: Path, plugin: Plugin) -> Iterator[tuple[Path, Plugin]]:
+    """Yield a plugin and those that it wraps: one, a list of them or a mapping."""
     yield path, plugin
-    for index, inner in enumerate(getattr(plugin, "wrapped", ())):
-        yield from _nested((*path, "wrapped", index), inner)
+    wrapped: Any = getattr(plugin, "wrapped", ())
+    if isinstance(wrapped, Plugin):
+        yield from _nested((*path, "wrapped"), wrapped)
+        return
+    for key, inner in wrapped.items() if isinstance(wrapped, Mapping) else enumerate(wrapped):
+        yield from _nested((*path, "wrapped", key), inner)

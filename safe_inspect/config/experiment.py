@@ -20,6 +20,7 @@ from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.references import expand_references
 from safe_inspect.config.report import problems_of
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.version import __version__
 
@@ -108,7 +109,7 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
 
 
 def _experiment_tree(tree: Any, path: str) -> LocatedDict:
-    """Read the files that are named by plain paths, and merge the lists of mappings."""
+    """Read the files that are named by plain paths, and merge the lists of mappings; any file may be such a list."""
     if not isinstance(tree, LocatedDict) or not {"config", "agent_config"} & set(tree):
         raise ConfigError(
             Problem(
@@ -120,7 +121,8 @@ def _experiment_tree(tree: Any, path: str) -> LocatedDict:
 
     def read(holder: Any, key: Any) -> None:
         if isinstance(holder, (dict, list)) and (isinstance(holder, list) or key in holder):
-            holder[key] = load_if_path(holder[key], locate(holder, (key,)))
+            value = load_if_path(holder[key], locate(holder, (key,)))
+            holder[key] = merge(value) if isinstance(value, list) else value
 
     read(tree, "config")
     for entries, keys in (("platform_config", ("config",)), ("agent_config", ("config", "policy"))):
@@ -163,7 +165,7 @@ def _import_plugins(tree: LocatedDict) -> None:
         try:
             importlib.import_module(str(name))
         except ModuleNotFoundError as error:
-            if error.name is None or not str(name).startswith(error.name):
+            if error.name is None or not f"{name}.".startswith(f"{error.name}."):
                 raise
             place = (*where, index)
             problems.append(
@@ -193,7 +195,14 @@ def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> in
     if other is not None and (isinstance(other, bool) or not isinstance(other, int) or other < 1):
         report(("config", "config", "rllib_configs"), f"`horizon` is a number of steps, at least 1, not {other!r}")
         other = None
-    return own or other or 1224
+    horizon = own or other
+    for index, entry in enumerate(config.agent_config):
+        for place, done in enumerate(entry.config.config.dones):
+            limit = done.functor.horizon if isinstance(done.functor, EpisodeLengthDone) else None
+            if limit is not None and horizon is not None and limit != horizon:
+                second = ("agent_config", index, "config", "config", "dones", place)
+                report(second, f"the horizon is {limit} here and {horizon} in the environment; give it once")
+    return horizon or 1224
 
 
 def _seed(rllib: Mapping[str, Any]) -> int:

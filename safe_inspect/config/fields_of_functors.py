@@ -25,7 +25,9 @@ def named_field(kind: str) -> Any:
         name = value.get("name") if isinstance(value, Mapping) else None
         return Named(str(name) if name else plugin.registered_name, plugin)
 
-    return Annotated[InstanceOf[Named[Any]], BeforeValidator(convert), WithJsonSchema({"type": "object", SCHEMA_KIND: kind})]
+    return Annotated[
+        InstanceOf[Named[Any]], BeforeValidator(convert), WithJsonSchema({"type": "object", SCHEMA_KIND: kind})
+    ]
 
 
 def _number(value: Any) -> Any:

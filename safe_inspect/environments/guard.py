@@ -25,6 +25,11 @@ def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
         raise PluginValueError(f"{what} gave an array of shape {value.shape}; one of shape {shape} is wanted")
 
 
+def all_finite(value: AnyArray) -> bool:
+    """Return whether an array has neither NaN nor infinity; counting is much faster than `all` on a small array."""
+    return np.count_nonzero(np.isfinite(value)) == value.size
+
+
 def require_finite(what: str, value: AnyArray, after: State, before: State | None = None) -> None:
     """Stop when an array has a NaN or an infinity.
 
@@ -40,9 +45,9 @@ def require_finite(what: str, value: AnyArray, after: State, before: State | Non
     Raises:
         PluginValueError: The array is not finite.
     """
-    finite = np.isfinite(value)
-    if finite.all():
+    if all_finite(value):
         return
+    finite = np.isfinite(value)
     bad = np.flatnonzero(~finite.reshape(len(value), -1).all(axis=-1))
     rows = np.unique(bad * after.num_envs // len(value))
     folder = os.environ.get(CRASH_FOLDER_VARIABLE) or tempfile.mkdtemp(prefix="safe_inspect_")

@@ -53,6 +53,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         self.single_action_space = box(self.core.action_layout)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._begun = False
         self._ended: BoolArray = np.ones(num_envs, dtype=np.bool_)
         self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
 
@@ -62,13 +63,19 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         """Begin new episodes: in all environments, or in those of ``options["reset_mask"]``.
 
         Args:
-            seed: Begin the run again with this seed. A list is taken only as Gymnasium makes it, seed + index.
+            seed: Begin the run of all environments again with this seed. A list is taken only as Gymnasium makes it,
+                seed + index.
             options: ``reset_mask`` of shape (N,), bool.
         """
         mask = (options or {}).get("reset_mask")
+        if mask is not None and _one(seed) is not None:
+            raise ValueError("a seed begins all environments again: give a seed or a reset_mask, not both")
         if mask is None:
             self._observation = self.core.reset(seed=_one(seed))[:, 0]
             self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+            self._begun = True
+        elif not self._begun:
+            raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(np.flatnonzero(np.asarray(mask, dtype=np.bool_)))
         return self._observation.copy(), facts(self.core.view())
@@ -80,12 +87,15 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             actions: Actions, clipped to their bounds, shape (N, A).
 
         Raises:
-            SafeInspectError: An environment that has ended is stepped in the mode ``DISABLED``.
+            SafeInspectError: No episode has begun, or an environment that has ended is stepped in the mode
+                ``DISABLED``.
         """
-        ended = self._ended
+        if not self._begun:
+            raise SafeInspectError("no episode has begun; call reset() first")
+        ended = self._ended.copy()  # a reset below clears the flags themselves
         if ended.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise SafeInspectError(
-                f"environments {np.flatnonzero(ended)[:8].tolist()} have not begun or are over; call reset() first"
+                f"the episodes of the environments {np.flatnonzero(ended)[:8].tolist()} are over; reset them first"
             )
         actions = np.asarray(actions)
         if ended.any():

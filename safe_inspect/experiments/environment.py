@@ -155,9 +155,10 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
             return observations, rewards, terminated, truncated, {}
         return observations, rewards, terminated, truncated, {"episode": self._rows(infos), "_episode": self._ended}
 
-    def close(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: Any) -> None:
         """Close the environments."""
-        self.env.close(**kwargs)
+        if hasattr(self, "env"):  # not when their building has failed
+            self.env.close(**kwargs)
 
     def _make(self, num_envs: int, slot: int, evaluation: bool) -> VectorEnv:
         seed = stream_seed(self._config.get("seed", 0), self._config.get("attempt", 0), evaluation)

@@ -131,7 +131,6 @@ RESERVED: dict[str, str] = {
     "custom_evaluation_function": "use `safe-inspect evaluate`",
     "custom_eval_function": "use `safe-inspect evaluate`",
     "stats_cls_lookup": "it takes Python classes",
-    "input_spaces_jsonable": "offline data is not supported",
     "episodes_to_numpy": "the learner needs arrays",
     "in_evaluation": "RLlib sets it for the evaluation runners",
     "torch_compile_learner_what_to_compile": "it takes a Python value",
@@ -147,12 +146,22 @@ RESERVED_PREFIXES: dict[str, str] = {
     "prelearner_": "offline data is not supported",
     "materialize_": "offline data is not supported",
     "dataset_": "offline data is not supported",
+    "map_batches_": "offline data is not supported",
+    "iter_batches_": "offline data is not supported",
+    "off_policy_": "offline data is not supported",
+    "ope_": "offline data is not supported",
+    "actions_in_input_": "offline data is not supported",
+    "postprocess_inputs": "offline data is not supported",
+    "shuffle_buffer_": "offline data is not supported",
     "extra_python_environs": "set environment variables before the command",
     "add_default_connectors": "the connectors of the run are fixed",
     "replay_": "replay settings of RLlib's old API stack have no effect",
     "prioritized_replay": "replay settings of RLlib's old API stack have no effect",
     "_": "private attributes of RLlib are no settings",
 }
+
+#: A part of a name that is refused wherever it stands.
+RESERVED_PARTS: dict[str, str] = {"offline": "offline data is not supported"}
 
 #: The nets, old name to new name.
 MODEL_RENAMED: dict[str, str] = {

@@ -26,7 +26,7 @@ class TrainedPolicy:
         module: RLlib's module of the policy.
     """
 
-    def __init__(self, module: RLModule) -> None:
+    def __init__(self, module: Any) -> None:
         self.module = module.eval()
 
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:

@@ -44,6 +44,7 @@ class _Tables:
     only_at: Mapping[str, tuple[tuple[object, ...], str]]
     reserved: Mapping[str, str] = field(default_factory=dict)
     prefixes: Mapping[str, str] = field(default_factory=dict)
+    parts: Mapping[str, str] = field(default_factory=dict)
     spellings: Mapping[str, str] = field(default_factory=dict)
     open: bool = False
     searchable: bool = False
@@ -125,6 +126,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         old_keys.ONLY_AT,
         old_keys.RESERVED,
         old_keys.RESERVED_PREFIXES,
+        old_keys.RESERVED_PARTS,
         old_keys.SPELLINGS,
         open=own is None,
         searchable=not nested,
@@ -202,7 +204,10 @@ def _translate(mapping: Mapping[str, Any], path: str, tables: _Tables) -> Transl
 def _refusal(name: str, tables: _Tables) -> str:
     if name in tables.reserved:
         return tables.reserved[name]
-    return next((reason for prefix, reason in tables.prefixes.items() if name.startswith(prefix)), "")
+    for prefix, reason in tables.prefixes.items():
+        if name.startswith(prefix):
+            return reason
+    return next((reason for part, reason in tables.parts.items() if part in name), "")
 
 
 def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str], list[Problem]]:

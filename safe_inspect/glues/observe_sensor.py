@@ -47,7 +47,7 @@ class ObserveSensor(ObservationGlue):
             ValueError: The units or the normaliser do not fit the sensor.
         """
         sensor = sensor_of(parts, self.sensor)
-        low, high = _limits(sensor.bounds, sensor.size, self._scale(sensor.symbol))
+        low, high = _limits(sensor.limits, sensor.size, self._scale(sensor.symbol))
         normalizer = self.normalization.active
         if normalizer is None:
             return low, high
@@ -64,7 +64,7 @@ class ObserveSensor(ObservationGlue):
         normalizer = self.normalization.active
         if normalizer is None:
             return values
-        return normalizer(values, *_limits(sensor.bounds, sensor.size, scale))
+        return normalizer(values, *_limits(sensor.limits, sensor.size, scale))
 
     def _scale(self, symbol: str) -> float:
         return 1.0 if self.output_units is None or symbol == "" else 1.0 / factor(self.output_units, symbol)

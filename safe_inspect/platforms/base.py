@@ -107,6 +107,11 @@ class Sensor(Part):
         """Number of elements of a reading."""
         return len(self.elements)
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest possible value with the sensor's configuration, SI; `bounds` unless it depends on it."""
+        return self.bounds
+
     @abstractmethod
     def __call__(self, view: View) -> FloatArray:
         """Return the reading, SI, shape (R, size)."""

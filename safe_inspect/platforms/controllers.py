@@ -30,6 +30,15 @@ class ThrustProp(Property):
     high: Force = 1.0
     units: str = "N"
 
+    @model_validator(mode="before")
+    @classmethod
+    def _one_unit(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "units" in data:
+            for field in ("low", "high"):
+                if not isinstance(data.get(field, 0.0), (int, float)):
+                    raise ValueError(f"`{field}` ({data[field]!r}) has a unit beside `units`; give one of them")
+        return data
+
     @model_validator(mode="after")
     def _ordered(self) -> ThrustProp:
         if unit(self.units).symbol != "N":

@@ -47,6 +47,11 @@ class SunAngleSensor(Sensor, name="Sensor_SunAngle"):
 
     wrap: bool = True
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest angle [rad]; none when it is not wrapped."""
+        return self.bounds if self.wrap else (-math.inf, math.inf)
+
     def __call__(self, view: View) -> FloatArray:
         """Return the sun's angle [rad], shape (R, 1)."""
         angle = view.sun_angle[:, None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from typing import ClassVar
 
 from safe_inspect.functor import functor_field
 from safe_inspect.glues.base import ActionGlue
@@ -13,10 +14,15 @@ from safe_inspect.types import BoolArray, FloatArray
 class SafetyGlue(ActionGlue):
     """Wraps the glues of the controllers and knows which states are safe.
 
+    Class attributes:
+        tests: Names of the states that `refusals` reads.
+
     Attributes:
         enabled: True: the thrust is filtered. False: the glue costs nothing.
         wrapped: The glues of the controllers.
     """
+
+    tests: ClassVar[tuple[str, ...]] = ("position", "velocity", "sun_angle")
 
     enabled: bool = False
     wrapped: tuple[functor_field("glue"), ...] = ()  # type: ignore[valid-type]

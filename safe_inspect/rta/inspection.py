@@ -63,7 +63,8 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
     def bounds(self, parts: Parts) -> Bounds:
         """Return the bounds of the wrapped glues' elements."""
         bounds = [glue.bounds(parts) for glue in self.wrapped]
-        return np.concatenate([low for low, _ in bounds]), np.concatenate([high for _, high in bounds])
+        low, high = (np.concatenate([np.empty(0), *(bound[side] for bound in bounds)]) for side in (0, 1))
+        return low, high
 
     def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
         """Return the thrust that the wrapped glues ask for [N], Hill frame, shape (R, 3)."""

@@ -14,7 +14,7 @@ from safe_inspect.errors import InitialStateError, did_you_mean
 from safe_inspect.functor import build, functor_field
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.initializers import Initializer
-from safe_inspect.simulators.parameters import Draw, Parameter
+from safe_inspect.simulators.parameters import Draw, Parameter, Value
 from safe_inspect.types import FloatArray
 
 
@@ -60,6 +60,10 @@ class SafetyTest(BaseModel):
             else:
                 if isinstance(glue, SafetyGlue):
                     self._glue = glue
+                    missing = ", ".join(f"`{name}`" for name in glue.tests if name not in self.states)
+                    if missing:
+                        message = f"{glue.registered_name} tests {missing} too; add what is missing"
+                        problems.append({"type": "functor_key", "loc": ("states",), "msg": message})
                 else:
                     message = f"{glue.registered_name} is no safety glue; use one such as RTAGlueCWHInspection1v1"
                     problems.append({"type": "functor_key", "loc": ("functor",), "msg": message})
@@ -97,6 +101,8 @@ class RejectionSampler(Parameter):
     @model_validator(mode="after")
     def _parameters_fit(self) -> RejectionSampler:
         check_parameters(self.initializer, self.wrapped, "wrapped")
+        if self.rta is not None and self.initializer.gives:
+            check_states(self.rta.states, self.initializer.gives, self.initializer.registered_name, "rta")
         return self
 
     def __call__(self, draw: Draw) -> dict[str, FloatArray]:
@@ -131,12 +137,32 @@ class RejectionSampler(Parameter):
 
     def _draw(self, draw: Draw, rows: Any, attempt: int) -> dict[str, FloatArray]:
         streams = draw.streams[rows]
+        drawn = {name: _take(value, rows) for name, value in draw.values.items()}
         values = {}
         for name, parameter in self.wrapped.items():
-            child = Draw(streams, f"{draw.purpose}.{name}", attempt, draw.values)
+            child = Draw(streams, f"{draw.purpose}.{name}", attempt, drawn)
             values[name] = parameter(child)
         result: dict[str, FloatArray] = self.initializer(values)
         return result
+
+
+def _take(value: Value, rows: Any) -> Value:
+    return {name: array[rows] for name, array in value.items()} if isinstance(value, dict) else value[rows]
+
+
+def check_states(states: tuple[str, ...], given: Mapping[str, int], giver: str, *field: str) -> None:
+    """Check that the named states are given.
+
+    Raises:
+        PydanticCustomError: Some are not; each is listed under `field`.
+    """
+    problems = []
+    for index, name in enumerate(states):
+        if name not in given:
+            message = f"{giver} gives no state {name!r}; {did_you_mean(name, given)}"
+            problems.append({"type": "functor_key", "loc": (*field, "states", index), "msg": message})
+    if problems:
+        raise PydanticCustomError("functor", "the states are wrong", {"errors": problems})
 
 
 def check_parameters(initializer: Initializer, parameters: Mapping[str, Parameter], field: str) -> None:

@@ -43,6 +43,7 @@ class DeltaVScale:
         self._steps: IntArray = np.zeros(num_envs, dtype=np.int64)
         self._sum: FloatArray = np.zeros(num_envs)
         self._episodes: IntArray = np.zeros(num_envs, dtype=np.int64)
+        self._calls_until_due = schedule.steps_until_update
 
     def end_episodes(self, rows: IntArray, fraction: FloatArray) -> None:
         """Take note of finished episodes: their slots and inspected fractions."""
@@ -53,9 +54,10 @@ class DeltaVScale:
         """Count one step of the slots whose episode runs, and update those whose interval is over."""
         schedule = self._schedule
         self._steps += running
-        due: BoolArray = self._steps >= schedule.steps_until_update
-        if not due.any():
+        self._calls_until_due -= 1
+        if self._calls_until_due > 0:  # no slot can have come so far
             return
+        due: BoolArray = self._steps >= schedule.steps_until_update
         mean = self._sum / np.maximum(self._episodes, 1)
         told = due & (self._episodes > 0)
         low, high = schedule.fractions
@@ -63,3 +65,4 @@ class DeltaVScale:
         np.clip(self.scale + direction * schedule.change, *schedule.bounds, out=self.scale)
         for counter in (self._steps, self._sum, self._episodes):
             counter[due] = 0
+        self._calls_until_due = schedule.steps_until_update - int(self._steps.max())

@@ -18,12 +18,12 @@ class Initializer(Plugin):
 
     Class attributes:
         parameters: SI unit by the name of each parameter that it takes; None for a mapping of states.
-        gives: Names of the states that it returns, where the class knows them.
+        gives: Number of elements by the name of each state that it returns, where the class knows them.
     """
 
     kind: ClassVar[str] = "initializer"
     parameters: ClassVar[Mapping[str, str | None]] = {}
-    gives: ClassVar[tuple[str, ...]] = ()
+    gives: ClassVar[Mapping[str, int]] = {}
 
     @abstractmethod
     def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
@@ -54,7 +54,7 @@ class CWH3DRadialWithSunInitializer(Initializer):
         "vel_elevation_angle": "rad",
         "sun_angle": "rad",
     }
-    gives: ClassVar[tuple[str, ...]] = ("position", "velocity", "sun_angle")
+    gives: ClassVar[Mapping[str, int]] = {"position": 3, "velocity": 3, "sun_angle": 1}
 
     def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
         """Return the states of the drawn polar values."""
@@ -75,7 +75,7 @@ class PositionVelocityInitializer(Initializer):
     parameters: ClassVar[Mapping[str, str | None]] = {
         "x": "m", "y": "m", "z": "m", "x_dot": "m/s", "y_dot": "m/s", "z_dot": "m/s",
     }  # fmt: skip
-    gives: ClassVar[tuple[str, ...]] = ("position", "velocity")
+    gives: ClassVar[Mapping[str, int]] = {"position": 3, "velocity": 3}
 
     def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
         """Return the states of the drawn components."""

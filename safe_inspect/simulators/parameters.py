@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -145,15 +146,31 @@ class TruncatedNormalParameter(ScalarParameter):
     def _ordered(self) -> TruncatedNormalParameter:
         if not self.low < self.high:
             raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high})")
+        if not self._tail(self._span[1]) > self._tail(self._span[0]):
+            raise ValueError(
+                f"[{self.low}, {self.high}] lies too far from `mu` ({self.mu}) for a `std` of {self.std}; widen one"
+            )
         return self
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        """The bounds in standard deviations; mirrored when both lie above the mean, where a tail keeps no digits."""
+        low, high = (self.low - self.mu) / self.std, (self.high - self.mu) / self.std
+        return (-high, -low) if low > 0.0 else (low, high)
+
+    @staticmethod
+    def _tail(bound: float) -> float:
+        """Return the standard normal's probability below a bound."""
+        return 0.5 * math.erfc(-bound / math.sqrt(2.0))
 
     def __call__(self, draw: Draw) -> FloatArray:
         """Return the quantile of the truncated normal at a uniform draw, shape (R,)."""
-        from scipy.special import ndtr, ndtri  # slow to import, and the shipped tasks draw uniformly
+        from scipy.special import ndtri  # slow to import, and the shipped tasks draw uniformly
 
-        draws = draw.streams.uniform(draw.purpose, index=draw.index)[:, 0] + 2.0**-54
-        below, above = (float(ndtr((bound - self.mu) / self.std)) for bound in (self.low, self.high))
-        value = self.mu + self.std * ndtri(below + draws * (above - below))
+        draws = draw.streams.interior(draw.purpose, index=draw.index)[:, 0]
+        below, above = (self._tail(bound) for bound in self._span)
+        sign = -1.0 if self.low > self.mu else 1.0
+        value = self.mu + sign * self.std * ndtri(below + draws * (above - below))
         return np.asarray(np.clip(value, self.low, self.high) * self.factor)
 
 

@@ -70,7 +70,8 @@ class Simulation:
         # Thrust over mass drives every body alike, so one map for unit mass serves them all.
         self._phi, self._gamma = transition(config.mean_motion, 1.0, step_size)
         self._specs = self._declare()
-        self.before, self.state = State(num_envs, self._specs), State(num_envs, self._specs)
+        self.state = State(num_envs, self._specs)
+        self.before = State(num_envs, self._specs, self.state)
         self._acceleration = np.zeros((num_envs, len(bodies), 3))
         self._active = np.ones((num_envs, len(platforms)), dtype=np.bool_)
         self._scale = DeltaVScale(config.schedule, num_envs)
@@ -164,7 +165,7 @@ class Simulation:
 
     def _look(self, state: State) -> tuple[View, ...]:
         """Inspect what is in view and lit, then let the sensors remember; return the views of what they see."""
-        sun = np.zeros((state.num_envs, 3))
+        sun = state.sun_direction
         np.cos(state.sun_angle, out=sun[:, 0])
         np.negative(np.sin(state.sun_angle), out=sun[:, 1])
         deputies = self.world.num_deputies

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,11 +14,19 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """One declared array of the state: its shape behind the environment axis, its type and its value at reset."""
+    """One declared array of the state.
+
+    Attributes:
+        shape: Shape behind the environment axis.
+        dtype: NumPy type.
+        fill: Value at the beginning of an episode.
+        constant: Whether it keeps its value through an episode.
+    """
 
     shape: tuple[int, ...]
     dtype: Any = np.float64
     fill: float = 0
+    constant: bool = False
 
 
 @dataclass(frozen=True)
@@ -36,11 +45,19 @@ class PointsState:
     own_count: IntArray
     weights: FloatArray
 
+#: Every array of a state begins at a multiple of this many bytes.
+_ALIGNMENT = 64
+
 
 class State:
     """The state of N environments with D deputies and B bodies (the deputies first).
 
-    All arrays are created once and written in place. SI units, Hill's frame.
+    All arrays are created once, in one block of memory, and written in place. SI units, Hill's frame.
+
+    Args:
+        num_envs: Number of environments, N.
+        specs: The arrays, by name.
+        constants: A state of the same size that shares its arrays that are constant through an episode.
 
     Attributes:
         time: Time since the reset [s], shape (N,).
@@ -51,18 +68,17 @@ class State:
         control: Thrust held over the last step [N], shape (N, D, 3).
         delta_v: Velocity change spent in the episode, sum of abs(u_i) dt / m [m/s], shape (N, D).
         sun_angle: Angle of the sun, not wrapped [rad], shape (N,).
+        sun_direction: Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, shape (N, 3).
         delta_v_scale: Scale of the delta-v reward [1/(m/s)], shape (N,).
         points: `PointsState` by the body's name.
-        memory: Declared arrays of the sensors, by "agent group/part/array".
+        memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
     """
 
-    def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec]) -> None:
+    def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None = None) -> None:
         self.num_envs = num_envs
         self.specs = specs
-        self.arrays: dict[str, AnyArray] = {
-            name: np.full((num_envs, *spec.shape), spec.fill, dtype=spec.dtype) for name, spec in specs.items()
-        }
-        arrays = self.arrays
+        self._block, arrays = _allocate(num_envs, specs, constants)
+        self.arrays: dict[str, AnyArray] = arrays
         self.time: FloatArray = arrays["time"]
         self.step: IntArray = arrays["step"]
         self.key: AnyArray = arrays["key"]
@@ -71,6 +87,7 @@ class State:
         self.control: FloatArray = arrays["control"]
         self.delta_v: FloatArray = arrays["delta_v"]
         self.sun_angle: FloatArray = arrays["sun_angle"]
+        self.sun_direction: FloatArray = arrays["sun_direction"]
         self.delta_v_scale: FloatArray = arrays["delta_v_scale"]
         self.points: dict[str, PointsState] = {
             entity: PointsState(
@@ -81,15 +98,17 @@ class State:
             )
             for entity in (name.split("/")[1] for name in arrays if name.startswith("points/"))
         }
-        self.memory: dict[str, AnyArray] = {
-            name.removeprefix("memory/"): array for name, array in arrays.items() if name.startswith("memory/")
-        }
+        self.memory: dict[tuple[str, str, str], AnyArray] = {}
+        for name, array in arrays.items():
+            kind, _, rest = name.partition("/")
+            if kind == "memory":
+                group, part, label = rest.split("/")
+                self.memory[group, part, label] = array.reshape(-1, *array.shape[2:])
         self._list = list(arrays.values())
 
     def copy_from(self, other: State) -> None:
-        """Overwrite this state with another of the same size."""
-        for mine, theirs in zip(self._list, other._list, strict=True):
-            np.copyto(mine, theirs)
+        """Overwrite this state with another of the same size that shares its constant arrays."""
+        np.copyto(self._block, other._block)
 
     def put(self, rows: IntArray, other: State) -> None:
         """Overwrite some rows with the rows of a smaller state."""
@@ -113,12 +132,13 @@ def base_specs(num_bodies: int, num_deputies: int, points: Iterable[tuple[str, i
     specs = {
         "time": ArraySpec(()),
         "step": ArraySpec((), np.int64),
-        "key": ArraySpec((), np.uint64),
+        "key": ArraySpec((), np.uint64, constant=True),
         "position": ArraySpec((num_bodies, 3)),
         "velocity": ArraySpec((num_bodies, 3)),
         "control": ArraySpec((num_deputies, 3)),
         "delta_v": ArraySpec((num_deputies,)),
         "sun_angle": ArraySpec(()),
+        "sun_direction": ArraySpec((3,)),
         "delta_v_scale": ArraySpec(()),
     }
     for name, count in points:
@@ -126,6 +146,31 @@ def base_specs(num_bodies: int, num_deputies: int, points: Iterable[tuple[str, i
             f"points/{name}/inspector": ArraySpec((count,), np.int8, -1),
             f"points/{name}/team_count": ArraySpec((), np.int64),
             f"points/{name}/own_count": ArraySpec((num_deputies,), np.int64),
-            f"points/{name}/weights": ArraySpec((count,), np.float64, 1.0 / count),
+            f"points/{name}/weights": ArraySpec((count,), np.float64, 1.0 / count, constant=True),
         }
     return specs
+
+
+def _allocate(
+    num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None
+) -> tuple[AnyArray, dict[str, AnyArray]]:
+    """Return a block of memory and the arrays; those that change within an episode lie in the block."""
+    shapes = {name: (num_envs, *spec.shape) for name, spec in specs.items()}
+    sizes = {name: math.prod(shapes[name]) * np.dtype(spec.dtype).itemsize for name, spec in specs.items()}
+    changing = [name for name, spec in specs.items() if not spec.constant]
+    starts, end = {}, 0
+    for name in changing:
+        starts[name] = end
+        end += -(-sizes[name] // _ALIGNMENT) * _ALIGNMENT
+    block = np.zeros(end, dtype=np.uint8)
+    arrays: dict[str, AnyArray] = {}
+    for name, spec in specs.items():
+        if not spec.constant:
+            piece = block[starts[name] : starts[name] + sizes[name]]
+            arrays[name] = piece.view(spec.dtype).reshape(shapes[name])
+            arrays[name][...] = spec.fill
+        elif constants is not None:
+            arrays[name] = constants.arrays[name]
+        else:
+            arrays[name] = np.full(shapes[name], spec.fill, dtype=spec.dtype)
+    return block, arrays

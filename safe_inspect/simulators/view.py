@@ -171,15 +171,10 @@ class View:
         """Angle of the sun, not wrapped [rad], shape (R,)."""
         return self.per_environment(self.state.sun_angle)
 
-    @cached_property
+    @property
     def sun_direction(self) -> FloatArray:
         """Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, Hill frame, shape (R, 3)."""
-        angle = self.sun_angle
-        direction = np.zeros((len(angle), 3))
-        np.cos(angle, out=direction[:, 0])
-        np.sin(angle, out=direction[:, 1])
-        np.negative(direction[:, 1], out=direction[:, 1])
-        return direction
+        return self.per_environment(self.state.sun_direction)
 
     def entity_position(self, name: str) -> FloatArray:
         """Return the position of a body [m], Hill frame, shape (R, 3)."""
@@ -203,6 +198,11 @@ class View:
             found = self._readings[sensor] = self.group.sensors[sensor](self)
         return found
 
+    @property
+    def readings(self) -> Mapping[str, FloatArray]:
+        """What sensors of the agent have read in this state so far, by name."""
+        return self._readings
+
     def range_to(self, position_sensor: str | None) -> FloatArray:
         """Return the distance to what a sensor locates [m], shape (R,); to the origin of Hill's frame for None."""
         found = self._ranges.get(position_sensor)
@@ -214,8 +214,7 @@ class View:
 
     def memory(self, part: str, array: str) -> AnyArray:
         """Return a declared array of a sensor with the rows of the view, writable, shape (R, ...)."""
-        memory = self.state.memory[f"{self.group.name}/{part}/{array}"]
-        return memory.reshape(-1, *memory.shape[2:])
+        return self.state.memory[self.group.name, part, array]
 
 
 class Step:

@@ -86,26 +86,26 @@ def take_rows(step: Step, rows: AnyArray) -> Step:
     """
     world, group = step.after.world, step.after.group
     before, after = (View(view.state.take(rows), world, group) for view in (step.before, step.after))
-    arrays = (step.action, step.control, step.desired_control, step.intervening)
-    action, control, desired, intervening = (np.array(array[rows]) for array in arrays)
-    return Step(before, after, action, control, desired, intervening, step.dt)
+    action, control, desired = (step.action[rows], step.control[rows], step.desired_control[rows])
+    return Step(before, after, action.copy(), control.copy(), desired.copy(), step.intervening[rows].copy(), step.dt)
 
 
-def fly(environment: BatchedEnvironment, length: int = LENGTH) -> list[tuple[Step, BoolArray]]:
+def fly(environment: BatchedEnvironment, first_slot: int = 0, length: int = LENGTH) -> list[tuple[Step, BoolArray]]:
     """Fly rough episodes, and return each step with the rows that ended in it.
 
     What an environment does depends on its slot and its own state alone, not on those beside it.
 
     Args:
         environment: The environments, freshly made.
+        first_slot: Index of their first slot.
         length: Number of steps.
     """
     simulation = environment.simulation
     environment.reset()
     flown = []
     everything = np.arange(environment.num_envs)
+    slots = first_slot + everything
     for time in range(length):
-        slots = simulation.slots
         _finish_inspection(simulation.state, (slots % 8 == 7) & (simulation.state.step == 2))
         action = _rough_action(environment, slots, time)
         transition = environment.step(action)
@@ -149,8 +149,8 @@ def _gather(steps: Sequence[Step], chosen: AnyArray, seed: int) -> Step:
     generator = np.random.default_rng((seed, 1))
     intervening = generator.random(rows) < 0.25
     desired = control + np.where(intervening, generator.uniform(-0.5, 0.5, rows), 0.0)[:, None]
-    views = (View(state, model.world, model.group) for state in (before, after))
-    return Step(*views, action, control, desired, intervening, steps[0].dt)
+    first, last = (View(state, model.world, model.group) for state in (before, after))
+    return Step(first, last, action, control, desired, intervening, steps[0].dt)
 
 
 @lru_cache(maxsize=4)

@@ -78,11 +78,11 @@ class DummyVectorEnv(VectorEnv):
         again = self.done
         self.begin(again)
         push = np.where(again, 0.0, actions.mean(axis=1, dtype=np.float64))
-        self.state = self.state + 0.1 * push
+        self.state = self.state + 0.1 * push + np.where(again, 0.0, self.experiment.get("drift", 0.0))
         self.t = self.t + ~again
         self.delta_v = self.delta_v + np.abs(push)
         near = np.where(again, 0.0, -0.1 * np.abs(self.state - 1.0))
-        cost = -0.01 * np.abs(push)
+        cost = np.where(again, -1.0, -0.01 * np.abs(push))  # a reset's reward counts for nothing
         won = ~again & (np.abs(self.state - 1.0) < 0.1)
         late = ~again & (self.t >= self.limit) & ~won
         self.done = won | late

@@ -1,0 +1,161 @@
+"""The rows of the backup filter, compiled; `BackupFilter` documents the method."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
+from safe_inspect.rta.filters.cuts import MOST, cut_broken, cut_hold, cut_recovery
+from safe_inspect.rta.filters.holds import hold
+from safe_inspect.rta.filters.model import HOLD_PIECES, Model
+from safe_inspect.rta.filters.plans import NO_PLAN, find_plan
+from safe_inspect.rta.filters.projection import nearest
+from safe_inspect.rta.filters.returning import return_control
+from safe_inspect.rta.filters.scratch import Scratch, scratch
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: Margins that a control must leave to be taken [m], [m/s]; a backup is still one with half of them.
+LENGTH_MARGIN, SPEED_MARGIN = 1e-3, 1e-5
+#: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
+_EXTRA = 2.0
+_ROUNDS = 10
+_HALVINGS = 7
+#: Distance of a control from the best one at which the search along a line ends [N].
+_FINE = 2e-3
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _verified(
+    m: Model, x: State, sun: tuple[float, float], u: FloatArray, first: int, s: Scratch
+) -> tuple[int, int]:  # fmt: skip
+    """Return (SAFE, plan after the hold), (constraint, NO_PLAN) where the hold is refused, (SAFE, NO_PLAN) where no plan is."""
+    code = hold(m, x, sun, u, LENGTH_MARGIN, SPEED_MARGIN, s.cells, s.where)
+    if code != SAFE:
+        return code, NO_PLAN
+    after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    s.at[0], s.at[1] = s.where[0], s.where[1]
+    return SAFE, find_plan(m, after, later, LENGTH_MARGIN, SPEED_MARGIN, first, s.w, s.work, s.cells, s.at)
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _nearest_safe(
+    m: Model, x: State, sun: tuple[float, float], desired: FloatArray, backup: FloatArray, u: FloatArray, s: Scratch,
+) -> int:  # fmt: skip
+    """Write into u a verified control near the desired one, given a verified backup; return the bits of the refusals.
+
+    Cutting planes first; then the segments from the backup to the last proposal and to the desired control.
+    """
+    length, speed = _EXTRA * LENGTH_MARGIN, _EXTRA * SPEED_MARGIN
+    count, bits, plan = 0, 0, NO_PLAN
+    for axis in range(3):
+        u[axis] = desired[axis]
+    for round_ in range(_ROUNDS):
+        code, plan = _verified(m, x, sun, u, plan, s)
+        if plan != NO_PLAN:
+            return bits
+        if code != SAFE:
+            count = cut_hold(
+                m, x, sun, u, code, s.where[0], s.where[1], length, speed, s.d, s.rows, s.bounds, count
+            )  # fmt: skip
+            count, broken = cut_broken(m, x, sun, u, length, speed, s.d, s.rows, s.bounds, count)
+        else:
+            count, code = cut_recovery(m, x, sun, u, length * 10.0, s.w, s.rows, s.bounds, count)
+            broken = 0
+        if round_ == 0:
+            bits = broken | 1 << code
+        if not nearest(
+            s.rows, s.bounds, count, m.u_max, desired, s.proposal, s.missed, s.a, s.c, s.size, s.w
+        ):
+            break
+        moved = 0.0
+        for axis in range(3):
+            moved = max(moved, abs(s.proposal[axis] - u[axis]))
+            u[axis] = s.proposal[axis]
+        if moved < 1e-9:
+            break
+    # the best verified control so far is the backup
+    for axis in range(3):
+        s.best[axis] = backup[axis]
+    for segment in range(2):
+        if segment == 1:
+            for axis in range(3):
+                u[axis] = desired[axis]
+        low, high, plan = 0.0, 1.0, NO_PLAN
+        for axis in range(3):
+            s.proposal[axis] = s.best[axis]
+        size = 0.0
+        for axis in range(3):
+            size = max(size, abs(u[axis] - s.proposal[axis]))
+        for _ in range(_HALVINGS):
+            if size * (high - low) < _FINE:
+                break
+            middle = 0.5 * (low + high)
+            for axis in range(3):
+                s.trial[axis] = s.proposal[axis] + middle * (u[axis] - s.proposal[axis])
+            _, found = _verified(m, x, sun, s.trial, plan, s)
+            if found != NO_PLAN and _squared(s.trial, desired) < _squared(s.best, desired):
+                low, plan = middle, found
+                for axis in range(3):
+                    s.best[axis] = s.trial[axis]
+            else:
+                high = middle
+    for axis in range(3):
+        u[axis] = s.best[axis]
+    return bits
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _squared(a: FloatArray, b: FloatArray) -> float:
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def filter_rows(
+    m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
+    control: FloatArray, refused: IntArray, unrecoverable: BoolArray,
+) -> None:  # fmt: skip
+    """Write each row's control, the bits of the constraints that refused the desired one, and whether no plan exists."""
+    s = scratch(MOST)
+    for i in range(position.shape[0]):
+        x = (
+            position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        )  # fmt: skip
+        sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
+        for axis in range(3):
+            s.desired[axis] = min(max(desired[i, axis], -m.u_max), m.u_max)
+            control[i, axis] = s.desired[axis]
+        refused[i], unrecoverable[i] = 0, False
+        _, plan = _verified(m, x, sun, s.desired, NO_PLAN, s)
+        if plan != NO_PLAN:
+            continue
+        plan = find_plan(m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, s.backup, s.work, s.cells, s.where)
+        if plan == NO_PLAN:
+            plan = find_plan(
+                m, x, sun, 0.5 * LENGTH_MARGIN, 0.5 * SPEED_MARGIN, NO_PLAN, s.backup, s.work, s.cells, s.where
+            )  # fmt: skip
+        if plan != NO_PLAN:
+            refused[i] = _nearest_safe(m, x, sun, s.desired, s.backup, control[i], s)
+        else:
+            unrecoverable[i] = True
+            refused[i] = return_control(m, x, sun, s.desired, control[i], s)
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def recoverable_rows(
+    m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, out: BoolArray, control: FloatArray
+) -> None:  # fmt: skip
+    """Write whether each row has a backup plan, and its thrust (zero where there is none)."""
+    s = scratch(1)
+    for i in range(position.shape[0]):
+        x = (
+            position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        )  # fmt: skip
+        sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
+        out[i] = NO_PLAN != find_plan(
+            m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, control[i], s.work, s.cells, s.where
+        )  # fmt: skip
+        if not out[i]:
+            control[i, :] = 0.0

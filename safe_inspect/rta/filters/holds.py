@@ -1,0 +1,146 @@
+"""Is a hold safe at every moment, and is coasting safe from every moment of it? Compiled."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from safe_inspect.rta.filters.arcs import SAFE, State, broken_at, held, turned, uncertain
+from safe_inspect.rta.filters.model import HOLD_PIECES, PSM, Model
+from safe_inspect.types import FloatArray, IntArray
+
+_MOST_CELLS = 2000
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def hold(
+    m: Model, x: State, sun: tuple[float, float], u: FloatArray, length: float, speed: float,
+    work: IntArray, where: IntArray,
+) -> int:  # fmt: skip
+    """Return a constraint that the hold of u from x may break, or SAFE.
+
+    Args:
+        m: The task.
+        x: The state at the beginning.
+        sun: Cosine and sine of the sun angle there.
+        u: The thrust [N], shape (3,).
+        length: Margin of the ranges and the sun cone [m].
+        speed: Margin of the speeds [m/s].
+        work: Room, shape (64, 4).
+        where: Receives the piece of the hold, and the entry of the coasting table, where it may be broken.
+    """
+    where[1] = 0
+    w = (u[0] / m.mass, u[1] / m.mass, u[2] / m.mass)
+    a, sun_a, time, top = x, sun, 0, 0
+    work[0, 0] = HOLD_PIECES
+    while top >= 0:
+        end = work[top, 0]
+        b, sun_b = held(m, x, u, end), turned(sun, m.hold_sun[end, 0], m.hold_sun[end, 1])
+        where[0] = end
+        code = broken_at(m, m.near, b, sun_b, length, speed)
+        if code != SAFE:
+            return code
+        span = (end - time) * (m.dt / HOLD_PIECES)
+        code = uncertain(m, m.near, a, b, sun_a, sun_b, w, span, length, speed)
+        if code == SAFE:
+            a, sun_a, time = b, sun_b, end
+            top -= 1
+            continue
+        if end - time <= 1:
+            return code
+        top += 1
+        work[top, 0] = time + (end - time) // 2
+    if m.near_psm > 0.0 and not _coasting(m, x, u, length, work, where):
+        return PSM
+    return SAFE
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def coasted(m: Model, x: State, u: FloatArray, k: int, j: int) -> tuple[float, float, float]:
+    """Return the position after the thrust u for k / 256 of a hold and coasting to entry j of the horizon [m]."""
+    b, phi = held(m, x, u, k), m.coast[j]
+    return (
+        phi[0, 0] * b[0] + phi[0, 3] * b[3] + phi[0, 4] * b[4],
+        phi[1, 0] * b[0] + b[1] + phi[1, 3] * b[3] + phi[1, 4] * b[4],
+        phi[2, 2] * b[2] + phi[2, 5] * b[5],
+    )
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _coasting(m: Model, x: State, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
+    """Is the range above the radius for every moment of the hold and every moment of coasting from it?
+
+    The position is a smooth function P(t, s) of the thrust's time t and the coasting time s. On a rectangle e.P is
+    at least its least corner, less the largest second derivatives in t and in s times the sides' squares over 8.
+    """
+    n = m.n
+    end = held(m, x, u, HOLD_PIECES)
+    wx, wy, wz = u[0] / m.mass, u[1] / m.mass, u[2] / m.mass
+    thrust = math.sqrt(wx * wx + wy * wy + wz * wz)
+    ra = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    va = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
+    rb = math.sqrt(end[0] * end[0] + end[1] * end[1] + end[2] * end[2])
+    vb = math.sqrt(end[3] * end[3] + end[4] * end[4] + end[5] * end[5])
+    # bounds over the hold, with S of `arcs` for the whole of it
+    k = 0.125 * n * n * m.dt * m.dt
+    top_a = thrust + 3.0 * n * n * max(ra, rb) + 2.0 * n * max(va, vb)
+    s = (max(va, vb) + top_a / n) / (1.0 - 9.0 * k)
+    fastest = max(va, vb) + 3.0 * k * s
+    hardest = top_a + 6.0 * k * n * s
+    farthest = max(ra, rb) + 0.125 * m.dt * m.dt * hardest
+    jerk = n * (3.0 * n * fastest + 2.0 * hardest)
+    bend_t = m.stretch[0] * hardest + m.stretch[1] * jerk
+    coasting = n * (3.0 * n * farthest + 2.0 * fastest)
+    bend_s = m.stretch[2] * coasting + m.stretch[3] * fastest
+    reach = m.near_psm + length
+    base, last = 64, m.coast.shape[0] - 1
+    cells = 0
+    for first in range(0, last, base):
+        top = 0
+        work[0, 0], work[0, 1], work[0, 2], work[0, 3] = 0, HOLD_PIECES, first, first + base
+        while top >= 0:
+            t0, t1, s0, s1 = work[top, 0], work[top, 1], work[top, 2], work[top, 3]
+            top -= 1
+            cells += 1
+            p, q = coasted(m, x, u, t0, s0), coasted(m, x, u, t0, s1)
+            f, g = coasted(m, x, u, t1, s0), coasted(m, x, u, t1, s1)
+            ex, ey, ez = p[0] + q[0] + f[0] + g[0], p[1] + q[1] + f[1] + g[1], p[2] + q[2] + f[2] + g[2]
+            size = math.sqrt(ex * ex + ey * ey + ez * ez)
+            if size > 0.0:
+                ex, ey, ez = ex / size, ey / size, ez / size
+            least = min(
+                min(ex * p[0] + ey * p[1] + ez * p[2], ex * q[0] + ey * q[1] + ez * q[2]),
+                min(ex * f[0] + ey * f[1] + ez * f[2], ex * g[0] + ey * g[1] + ez * g[2]),
+            )
+            dt, ds = (t1 - t0) * (m.dt / HOLD_PIECES), (s1 - s0) * m.coast_step
+            dip_t, dip_s = 0.125 * dt * dt * bend_t, 0.125 * ds * ds * bend_s
+            if least - dip_t - dip_s >= reach:
+                continue
+            where[0], where[1] = t1, s1
+            if g[0] * g[0] + g[1] * g[1] + g[2] * g[2] < reach * reach:
+                return False
+            where[0], where[1] = t1, s0
+            if f[0] * f[0] + f[1] * f[1] + f[2] * f[2] < reach * reach:
+                return False
+            where[0], where[1] = t0, s1
+            if q[0] * q[0] + q[1] * q[1] + q[2] * q[2] < reach * reach:
+                return False
+            if cells > _MOST_CELLS or (t1 - t0 <= 1 and s1 - s0 <= 1):
+                where[0], where[1] = t1, s1
+                return False
+            # halve the side along which the corners are farther apart
+            along_t = (f[0] - p[0]) ** 2 + (f[1] - p[1]) ** 2 + (f[2] - p[2]) ** 2
+            along_t = max(along_t, (g[0] - q[0]) ** 2 + (g[1] - q[1]) ** 2 + (g[2] - q[2]) ** 2)
+            along_s = (q[0] - p[0]) ** 2 + (q[1] - p[1]) ** 2 + (q[2] - p[2]) ** 2
+            along_s = max(along_s, (g[0] - f[0]) ** 2 + (g[1] - f[1]) ** 2 + (g[2] - f[2]) ** 2)
+            halve_t = s1 - s0 <= 1 or (t1 - t0 > 1 and along_t + dip_t * dip_t > along_s + dip_s * dip_s)
+            middle = t0 + (t1 - t0) // 2 if halve_t else s0 + (s1 - s0) // 2
+            for half in range(2):
+                top += 1
+                work[top, 0], work[top, 1], work[top, 2], work[top, 3] = t0, t1, s0, s1
+                if halve_t:
+                    work[top, half] = middle
+                else:
+                    work[top, 2 + half] = middle
+    return True

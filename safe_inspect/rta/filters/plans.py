@@ -1,0 +1,91 @@
+"""Backup plans: one hold of thrust into a closed natural motion that is safe for ever, compiled.
+
+A plan is chosen by two numbers, the radial and the cross-track speed after its hold; the along-track speed is then
+-2 n x, which leaves no drift. Velocities are affine in the thrust, so a plan's thrust is a 3 x 3 product away.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
+from safe_inspect.rta.filters.closed_motion import closed_motion
+from safe_inspect.rta.filters.holds import hold
+from safe_inspect.rta.filters.model import HOLD_PIECES, Model
+from safe_inspect.types import FloatArray, IntArray
+
+NO_PLAN = -1
+#: Radial and cross-track speeds of a plan, the radial one from that of the ellipse centred at the chief, in units of n r.
+RADIAL = (0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
+CROSS = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
+_R, _C = len(RADIAL) + 1, len(CROSS) + 1
+#: How many plans there are. The first four pair the centred and the unchanged radial speed with no and the unchanged
+#: cross-track speed.
+PLANS = _R * _C
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def plan_thrust(m: Model, x: State, index: int, u: FloatArray) -> bool:
+    """Write the thrust of a plan from x; False where it exceeds the thrusters.
+
+    Args:
+        m: The task.
+        x: The state at the beginning.
+        index: The plan, 0 to PLANS - 1.
+        u: Receives the thrust [N], shape (3,).
+    """
+    u[0], u[1], u[2] = 0.0, 0.0, 0.0
+    free = held(m, x, u, HOLD_PIECES)
+    scale = m.n * math.sqrt(free[0] * free[0] + free[1] * free[1] + free[2] * free[2])
+    a, c = index // _C, index % _C
+    radial = free[3] if a == 1 else 0.5 * m.n * free[1] + scale * RADIAL[a - 1 if a > 1 else 0]
+    cross = free[5] if c == 1 else scale * CROSS[c - 1 if c > 1 else 0]
+    dx, dy, dz = radial - free[3], -2.0 * m.n * free[0] - free[4], cross - free[5]
+    fits = True
+    for axis in range(3):
+        u[axis] = m.plan[axis, 0] * dx + m.plan[axis, 1] * dy + m.plan[axis, 2] * dz
+        fits = fits and abs(u[axis]) <= m.u_max
+    return fits
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def try_plan(
+    m: Model, x: State, sun: tuple[float, float], index: int, length: float, speed: float,
+    u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
+) -> bool:  # fmt: skip
+    """Write the thrust of a plan from x; True where it is admissible and safe in the hold and ever after."""
+    if not plan_thrust(m, x, index, u):
+        return False
+    after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    if closed_motion(m, after, later, length, speed, work) != SAFE:
+        return False
+    return bool(hold(m, x, sun, u, length, speed, cells, where) == SAFE)
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def find_plan(
+    m: Model, x: State, sun: tuple[float, float], length: float, speed: float, first: int,
+    u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
+) -> int:  # fmt: skip
+    """Write the thrust of the first safe plan and return its index; NO_PLAN where there is none.
+
+    Args:
+        m: The task.
+        x: The state.
+        sun: Cosine and sine of the sun angle.
+        length: Margin of the ranges and the sun cone [m].
+        speed: Margin of the speeds [m/s].
+        first: A plan to try before the others, or NO_PLAN.
+        u: Receives the thrust [N], shape (3,).
+        work: Room for `closed_motion`.
+        cells: Room for `hold`.
+        where: Room for `hold`.
+    """
+    if first != NO_PLAN and try_plan(m, x, sun, first, length, speed, u, work, cells, where):
+        return first
+    for index in range(PLANS):
+        if index != first and try_plan(m, x, sun, index, length, speed, u, work, cells, where):
+            return index
+    return NO_PLAN

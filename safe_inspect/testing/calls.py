@@ -1,0 +1,176 @@
+"""Calls of a plugin with many choices of rows: what they must return, and what they must leave alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.testing.report import Report
+from safe_inspect.types import AnyArray
+
+_ALONE = 6
+_RAISED = object()
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a plugin is called with for some rows, freshly made.
+
+    Attributes:
+        arguments: The arguments.
+        arrays: The arrays that the plugin must leave as they are, by name.
+    """
+
+    arguments: Sequence[Any]
+    arrays: Mapping[str, AnyArray]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a result is to be.
+
+    Attributes:
+        of: Shape of a row; None: any.
+        kind: Kind of its elements: ``f`` for float, ``b`` for bool.
+        text: The whole shape as a message writes it.
+    """
+
+    of: tuple[int, ...] | None = ()
+    kind: str = "f"
+    text: str = "(R,)"
+
+
+@dataclass(frozen=True)
+class Call:
+    """A function of a plugin, and how its inputs are made.
+
+    Attributes:
+        what: How a message names the call.
+        function: The function.
+        make: Gives the inputs of some rows, from their indices.
+        rows: Number of rows, R.
+        shape: What the result, or each array of a mapping of results, is to be.
+        shapes: The same for single arrays of a mapping.
+    """
+
+    what: str
+    function: Callable[..., Any]
+    make: Callable[[AnyArray], Inputs]
+    rows: int
+    shape: Shape = Shape()
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
+
+
+def check_call(call: Call, report: Report) -> Any:
+    """Check a call by every rule for arrays of rows.
+
+    Returns:
+        The result for all rows; None when the call failed or has another shape.
+    """
+    everything = np.arange(call.rows)
+    inputs = call.make(everything)
+    before = {name: array.copy() for name, array in inputs.arrays.items()}
+    result = _result(call, inputs, report, "with the sample world")
+    if result is _RAISED or not _check_shape(call, result, report):
+        return None
+    kept = {name: array.copy() for name, array in _arrays(result).items()}
+    for name, array in inputs.arrays.items():
+        report.expect(
+            _same(array, before[name]),
+            "inputs unchanged",
+            f"{call.what} changed {name}",
+            "compute on copies: no assignment, `+=` or `out=` on what the plugin is given",
+        )
+    again = _result(call, inputs, report, "for the second time")
+    report.expect(
+        again is _RAISED or _equal(kept, _arrays(again)),
+        "no memory",
+        f"{call.what}, called twice with the same input, gave two results",
+        "let the result depend on the input alone, and change no array that it is given or computes from",
+    )
+    if _check_rows(call, kept, report):
+        last = _result(call, call.make(everything), report, "again after other rows")
+        report.expect(
+            last is _RAISED or _equal(kept, _arrays(last)),
+            "no memory",
+            f"{call.what} gave another result after calls with other rows",
+            "keep nothing between calls; what must be remembered is a declared array of the state",
+        )
+    return result
+
+
+def _check_rows(call: Call, kept: dict[str, AnyArray], report: Report) -> bool:
+    """Check that a row's result depends on the row alone; return whether it does."""
+    generator = np.random.default_rng(7)
+    everything = np.arange(call.rows)
+    choices = {
+        "the rows in another order": generator.permutation(call.rows),
+        "every third row": everything[::3],
+        "the rows thrice over": np.tile(everything, 3),
+    }
+    alone = [(f"row {row} alone", np.array([row])) for row in generator.permutation(call.rows)[:_ALONE]]
+    for name, rows in (*choices.items(), *alone):
+        result = _result(call, call.make(rows), report, f"with {name}")
+        if result is _RAISED:
+            return False
+        if not _equal({key: array[rows] for key, array in kept.items()}, _arrays(result)):
+            report.add(
+                "row-wise",
+                f"{call.what} with {name} gave other values than in the whole batch",
+                "compute each row from itself: no mean, sort or test over the rows, and no matrix product "
+                "(its rounding depends on the size)",
+            )
+            return False
+    return True
+
+
+def _check_shape(call: Call, result: Any, report: Report) -> bool:
+    sound = True
+    for name, array in _arrays(result).items():
+        shape = call.shapes.get(name, call.shape)
+        what = f"{call.what}" + (f", {name!r}" if name else "")
+        wanted = {"f": "float", "b": "bool"}[shape.kind]
+        remedy = f"return a NumPy array of {wanted}, shape {shape.text}"
+        if not isinstance(array, np.ndarray):
+            report.add("shape", f"{what} gave {type(array).__name__}, no array", remedy)
+            sound = False
+            continue
+        rows = array.ndim > 0 and len(array) == call.rows
+        right = rows and (shape.of is None or array.shape[1:] == shape.of)
+        sound &= report.expect(
+            right, "shape", f"{what} gave the shape {array.shape} for R = {call.rows} rows", remedy
+        )  # fmt: skip
+        right = array.dtype.kind == shape.kind
+        sound &= report.expect(right, "shape", f"{what} gave elements of the type {array.dtype}", remedy)
+        if sound and shape.kind == "f" and not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array.reshape(call.rows, -1)).all(axis=-1))[0])
+            report.add(
+                "finite",
+                f"{what} gave {array[row].tolist()} in row {row} of the sample world",
+                "guard divisions and roots; a run stops at the first NaN or infinity",
+            )
+    return sound
+
+
+def _result(call: Call, inputs: Inputs, report: Report, when: str) -> Any:
+    with report.attempt(f"{call.what} {when}"):
+        return call.function(*inputs.arguments)
+    return _RAISED
+
+
+def _arrays(result: Any) -> dict[str, Any]:
+    return dict(result) if isinstance(result, Mapping) else {"": result}
+
+
+def _equal(these: Mapping[str, AnyArray], those: Mapping[str, Any]) -> bool:
+    return these.keys() == those.keys() and all(_same(these[name], those[name]) for name in these)
+
+
+def _same(this: AnyArray, that: Any) -> bool:
+    """Return whether two arrays are equal to the bit."""
+    if not isinstance(that, np.ndarray) or this.shape != that.shape or this.dtype != that.dtype:
+        return False
+    return this.tobytes() == that.tobytes()

@@ -1,0 +1,86 @@
+"""`check_plugin`: the contract that every plugin keeps, of this package and of others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydantic import ValidationError
+
+from safe_inspect.functor import errors_of
+from safe_inspect.platforms.base import Part
+from safe_inspect.plugin import Plugin
+from safe_inspect.registry import registry
+from safe_inspect.testing.declaration import check_declaration, check_names
+from safe_inspect.testing.kinds import check_behaviour
+from safe_inspect.testing.report import ContractError, Report
+from safe_inspect.testing.samples import sample_spec
+
+
+def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -> None:
+    """Hold a plugin against the contract.
+
+    A plugin builds from its defaults, is frozen and refuses unknown keys and values of another type, survives YAML
+    and back, and says what it and each of its fields are, with units. What it computes has the shape and the type of
+    its kind, is finite, belongs to its row alone to the bit, changes nothing that it is given, and remembers nothing:
+
+    ===========  ================================================================================
+    kind         what it returns
+    ===========  ================================================================================
+    reward       float (R,)
+    done         bool (R,); the class has a `status`
+    part         sensor: float (R, size) within `bounds`; controller: thrust [N] (R, 3)
+    glue         names and bounds; an observation float (R, size) within them, or thrust [N] (R, 3)
+    parameter    float (R,), or named states
+    initializer  named states, position and velocity (R, 3)
+    normalizer   float (R, k), and `inverse` brings it back
+    constraint   phi, h and rate float (R,), gradient float (R, 6)
+    simulator    an environment alone and in a batch go the same way
+    ===========  ================================================================================
+
+    The rows come from the sample world, see `safe_inspect.testing.sample_steps`.
+
+    Args:
+        plugin: A plugin class, which is built from its defaults; or a plugin, where defaults will not do.
+        parts: Further parts of the sample world's deputy, for a plugin that names them.
+
+    Raises:
+        ContractError: The plugin breaks the contract; the message lists every breach with its remedy.
+        TypeError: `plugin` is no plugin.
+    """
+    cls = plugin if isinstance(plugin, type) else type(plugin)
+    if not issubclass(cls, Plugin):
+        raise TypeError(
+            f"{plugin!r} is no plugin: neither a subclass of safe_inspect.plugin.Plugin nor one of its objects"
+        )
+    name = cls.registered_name or cls.__name__
+    report = Report()
+    made = _build(cls, report) if isinstance(plugin, type) else plugin
+    if made is not None and _check_registration(cls, report):
+        check_declaration(made, report)
+        if check_names(made, sample_spec(made, parts=parts), report):
+            with report.attempt("the check"):
+                check_behaviour(made, parts, report)
+    if report.breaches:
+        raise ContractError(name, report.breaches)
+
+
+def _build(cls: type[Plugin], report: Report) -> Plugin | None:
+    try:
+        return cls()
+    except ValidationError as error:
+        problems = "; ".join(f"`{'.'.join(map(str, item['loc']))}`: {item['msg']}" for item in errors_of(error))
+        remedy = "give every field a default that is valid, or check an object instead of the class"
+        report.add("defaults", f"it does not build from its defaults ({problems})", remedy)
+    except TypeError as error:  # abstract
+        report.add("defaults", f"it does not build from its defaults ({error})", "define what is abstract")
+    return None
+
+
+def _check_registration(cls: type[Plugin], report: Report) -> bool:
+    known = dict(registry.items(cls.kind)).get(cls.registered_name) if cls.registered_name else None
+    return report.expect(
+        known is cls,
+        "registered",
+        f"{cls.__name__} is not registered as a plugin",
+        "extend the base of its kind, such as Reward, and define `__call__`",
+    )

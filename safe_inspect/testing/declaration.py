@@ -1,0 +1,195 @@
+"""What a plugin declares: its fields, its documentation, and that it survives YAML."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import PydanticCustomError
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.errors import did_you_mean
+from safe_inspect.functor import build, describe
+from safe_inspect.platforms.base import Controller, Sensor
+from safe_inspect.plugin import Plugin
+from safe_inspect.testing.report import Report
+
+_UNKNOWN = "no_such_field"
+#: Other ways to write a unit in a docstring.
+_SAME = {"Hz": ("1/s",), "m/s^2": ("m/s2", "m/s**2"), "rad/s": ("1/s",)}
+_ENTRY = re.compile(r"^ {4}(\w+)(?: \([^)]*\))?: *(.*(?:\n {5,}.*)*)", re.MULTILINE)
+
+
+def check_declaration(plugin: Plugin, report: Report) -> None:
+    """Check a plugin's fields, its documentation, and its way through YAML and back."""
+    cls = type(plugin)
+    _check_strictness(cls, report)
+    _check_documentation(cls, report)
+    _check_values(plugin, report)
+    _check_yaml(plugin, report)
+
+
+def check_names(plugin: Plugin, spec: EnvironmentSpec, report: Report) -> bool:
+    """Check that what the plugin's fields name stands in the sample world; return whether it does."""
+    agent = spec.agents[0]
+    known: dict[str, set[str]] = {
+        "sensor": {name for name, part in agent.parts.items() if isinstance(part, Sensor)},
+        "controller": {name for name, part in agent.parts.items() if isinstance(part, Controller)},
+        "entity": {*spec.platforms, *spec.reset.entities},
+        "platform": set(spec.platforms),
+        "points": set(getattr(spec.simulator, "inspection_points_map", ())),
+        "done": {named.name for named in agent.dones},
+    }
+    sound = True
+    for field, kind in plugin.references().items():
+        value = getattr(plugin, field)
+        if value is not None:
+            sound &= report.expect(
+                value in known[kind],
+                "names",
+                f"`{field}` names the {kind} {value!r}, which the sample world does not have",
+                f"{did_you_mean(value, known[kind])}; or check an instance that names one, or give further `parts`",
+            )
+    return sound
+
+
+def documented_fields(cls: type[BaseModel]) -> dict[str, str]:
+    """Return what the "Attributes:" of a class and of its bases say of each field; its own word counts first."""
+    told: dict[str, str] = {}
+    for parent in cls.__mro__:
+        text = inspect.cleandoc(vars(parent).get("__doc__") or "")
+        section = text.partition("\nAttributes:\n")[2].partition("\n\n")[0]
+        for field, about in _ENTRY.findall(section):
+            told.setdefault(field, " ".join(about.split()))
+    return told
+
+
+def _check_strictness(cls: type[Plugin], report: Report) -> None:
+    report.expect(
+        cls.model_config.get("frozen"),
+        "frozen",
+        f"{cls.__name__} can be changed after it is built",
+        "leave `frozen=True` in model_config; what must be remembered is a declared array of the state",
+    )
+    report.expect(
+        cls.model_config.get("extra") == "forbid",
+        "strict",
+        f"{cls.__name__} takes keys that it does not have, so a misspelt key goes unseen",
+        'leave `extra="forbid"` in model_config',
+    )
+    for field, model in _models(cls, set()):
+        report.expect(
+            model.model_config.get("frozen") and model.model_config.get("extra") == "forbid",
+            "strict",
+            f"the model {model.__name__} of the field `{field}` can be changed, or takes keys that it does not have",
+            'give it model_config = ConfigDict(frozen=True, extra="forbid")',
+        )
+
+
+def _models(cls: type[BaseModel], seen: set[type]) -> Iterator[tuple[str, type[BaseModel]]]:
+    """Yield the models that stand in a model's fields, at any depth, plugins excepted."""
+    for field, info in cls.model_fields.items():
+        for part in _annotations(info.annotation):
+            if not (isinstance(part, type) and issubclass(part, BaseModel)) or issubclass(part, Plugin) or part in seen:
+                continue
+            seen.add(part)
+            yield field, part
+            yield from _models(part, seen)
+
+
+def _annotations(annotation: Any) -> Iterator[Any]:
+    yield annotation
+    for argument in getattr(annotation, "__args__", ()):
+        yield from _annotations(argument)
+
+
+def _unit(info: Any) -> str:
+    """Return the SI unit of a field, empty for one without."""
+    found = [info, *(mark for part in _annotations(info.annotation) for mark in getattr(part, "__metadata__", ()))]
+    for mark in found:
+        extra = getattr(mark, "json_schema_extra", None)
+        if isinstance(extra, dict) and extra.get("units"):
+            return str(extra["units"])
+    return ""
+
+
+def _check_documentation(cls: type[Plugin], report: Report) -> None:
+    summary = inspect.cleandoc(vars(cls).get("__doc__") or "").partition("\n\n")[0]
+    report.expect(
+        summary.endswith((".", ":")),
+        "documented",
+        f"{cls.__name__} has no docstring" if not summary else f"the docstring begins with {summary!r}, no sentence",
+        "say in a first sentence, ended by a full stop, what it computes; `safe-inspect list` shows it",
+    )
+    told = documented_fields(cls)
+    for field, info in cls.model_fields.items():
+        if not report.expect(
+            told.get(field),
+            "documented",
+            f"the docstring does not say what the field `{field}` is",
+            f'add "{field}: ..." to the section "Attributes:"',
+        ):
+            continue
+        unit = _unit(info)
+        report.expect(
+            not unit or any(f"[{name}]" in told[field] for name in (unit, *_SAME.get(unit, ()))),
+            "units",
+            f"the docstring does not name the unit of the field `{field}`",
+            f"end its sentence with [{unit}]",
+        )
+    for field in told:
+        report.expect(
+            field in cls.model_fields or hasattr(cls, field),
+            "documented",
+            f"the docstring tells of a field `{field}` that {cls.__name__} does not have",
+            did_you_mean(field, cls.model_fields) or "remove it",
+        )
+
+
+def _check_values(plugin: Plugin, report: Report) -> None:
+    cls = type(plugin)
+    fields = {name: getattr(plugin, name) for name in cls.model_fields}
+    if _accepts(cls, {**fields, _UNKNOWN: 1}):
+        report.add(
+            "strict",
+            f"{cls.__name__} takes the key `{_UNKNOWN}`",
+            'leave `extra="forbid"` in model_config, and let no validator drop keys',
+        )
+    for name in fields:
+        if _accepts(cls, {**fields, name: object()}):
+            report.add(
+                "strict",
+                f"the field `{name}` takes any object",
+                "annotate it with the type that it is to have",
+            )
+
+
+def _accepts(cls: type[Plugin], fields: dict[str, Any]) -> bool:
+    try:
+        cls.model_validate(fields)
+    except (ValidationError, PydanticCustomError):
+        return False
+    except Exception:  # refused, if with the wrong class; the rule here is that it is refused at all
+        return False
+    return True
+
+
+def _check_yaml(plugin: Plugin, report: Report) -> None:
+    remedy = "let every field hold plain values (numbers, texts, lists, mappings) or further plugins"
+    try:
+        text = yaml.safe_dump(describe(plugin), sort_keys=False)
+    except Exception as error:
+        report.add("yaml", f"it cannot be written as YAML ({error})", remedy)
+        return
+    try:
+        again = build(plugin.kind, yaml.safe_load(text))
+    except Exception as error:
+        told = (getattr(error, "context", None) or {}).get("errors", [{"msg": str(error)}])
+        problems = "; ".join(f"{'.'.join(map(str, item.get('loc', ())))}: {item['msg']}" for item in told)
+        report.add("yaml", f"what it writes as YAML cannot be read again ({problems})", remedy)
+        return
+    report.expect(again == plugin, "yaml", f"it comes back from YAML changed: {again!r} from {plugin!r}", remedy)

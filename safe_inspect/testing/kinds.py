@@ -1,0 +1,215 @@
+"""What a plugin of each kind is called with, and what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.environments.core import BatchedEnvironment
+from safe_inspect.glues.normalizers import Normalizer
+from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
+from safe_inspect.plugin import Plugin
+from safe_inspect.rewards.base import Reward
+from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
+from safe_inspect.testing.glues import check_glue
+from safe_inspect.testing.report import Report
+from safe_inspect.testing.resets import check_initializer, check_parameter, check_simulator
+from safe_inspect.testing.samples import fly, sample_spec, sample_steps
+from safe_inspect.testing.values import check_bounds, of_step, of_view, spread
+from safe_inspect.types import AnyArray
+
+Parts = Sequence[Part]
+
+_ROWS = 48
+
+
+def check_reward(plugin: Reward, parts: Parts, report: Report) -> None:
+    """Check a reward: float (R,)."""
+    step = sample_steps(plugin, _ROWS, parts=parts)
+    check_call(Call("the reward", plugin, of_step(step), _ROWS), report)
+
+
+def check_done(plugin: DoneFunction, parts: Parts, report: Report) -> None:
+    """Check a done function: bool (R,), and a status that ends an episode."""
+    status = getattr(plugin, "status", None)
+    report.expect(
+        status in (DoneStatus.WIN, DoneStatus.LOSE, DoneStatus.DRAW),
+        "status",
+        f"the class attribute `status` is {status!r}",
+        "set it to DoneStatus.WIN, DoneStatus.LOSE or DoneStatus.DRAW",
+    )
+    step = sample_steps(plugin, _ROWS, parts=parts)
+    check_call(Call("the done function", plugin, of_step(step), _ROWS, Shape((), "b", "(R,)")), report)
+
+
+def check_part(plugin: Part, parts: Parts, report: Report) -> None:
+    """Check a part of a platform: a sensor or a controller."""
+    if isinstance(plugin, Sensor):
+        _check_sensor(plugin, parts, report)
+    elif isinstance(plugin, Controller):
+        _check_controller(plugin, report)
+    else:
+        report.add(
+            "part", f"{type(plugin).__name__} is neither a sensor nor a controller", "extend Sensor or Controller"
+        )
+
+
+def _check_sensor(plugin: Sensor, parts: Parts, report: Report) -> None:
+    size = plugin.size
+    report.expect(
+        len(set(plugin.elements)) == size > 0,
+        "elements",
+        f"the class attribute `elements` is {plugin.elements}",
+        "name every element of the reading once",
+    )
+    step = sample_steps(plugin, _ROWS, parts=parts)
+    shape = Shape((size,), "f", f"(R, {size})")
+    reading = check_call(Call("the sensor", plugin, of_view(step), _ROWS, shape), report)
+    if reading is not None:
+        low, high = plugin.bounds
+        check_bounds(reading, np.full(size, low), np.full(size, high), "the reading", "the class attribute", report)
+    if plugin.memory(step.after.world):
+        _check_memory(plugin, sample_spec(plugin, parts=parts), report)
+
+
+def _check_memory(plugin: Sensor, spec: EnvironmentSpec, report: Report) -> None:
+    """Check that what a sensor remembers of an environment does not depend on those beside it."""
+    batch, length = 5, 12
+    together = fly(BatchedEnvironment(spec, batch, seed=1), length=length)
+    for slot in (0, batch - 1):
+        alone = fly(BatchedEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)
+        for (whole, _), (single, _) in zip(together, alone, strict=True):
+            if plugin(whole.after)[slot].tobytes() != plugin(single.after)[0].tobytes():
+                report.add(
+                    "row-wise",
+                    f"after {single.after.step[0]} steps the sensor reads another value alone than in a batch",
+                    "let `remember` compute each row from itself, and draw from `view.state.key` alone",
+                )
+                return
+
+
+def _check_controller(plugin: Controller, report: Report) -> None:
+    low, high = plugin.limits
+    right = isinstance(low, np.ndarray) and low.shape == high.shape == (plugin.size,) and bool((low < high).all())
+    remedy = "return two arrays of shape (size,), the first below the second"
+    if not report.expect(right, "limits", f"the limits are {low} and {high}", remedy):
+        return
+    values = spread(low, high, _ROWS)
+
+    def make(rows: AnyArray) -> Inputs:
+        given = values[rows].copy()
+        return Inputs((given,), {"the values": given})
+
+    check_call(Call("the controller", plugin, make, _ROWS, Shape((3,), "f", "(R, 3), thrust [N]")), report)
+
+
+def check_normalizer(plugin: Normalizer, parts: Parts, report: Report) -> None:
+    """Check a normaliser: float (R, k) there and back."""
+    sizes = [size for size in range(1, 17) if _fits(plugin, size)]
+    if not report.expect(sizes, "check", "`check` accepts no number of elements from 1 to 16", "accept the right one"):
+        return
+    size = 3 if 3 in sizes else sizes[0]
+    low, high = -np.arange(1.0, size + 1.0), 2.0 * np.arange(1.0, size + 1.0)
+    values = spread(low, high, _ROWS)
+
+    def make_from(array: AnyArray) -> Callable[[AnyArray], Inputs]:
+        def make(rows: AnyArray) -> Inputs:
+            arguments = (array[rows].copy(), low.copy(), high.copy())
+            return Inputs(arguments, dict(zip(("the values", "`low`", "`high`"), arguments, strict=True)))
+
+        return make
+
+    shape = Shape((size,), "f", "(R, k)")
+    normal = check_call(Call("the normaliser", plugin, make_from(values), _ROWS, shape), report)
+    if normal is None:
+        return
+    back = check_call(Call("`inverse`", plugin.inverse, make_from(normal.copy()), _ROWS, shape), report)
+    report.expect(
+        back is None or np.allclose(back, values, rtol=1e-9, atol=1e-12),
+        "inverse",
+        "`inverse` does not give the values back",
+        "let inverse(normalizer(x)) be x for every x within the bounds",
+    )
+
+
+def _fits(plugin: Normalizer, size: int) -> bool:
+    try:
+        plugin.check(size, -np.ones(size), np.ones(size))
+    except ValueError:
+        return False
+    return True
+
+
+def check_constraint(plugin: Constraint, parts: Parts, report: Report) -> None:
+    """Check a constraint: phi, h and rate (R,), gradient (R, 6)."""
+    view = sample_steps(None, _ROWS).after
+
+    def make(rows: AnyArray) -> Inputs:
+        state = RelativeState(view.position[rows].copy(), view.velocity[rows].copy(), view.sun_angle[rows].copy())
+        return Inputs((state,), {name: getattr(state, name) for name in ("position", "velocity", "sun_angle")})
+
+    def evaluate(state: RelativeState) -> dict[str, AnyArray]:
+        return dict(vars(plugin.evaluate(state)))
+
+    shapes = {"gradient": Shape((6,), "f", "(R, 6)")}
+    phi = check_call(Call("the constraint", plugin, make, _ROWS), report)
+    every = check_call(Call("`evaluate`", evaluate, make, _ROWS, shapes=shapes), report)
+    if phi is not None and every is not None:
+        report.expect(
+            np.array_equal(phi, every["phi"]),
+            "phi",
+            "the call gives another phi than `evaluate`",
+            "let both give the same",
+        )
+
+
+def check_platform(plugin: Platform, parts: Parts, report: Report) -> None:
+    """Check a platform: it returns the names of its parts."""
+    own = tuple(sample_spec().agents[0].parts.values())
+    with report.attempt("the platform"):
+        names = plugin(own)
+        wanted = tuple(part.part_name for part in own)
+        report.expect(names == wanted, "parts", f"the platform returned {names}", f"return the parts' names, {wanted}")
+
+
+def check_property(plugin: Property, parts: Parts, report: Report) -> None:
+    """Check a property: it keeps values within its limits."""
+    low, high = plugin.limits
+    if not report.expect(low < high, "limits", f"the limits are {low} and {high}", "let the first be the smaller"):
+        return
+    values = spread(np.array([2.0 * low - high]), np.array([2.0 * high - low]), _ROWS)[:, 0]
+
+    def make(rows: AnyArray) -> Inputs:
+        given = values[rows].copy()
+        return Inputs((given,), {"the values": given})
+
+    result = check_call(Call("the property", plugin, make, _ROWS), report)
+    if result is not None:
+        check_bounds(result, np.array(low), np.array(high), "the commanded value", "the property", report)
+
+
+CHECKS: dict[str, Callable[[Any, Parts, Report], None]] = {
+    "constraint": check_constraint,
+    "done": check_done,
+    "glue": check_glue,
+    "initializer": check_initializer,
+    "normalizer": check_normalizer,
+    "parameter": check_parameter,
+    "part": check_part,
+    "platform": check_platform,
+    "property": check_property,
+    "reward": check_reward,
+    "simulator": check_simulator,
+}
+
+
+def check_behaviour(plugin: Plugin, parts: Parts, report: Report) -> None:
+    """Check what a plugin computes; a kind that this package does not know has no check."""
+    check = CHECKS.get(plugin.kind)
+    if check is not None:
+        check(plugin, parts, report)

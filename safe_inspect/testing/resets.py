@@ -1,0 +1,88 @@
+"""The contract of what an episode begins with: parameters, initialisers, simulators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from safe_inspect.environments.core import BatchedEnvironment
+from safe_inspect.platforms.base import Part
+from safe_inspect.randomness import Streams
+from safe_inspect.simulators.initializers import Initializer
+from safe_inspect.simulators.inspection_simulator import Simulator
+from safe_inspect.simulators.parameters import Draw, Parameter
+from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
+from safe_inspect.testing.report import Report
+from safe_inspect.testing.samples import fly, sample_spec, sample_steps
+from safe_inspect.testing.values import spread
+from safe_inspect.types import AnyArray, FloatArray
+
+_ROWS = 48
+#: Where drawn values lie, by their SI unit.
+_RANGES = {"m": (50.0, 100.0), "m/s": (0.0, 0.3), "rad": (-1.5, 6.28)}
+
+
+def check_parameter(plugin: Parameter, parts: Sequence[Part], report: Report) -> None:
+    """Check a reset parameter: a number for each row, (R,), or named states."""
+    states, slots = _states(), np.arange(_ROWS)
+
+    def make(rows: AnyArray) -> Inputs:
+        given = {name: array[rows].copy() for name, array in states.items()}
+        streams = Streams(12345, slots[rows] % 7, slots[rows])
+        return Inputs((Draw(streams, "sample", values={"init_state": given}),), given)
+
+    check_call(Call("the parameter", plugin, make, _ROWS, Shape(None, "f", "(R,)"), shapes={"": Shape()}), report)
+
+
+def check_initializer(plugin: Initializer, parts: Sequence[Part], report: Report) -> None:
+    """Check an initialiser: named states with R rows, those of `gives` among them."""
+    states = _states()
+    drawn: dict[str, FloatArray | None] = {}
+    for index, (name, symbol) in enumerate(plugin.parameters.items()):
+        low, high = _RANGES.get(symbol or "", (0.1, 1.0))
+        values = spread(np.array([low]), np.array([high]), _ROWS)[:, 0]
+        drawn[name] = None if symbol is None else np.roll(values, index)
+
+    def make(rows: AnyArray) -> Inputs:
+        taken = {name: array[rows].copy() for name, array in states.items()}
+        given = {name: taken if array is None else array[rows].copy() for name, array in drawn.items()}
+        arrays = {name: array for name, array in given.items() if isinstance(array, np.ndarray)}
+        return Inputs((given,), {**taken, **arrays})
+
+    shapes = {"position": Shape((3,), "f", "(R, 3)"), "velocity": Shape((3,), "f", "(R, 3)")}
+    call = Call("the initialiser", plugin, make, _ROWS, Shape(None, "f", "(R, ...)"), shapes)
+    result = check_call(call, report)
+    if result is not None:
+        for name in plugin.gives:
+            report.expect(
+                name in result,
+                "gives",
+                f"`gives` names the state {name!r}, which is not returned",
+                "return it, or drop it",
+            )
+
+
+def check_simulator(plugin: Simulator, parts: Sequence[Part], report: Report) -> None:
+    """Check a simulator: an environment alone goes the way that it goes in a batch."""
+    spec = replace(sample_spec(), simulator=plugin)
+    batch, length = 4, 12
+    with report.attempt("the simulator"):
+        together = fly(BatchedEnvironment(spec, batch, seed=1), length=length)
+        for slot in (0, batch - 1):
+            alone = fly(BatchedEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)
+            for (whole, _), (single, _) in zip(together, alone, strict=True):
+                for name, array in single.after.state.arrays.items():
+                    if array[0].tobytes() != whole.after.state.arrays[name][slot].tobytes():
+                        report.add(
+                            "row-wise",
+                            f"after {single.after.step[0]} steps `{name}` differs alone from what it is in a batch",
+                            "compute each row from itself",
+                        )
+                        return
+
+
+def _states() -> dict[str, FloatArray]:
+    view = sample_steps(None, _ROWS).after
+    return {"position": view.position.copy(), "velocity": view.velocity.copy(), "sun_angle": view.sun_angle.copy()}

@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+
+from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import build_experiment, load_experiment
+from safe_inspect.config.spec import EnvironmentSpec
+
+
+@pytest.fixture(scope="session")
+def shipped() -> Path:
+    """Return the shipped experiment file."""
+    return configs_root() / "translational-inspection" / "experiment.yml"
+
+
+@pytest.fixture
+def fixed_start(shipped: Path) -> Callable[..., EnvironmentSpec]:
+    """Return the shipped task with every episode begun in one and the same state."""
+
+    def spec(
+        position: Iterable[float],
+        velocity: Iterable[float] = (0.0, 0.0, 0.0),
+        sun_angle: float = 0.0,
+        overrides: Iterable[str] = (),
+        chief: Iterable[float] = (0.0, 0.0, 0.0),
+    ) -> EnvironmentSpec:
+        def body(where: Iterable[float], speed: Iterable[float]) -> dict[str, float]:
+            return dict(zip(("x", "y", "z", "x_dot", "y_dot", "z_dot"), [*where, *speed], strict=True))
+
+        initializer = {"functor": "PositionVelocityInitializer"}
+        tree = load_experiment(shipped, overrides).resolved
+        tree["config"]["config"]["env_config"]["simulator_reset_parameters"] = {
+            "additional_entities": {
+                "chief": {"platform": "cwh", "initializer": initializer, "config": body(chief, (0.0, 0.0, 0.0))},
+                "sun": {"entity_class": "Sun", "config": {"theta": sun_angle}},
+            }
+        }
+        tree["agent_config"][0]["config"]["config"]["simulator_reset_parameters"] = {
+            "initializer": initializer,
+            "config": body(position, velocity),
+        }
+        return build_experiment(tree).spec
+
+    return spec

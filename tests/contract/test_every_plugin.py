@@ -1,0 +1,75 @@
+"""Every registered plugin keeps the contract."""
+
+from __future__ import annotations
+
+import pytest
+
+from safe_inspect.glues import ControllerGlue, LinearNormalizer, Normalization, ObserveSensor, StandardNormalNormalizer
+from safe_inspect.platforms import InspectedPointsSensor, RateController, UninspectedPointsSensor
+from safe_inspect.plugin import Plugin
+from safe_inspect.registry import registry
+from safe_inspect.rewards import InspectionCrashReward, InspectionDeltaVReward
+from safe_inspect.rta import RTAGlueCWHInspection1v1
+from safe_inspect.simulators import (
+    ConstantParameter,
+    InspectionSimulator,
+    RejectionSamplerInitializer,
+    SimAttributeAccessor,
+    TruncatedNormalParameter,
+    UniformParameter,
+)
+from safe_inspect.simulators.illumination import IlluminationParams
+from safe_inspect.testing import check_plugin, sample_spec
+
+#: Plugins whose defaults alone are no plugin: the shipped experiment has one of them.
+_NEEDS_FIELDS = {("parameter", "RejectionSampler"): lambda: sample_spec().reset.parameters["init_state"]}
+
+_PLUGINS = [
+    pytest.param(kind, name, id=f"{kind}-{name}") for kind in registry.kinds() for name, _ in registry.items(kind)
+]
+
+
+@pytest.mark.parametrize(("kind", "name"), _PLUGINS)
+def test_registered_plugin_keeps_the_contract(kind: str, name: str) -> None:
+    make = _NEEDS_FIELDS.get((kind, name))
+    check_plugin(registry.get(kind, name) if make is None else make())
+
+
+def test_every_kind_of_the_package_is_there() -> None:
+    expected = {"constraint", "done", "glue", "initializer", "normalizer", "parameter", "part", "platform", "property",
+                "reward", "simulator"}  # fmt: skip
+    assert expected <= set(registry.kinds())
+
+
+_SCALED = Normalization(normalizer="StandardNormalNormalizer", config={"mu": 1.0, "sigma": [2.0, 3.0, 4.0]})
+_SWITCHED_OFF = Normalization(enabled=False)
+
+
+@pytest.mark.parametrize(
+    "plugin",
+    [
+        ConstantParameter(value=3.0, units="km"),
+        ControllerGlue(controller="X Thrust", normalization=_SWITCHED_OFF),
+        ControllerGlue(controller="Y Thrust"),
+        InspectedPointsSensor(inspector_entity_name="blue0"),
+        InspectionCrashReward(reference_position_sensor_name="reference_position"),
+        InspectionDeltaVReward(mode="constant", scale=-0.5, step_size="1 min", mass=6.0),
+        InspectionSimulator(illumination_params=IlluminationParams(bin_ray_flag=False), field_of_view="60 deg"),
+        InspectionSimulator(illumination_params=None, delta_v_scale_bounds=(-0.2, -0.1)),
+        LinearNormalizer(minimum=0.0, maximum=10.0),
+        ObserveSensor(sensor="Sensor_Position", output_units="km", normalization=_SCALED),
+        ObserveSensor(sensor="Sensor_UninspectedPoints"),
+        RateController(name="Fine", axis=2, properties={"low": -0.5, "high": 0.25}),
+        RejectionSamplerInitializer(states=("position", "velocity", "sun_angle")),
+        RTAGlueCWHInspection1v1(wrapped=tuple(ControllerGlue(controller=f"{axis} Thrust") for axis in "XYZ")),
+        SimAttributeAccessor(attribute_name="init_state.sun_angle"),
+        StandardNormalNormalizer(mu=(1.0, 2.0), sigma=(0.5, 4.0)),
+        TruncatedNormalParameter(mu=10.0, std=5.0, low=2.0, high=12.0, units="deg"),
+        UniformParameter(low=-1.0, high=4.0, units="mm/s"),
+        UninspectedPointsSensor(points_per_cluster=7, max_iterations=3),
+        UninspectedPointsSensor(backend="sklearn", inspector_entity_name="blue0"),
+    ],
+    ids=repr,
+)
+def test_configured_plugin_keeps_the_contract(plugin: Plugin) -> None:
+    check_plugin(plugin)

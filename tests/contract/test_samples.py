@@ -1,0 +1,70 @@
+"""The sample world has what a plugin must cope with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_inspect.dones import CrashDoneFunction, MaxDistanceDoneFunction, SuccessfulInspectionDoneFunction
+from safe_inspect.platforms import UninspectedPointsSensor
+from safe_inspect.rewards import ObservedPointsReward
+from safe_inspect.testing import sample_spec, sample_steps, take_rows
+
+
+def test_the_sample_has_every_phase_of_an_episode() -> None:
+    step = sample_steps(rows=256)
+    assert step.first.any()
+    assert not step.first.all()
+    for done in (CrashDoneFunction(), MaxDistanceDoneFunction(), SuccessfulInspectionDoneFunction()):
+        ended = done(step)
+        assert ended.any(), done
+        assert not ended.all(), done
+    assert ObservedPointsReward()(step).max() > 0.0
+    assert step.intervening.any()
+    assert not step.intervening.all()
+    lit = step.after.points("chief").lit
+    assert lit.any(axis=-1).all()
+    assert not lit.all(axis=-1).any()
+
+
+def test_a_row_is_one_step_of_one_environment() -> None:
+    step = sample_steps(rows=100, seed=3)
+    np.testing.assert_array_equal(step.after.step, step.before.step + 1)
+    np.testing.assert_array_equal(step.after.time, 10.0 * step.after.step)
+    np.testing.assert_array_equal(step.after.control, step.control)
+    np.testing.assert_allclose(step.after.delta_v - step.before.delta_v, step.delta_v, atol=1e-12)
+    np.testing.assert_allclose(step.after.sun_angle - step.before.sun_angle, 0.01027, atol=1e-12)
+    assert (step.new_points("chief") >= 0).all()
+
+
+@pytest.mark.parametrize("rows", [1, 5, 64, 3000])
+def test_it_has_as_many_rows_as_asked_for(rows: int) -> None:
+    step = sample_steps(rows=rows)
+    assert step.after.num_rows == step.before.num_rows == len(step.action) == rows
+    with pytest.raises(ValueError, match="at least 1 row"):
+        sample_steps(rows=0)
+
+
+def test_the_same_seed_gives_the_same_sample_and_another_seed_another() -> None:
+    first, second, other = (sample_steps(UninspectedPointsSensor(), 20, seed) for seed in (5, 5, 6))
+    for name, array in first.after.state.arrays.items():
+        np.testing.assert_array_equal(array, second.after.state.arrays[name])
+    assert not np.array_equal(first.after.position, other.after.position)
+
+
+def test_taken_rows_are_copies() -> None:
+    step = sample_steps(rows=10)
+    kept = step.after.position.copy()
+    taken = take_rows(step, np.array([4, 4, 1]))
+    np.testing.assert_array_equal(taken.after.position, kept[[4, 4, 1]])
+    taken.after.position[:] = 0.0
+    taken.control[:] = 9.0
+    np.testing.assert_array_equal(step.after.position, kept)
+    assert not (step.control == 9.0).any()
+
+
+def test_parts_stand_on_the_deputy() -> None:
+    further = UninspectedPointsSensor(name="Second")
+    names = set(sample_spec(parts=[further]).agents[0].parts)
+    assert {"Second", "RateController", "Sensor_EntityPosition", "Sensor_Position", "X Thrust"} <= names
+    assert "Second" in sample_steps(rows=4, parts=[further]).after.group.sensors

@@ -1,0 +1,109 @@
+"""The third-party package in `examples/plugin_package` works: loaded by path, announced by entry point, stepped, tested."""
+
+from __future__ import annotations
+
+import configparser
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import safe_inspect
+from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.errors import ConfigError
+from safe_inspect.registry import ENTRY_POINT_GROUP
+
+_PACKAGE = Path(__file__).parents[2] / "examples" / "plugin_package"
+_EXPERIMENT = _PACKAGE / "configs" / "speed-limit" / "experiment.yml"
+_BY_PATH = "config.config.env_config.plugin_paths=[safe_inspect_example]"
+
+
+@pytest.fixture
+def on_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(_PACKAGE / "src"))
+
+
+def python(*arguments: str, path: Path, cwd: Path = _PACKAGE) -> str:
+    """Run a fresh interpreter that finds the package in a folder, and return what it prints."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(path), os.environ.get("PYTHONPATH", "")])}
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=300, env=environment, cwd=cwd
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.usefixtures("on_path")
+def test_the_environment_steps_with_the_plugins() -> None:
+    environment = BatchedEnvironment(safe_inspect.load_experiment(_EXPERIMENT, [_BY_PATH]).spec, 4, seed=3)
+    environment.reset()
+    assert environment.observation_layout.names[-1] == "Sensor_RangeRate.range_rate"
+    assert [named.name for named in environment.agent.dones][3:] == ["FuelSpentDone", "EpisodeLengthDone"]
+    view = environment.view()
+    for _ in range(10):
+        transition = environment.step(np.array([[[1.0, -1.0, 1.0]]] * 4))
+        view = transition.step.after
+        speed = np.linalg.norm(view.velocity, axis=-1)
+        np.testing.assert_allclose(
+            transition.terms["SpeedLimitReward"][:, 0], -0.1 * np.maximum(0.0, speed - 0.5), rtol=1e-12
+        )
+        rate = (view.position * view.velocity).sum(axis=-1) / np.linalg.norm(view.position, axis=-1)
+        np.testing.assert_allclose(transition.observation[:, 0, -1], rate / 0.5, rtol=1e-5)
+        spent = view.delta_v > 25.0
+        assert (transition.terminated[spent]).all()
+    # 1 N on each axis of 12 kg for 10 s: 2.5 m/s in each step, so 25 m/s after ten, which is not above the budget.
+    np.testing.assert_allclose(view.delta_v, 25.0)
+    transition = environment.step(np.ones((4, 1, 3)))
+    assert transition.terminated.all()
+    assert (transition.status == 2).all()
+
+
+@pytest.mark.usefixtures("on_path")
+def test_all_else_is_the_shipped_task() -> None:
+    own = safe_inspect.load_experiment(_EXPERIMENT, [_BY_PATH])
+    shipped = safe_inspect.load_experiment(_PACKAGE.parents[1] / "configs" / "translational-inspection/experiment.yml")
+    assert own.spec.simulator == shipped.spec.simulator
+    assert own.spec.reset == shipped.spec.reset
+    assert own.rllib == shipped.rllib
+    shared = {named.name: named.functor for named in shipped.spec.agents[0].rewards if named.name.startswith("Observed")}
+    assert shared.items() <= {named.name: named.functor for named in own.spec.agents[0].rewards}.items()
+
+
+@pytest.mark.usefixtures("on_path")
+def test_a_mistake_in_the_variant_is_told_with_its_place() -> None:
+    with pytest.raises(ConfigError, match=r"SpeedLimitReward has no field `limt`; did you mean `limit`\?|`limt`"):
+        safe_inspect.load_experiment(_EXPERIMENT, [_BY_PATH, "SpeedLimitReward.config.limt=1"])
+    with pytest.raises(ConfigError, match="'m' is no unit of speed"):
+        safe_inspect.load_experiment(_EXPERIMENT, [_BY_PATH, "SpeedLimitReward.config.limit=3 m"])
+
+
+def test_an_installed_package_is_found_by_its_entry_point(tmp_path: Path) -> None:
+    setup = configparser.ConfigParser()
+    setup.read(_PACKAGE / "setup.cfg")
+    name, version = setup["metadata"]["name"], setup["metadata"]["version"]
+    entries = setup["options.entry_points"][ENTRY_POINT_GROUP].strip()
+    info = tmp_path / f"{name.replace('-', '_')}-{version}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    (info / "entry_points.txt").write_text(f"[{ENTRY_POINT_GROUP}]\n{entries}\n")
+    shutil.copytree(_PACKAGE / "src" / "safe_inspect_example", tmp_path / "safe_inspect_example")
+
+    listed = python("-m", "safe_inspect.cli", "list", "reward", "SpeedLimitReward", path=tmp_path)
+    assert "limit" in listed
+    assert "[m/s]" in listed
+    assert "is valid" in python("-m", "safe_inspect.cli", "validate", str(_EXPERIMENT), path=tmp_path)
+
+
+def test_its_own_tests_pass() -> None:
+    told = python("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests", path=_PACKAGE / "src")
+    assert "6 passed" in told
+
+
+def test_the_reward_is_as_short_as_promised() -> None:
+    text = (_PACKAGE / "src" / "safe_inspect_example" / "rewards.py").read_text()
+    body = text[text.index("class SpeedLimitReward") :].strip()
+    assert len([line for line in body.splitlines() if line.strip()]) <= 15

@@ -1,0 +1,58 @@
+"""What the tests of the training share: a small environment without physics, and one Ray."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+if str(HERE) not in sys.path:  # Ray's processes import `dummy_environment` too
+    sys.path.insert(0, str(HERE))
+
+from training_values import MAKER, QUICK  # noqa: E402
+
+
+@pytest.fixture(scope="session")
+def ray_session():
+    """Start one Ray for all the tests that do not need to kill it."""
+    from safe_inspect.experiments import cluster
+
+    cluster.set_environment()
+    import ray
+
+    folder = tempfile.mkdtemp(prefix="si-", dir="/tmp")
+    paths = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE), *filter(None, [paths])])
+    ray.init(
+        address="local",
+        num_cpus=4,
+        object_store_memory=128 * 2**20,
+        include_dashboard=False,
+        log_to_driver=False,
+        logging_level="ERROR",
+        _temp_dir=folder,
+    )
+    yield
+    ray.shutdown()
+    if paths is None:
+        os.environ.pop("PYTHONPATH")
+    else:
+        os.environ["PYTHONPATH"] = paths
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture
+def quick():
+    """Return settings of a training of a second."""
+    return dict(QUICK)
+
+
+@pytest.fixture
+def maker():
+    """Return the name of the maker of the small environment."""
+    return MAKER

@@ -1,0 +1,106 @@
+"""Ray is started in a short folder of the run's own, or joined and left as it was."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from safe_inspect.errors import ConfigError
+from safe_inspect.experiments import cluster
+from safe_inspect.experiments.run_folder import RunFolder
+
+HERE = Path(__file__).parent
+
+
+def test_a_folder_too_long_for_rays_sockets_is_refused(tmp_path):
+    parent = tmp_path / ("long" * 12)
+    with pytest.raises(ConfigError, match=r"ray_config\.temporary_folder: .* too long for Ray's sockets"):
+        cluster._temporary_folder(str(parent))
+    assert not list(parent.iterdir())
+
+
+def test_the_folder_is_short_wherever_the_system_puts_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / ("long" * 12)))
+    folder = cluster._temporary_folder(None)
+    assert len(str(folder)) <= cluster.LONGEST_FOLDER
+    folder.rmdir()
+
+
+@pytest.mark.parametrize(("name", "gone"), [("si-abc", True), ("precious", False)])
+def test_only_a_folder_of_ours_is_removed(tmp_path, name, gone):
+    (tmp_path / name).mkdir()
+    run = RunFolder(tmp_path)
+    run.ray_note.write_text(str(tmp_path / name))
+    cluster._remove_leftovers(run)
+    assert (tmp_path / name).exists() is not gone
+
+
+def test_a_training_that_would_wait_for_ever_is_refused():
+    cluster.check_size(4.0, 4.0)
+    with pytest.raises(ConfigError, match=r"claims 4\.5 processors, and Ray has 4; lower `num_env_runners`"):
+        cluster.check_size(4.5, 4.0)
+
+
+_CLUSTER = """
+import sys, ray
+context = ray.init(address="local", num_cpus=2, include_dashboard=False, _temp_dir=sys.argv[1])
+print(context.address_info["gcs_address"], flush=True)
+sys.stdin.readline()
+print(ray.get(ray.remote(lambda: "alive").remote()), flush=True)
+"""
+
+_TRAINING = """
+import sys, io
+from pathlib import Path
+from training_values import MAKER, QUICK
+from safe_inspect.errors import ConfigError
+from safe_inspect.experiments.train import TrainingRun, train
+run = dict(rllib=QUICK, tune={"stop": {"training_iteration": 1}}, output=Path(sys.argv[2]), maker=MAKER)
+print(train(TrainingRun({}, ray={"address": sys.argv[1]}, **run), io.StringIO()).iteration)
+"""
+
+
+@pytest.mark.ray
+@pytest.mark.slow
+def test_a_running_cluster_is_joined_and_left_running(tmp_path):
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
+    environment |= {"PYTHONPATH": str(HERE), "RAY_USAGE_STATS_ENABLED": "0"}
+    with tempfile.TemporaryDirectory(prefix="si-", dir="/tmp", ignore_cleanup_errors=True) as folder:
+        head = subprocess.Popen(
+            [sys.executable, "-c", _CLUSTER, folder],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        address = head.stdout.readline().strip()
+        command = [sys.executable, "-c", _TRAINING, address, str(tmp_path)]
+        training = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+        assert training.stdout.strip() == "1", training.stderr
+        rest, _ = head.communicate("\n", timeout=60)
+        assert rest.strip() == "alive"
+
+
+@pytest.mark.ray
+def test_a_cluster_that_is_not_there_is_one_message(tmp_path, quick, maker):
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from safe_inspect.errors import ConfigError\n"
+        "from safe_inspect.experiments.train import TrainingRun, train\n"
+        "try: train(TrainingRun({}, ray={'address': 'auto'}, output=Path(sys.argv[1])))\n"
+        "except ConfigError as error: print(error)"
+    )
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
+    environment |= {"RAY_TMPDIR": str(tmp_path / "none")}
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "out")], env=environment, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.startswith("ray_config.address: there is no Ray cluster at `auto`")
+    assert "start one with `ray start --head`, or remove `address`" in run.stdout
+    assert not list((tmp_path / "out").iterdir())

@@ -1,0 +1,133 @@
+"""The line of an iteration, the time that is left, and the files that a training writes."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+
+from safe_inspect.experiments.progress import Progress, clock, flatten, row_of, time_left
+from safe_inspect.experiments.training_log import TrainingLog, read_progress
+
+
+def result(iteration, **runners):
+    """Return a result of RLlib after an iteration of 2 s and 4,000 steps."""
+    return flatten(
+        {
+            "training_iteration": iteration,
+            "num_env_steps_sampled_lifetime": 4000 * iteration,
+            "time_total_s": 2.0 * iteration,
+            "time_this_iter_s": 2.0,
+            "done": False,
+            "date": "today",
+            "config": {"lr": 0.1},
+            "env_runners": {"num_episodes_lifetime": 3 * iteration, **runners},
+            "learners": {"default_policy": {"policy_loss": np.float32(0.5)}},
+        }
+    )
+
+
+def test_flattening_keeps_the_numbers():
+    flat = result(1, episode_return_mean=np.float64(0.25), reward={"a": 1})
+    assert flat["env_runners/episode_return_mean"] == 0.25
+    assert flat["env_runners/reward/a"] == 1.0
+    assert not {"date", "config/lr", "done"} & set(flat)
+
+
+def test_the_line_of_an_iteration():
+    progress = Progress({"training_iteration": 75}, io.StringIO())
+    for iteration in (11, 12):
+        stream = io.StringIO()
+        progress._stream = stream
+        progress.show(
+            result(iteration, episode_return_mean=0.8312, success_rate=0.123, inspected_fraction=0.61, delta_v=2.314)
+        )
+    assert stream.getvalue() == (
+        "iteration   12/75  steps     48,000    2,000/s  return   0.831  success  12 %  inspected  61 %  "
+        "delta-v   2.31 m/s  left 0:02:06\n"
+    )
+
+
+def test_what_is_not_known_yet_is_a_dash():
+    stream = io.StringIO()
+    Progress({}, stream).show(result(1))
+    assert "return       -  success   - %  inspected   - %  delta-v      - m/s  left -" in stream.getvalue()
+
+
+def test_the_bar_is_for_terminals_only():
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    stream = Terminal()
+    progress = Progress({"training_iteration": 4}, stream)
+    progress.show(result(1))
+    assert stream.getvalue().splitlines()[-1] == f"[{'#' * 10}{'.' * 30}]  25 %  left 0:00:06"
+    progress.close()
+    assert stream.getvalue().endswith("\r\x1b[K")
+
+
+def test_the_nearest_limit_counts():
+    now = {"training_iteration": 10.0, "num_env_steps_sampled_lifetime": 4000.0}
+    rates = {"training_iteration": 0.5, "num_env_steps_sampled_lifetime": 100.0}
+    assert time_left({"training_iteration": 20, "num_env_steps_sampled_lifetime": 5000}, now, rates) == 10.0
+    assert time_left({"training_iteration": 9.2e18}, now, rates) == math.inf
+    assert time_left({"env_runners/success_rate": 0.9}, now, rates) == math.inf
+    assert time_left({"training_iteration": 5}, now, rates) == 0.0
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(0, "0:00:00"), (3725.4, "1:02:05"), (59.6, "0:01:00"), (math.inf, "-")])
+def test_clock(seconds, text):
+    assert clock(seconds) == text
+
+
+def test_a_row_holds_the_terms_of_the_reward():
+    row = row_of(result(1, reward={"near": -1.0}, delta_v=3.0))
+    assert row["reward/near"] == -1.0
+    assert row["delta_v"] == 3.0
+    assert row["policy_loss"] == 0.5
+    assert math.isnan(row["success_rate"])
+
+
+def test_a_column_that_appears_late_is_in_the_file(tmp_path):
+    log = TrainingLog(tmp_path)
+    log.add(result(1))
+    log.add(result(2, reward={"near": -1.0}, success_rate=0.5))
+    log.close()
+    first, second = read_progress(tmp_path / "progress.csv")
+    assert math.isnan(first["reward/near"])
+    assert (second["reward/near"], second["success_rate"], second["steps"]) == (-1.0, 0.5, 8000.0)
+
+
+def test_the_log_goes_on_after_the_checkpoint(tmp_path):
+    log = TrainingLog(tmp_path)
+    for iteration in (1, 2, 3, 4):
+        log.add(result(iteration, success_rate=0.1))
+    log.close()
+    with (tmp_path / "progress.csv").open("a") as file, (tmp_path / "result.json").open("a") as lines:
+        file.write("5,20000")  # killed in the middle of a row
+        lines.write('{"training_it')
+    log = TrainingLog(tmp_path, iteration=2, steps=8000)
+    log.add(result(3, success_rate=0.9))
+    log.close()
+    rows = read_progress(tmp_path / "progress.csv")
+    assert [row["iteration"] for row in rows] == [1, 2, 3]
+    assert [row["success_rate"] for row in rows] == [0.1, 0.1, 0.9]
+    lines = [json.loads(line) for line in (tmp_path / "result.json").read_text().splitlines()]
+    assert [line["training_iteration"] for line in lines] == [1, 2, 3]
+
+
+def test_tensorboard_counts_environment_steps(tmp_path):
+    log = TrainingLog(tmp_path)
+    log.add(result(1, success_rate=0.25))
+    log.add(result(2, success_rate=0.5))
+    log.close()
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(tmp_path / "tensorboard"))
+    events.Reload()
+    found = [(event.step, event.value) for event in events.Scalars("env_runners/success_rate")]
+    assert found == [(4000, 0.25), (8000, 0.5)]

@@ -1,0 +1,144 @@
+"""Our tables against the installed RLlib: these fail when a release of Ray changes a key."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+
+import pytest
+
+from safe_inspect.errors import ConfigError
+from safe_inspect.experiments import keys, old_keys, run_keys
+from safe_inspect.experiments.translation import translate_rllib
+
+pytestmark = pytest.mark.ray
+
+_KINDS = {bool: "boolean", int: "integer", float: "number", str: "text", dict: "mapping"}
+
+
+@pytest.fixture(scope="module")
+def ppo():
+    from safe_inspect.experiments import cluster
+    from safe_inspect.experiments.algorithm import default_config
+
+    cluster.set_environment()
+    return default_config("PPO")
+
+
+def attribute(name):
+    from safe_inspect.experiments.algorithm import ATTRIBUTES
+
+    return ATTRIBUTES.get(name, name)
+
+
+def test_every_key_of_the_table_exists(ppo):
+    from safe_inspect.experiments.algorithm import attribute_names
+
+    names = attribute_names(ppo)
+    missing = [key for key in (*keys.COMMON_KEYS, *keys.PPO_KEYS) if attribute(key) not in names]
+    assert not missing
+
+
+def test_every_setting_of_rllib_is_in_a_table(ppo):
+    from safe_inspect.experiments.algorithm import attribute_names
+
+    known = {attribute(key) for key in (*keys.COMMON_KEYS, *keys.PPO_KEYS)}
+    known |= {*old_keys.RENAMED, *old_keys.DROPPED, *old_keys.RESERVED, *old_keys.ONLY_AT, *old_keys.SPELLINGS}
+    unknown = {
+        name
+        for name in attribute_names(ppo) - known
+        if not name.startswith(tuple(old_keys.RESERVED_PREFIXES))
+        and not any(part in name for part in old_keys.RESERVED_PARTS)
+    }
+    assert sorted(unknown) == []
+
+
+def test_the_defaults_of_rllib_have_the_types_of_the_table(ppo):
+    wrong = []
+    for name, key in {**keys.COMMON_KEYS, **keys.PPO_KEYS}.items():
+        value = getattr(ppo, attribute(name))
+        if value is None or value in key.choices:
+            continue
+        kind = _KINDS[type(value)]
+        accepted = {"number": ("number", "integer"), "schedule": ("number", "integer")}.get(key.kind, (key.kind,))
+        if kind not in accepted:
+            wrong.append((name, key.kind, value))
+    assert not wrong
+
+
+def test_the_words_of_a_choice_are_rllibs_own(ppo):
+    source = inspect.getsource(type(ppo).__mro__[1]) + inspect.getsource(type(ppo))
+    for name, key in keys.COMMON_KEYS.items():
+        for word in key.choices:
+            assert word in source, (name, word)
+
+
+def test_old_names_are_gone_or_have_no_effect(ppo):
+    from safe_inspect.experiments.algorithm import attribute_names
+
+    alive = attribute_names(ppo)
+    # Old properties that still lead to the new attribute are as dead as removed ones.
+    properties = {name for name, member in inspect.getmembers(type(ppo)) if isinstance(member, property)}
+    still = {"num_gpus", "train_batch_size", "lr_schedule", "entropy_coeff_schedule", "model"}
+    assert {name for name in old_keys.RENAMED if name in alive - properties} == still
+
+
+def test_the_nets_of_rllib():
+    from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
+
+    fields = {field.name for field in dataclasses.fields(DefaultModelConfig)}
+    assert set(keys.MODEL_KEYS) <= fields
+    assert {name for name in fields - set(keys.MODEL_KEYS) if not name.startswith(("conv_", "fusionnet_"))} == set()
+
+
+def test_the_algorithms_exist():
+    from safe_inspect.experiments.algorithm import default_config
+
+    for name in keys.ALGORITHMS:
+        assert default_config(name).algo_class.__name__.upper() == name.upper()
+
+
+def test_tune_and_ray_take_what_we_pass():
+    import ray
+    from ray import tune
+
+    fields = {
+        field.name for kind in (tune.TuneConfig, tune.CheckpointConfig, tune.FailureConfig, tune.RunConfig)
+        for field in dataclasses.fields(kind)
+    }  # fmt: skip
+    assert set(run_keys.TUNE_KEYS) - {"algorithm"} <= fields
+    arguments = set(inspect.signature(ray.init).parameters)
+    assert set(run_keys.RAY_KEYS) - {"temporary_folder"} <= arguments
+
+
+def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded():
+    from safe_inspect.experiments.algorithm import build_config, environment_settings
+
+    good = translate_rllib({"algorithm": "SAC", "tau": 0.25})
+    assert build_config(good, environment_settings({}, good.settings)).tau == 0.25
+    bad = translate_rllib({"algorithm": "SAC", "taus": 0.25})
+    with pytest.raises(ConfigError, match="SAC has no key `taus`; did you mean `tau`"):
+        build_config(bad, environment_settings({}, bad.settings))
+
+
+def test_settings_reach_the_algorithm():
+    from safe_inspect.experiments.algorithm import build_config, environment_settings
+
+    found = translate_rllib(
+        {"lambda": 0.9, "num_sgd_iter": 3, "train_batch_size": 640, "minibatch_size": 64, "vf_share_layers": True}
+    )
+    config = build_config(found, environment_settings({"a": 1}, found.settings))
+    assert (config.lambda_, config.num_epochs, config.minibatch_size) == (0.9, 3, 64)
+    assert config.total_train_batch_size == 640
+    assert config.model_config["vf_share_layers"] is True
+    assert config.env_config["experiment"] == {"a": 1}
+    assert config.torch_skip_nan_gradients is True
+    assert config.gym_env_vectorize_mode == "vector_entry_point"
+
+
+def test_what_rllib_refuses_is_our_error():
+    from safe_inspect.experiments.algorithm import build_config, environment_settings
+
+    found = translate_rllib({"use_gae": False})
+    with pytest.raises(ConfigError, match="rllib_configs: Episode truncation is not supported without a value"):
+        build_config(found, environment_settings({}, found.settings))

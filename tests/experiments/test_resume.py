@@ -1,0 +1,147 @@
+"""A training that is killed goes on, with the right iteration and without what was damaged."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from safe_inspect.experiments.checkpoints import find_newest
+from safe_inspect.experiments.training_log import read_progress
+
+pytestmark = [pytest.mark.ray, pytest.mark.slow]
+
+HERE = Path(__file__).parent
+
+
+def start(*arguments):
+    command = [sys.executable, str(HERE / "train_dummy.py"), *map(str, arguments)]
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
+    environment["PYTHONPATH"] = str(HERE)
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(process, text):
+    for line in process.stderr:
+        if text in line:
+            return
+    raise AssertionError(f"the training ended with {process.wait()} before it printed {text!r}")
+
+
+def finish(*arguments):
+    process = start(*arguments)
+    printed, progress = process.communicate(timeout=200)
+    assert process.returncode == 0, progress
+    return printed.split(), progress
+
+
+def processes(folder):
+    """Return the titles of the processes that hold files in Ray's folder open: all of Ray's write their logs there."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            files = [os.readlink(file) for file in (path / "fd").iterdir()]
+            title = (path / "cmdline").read_text().replace("\0", " ")
+        except OSError:
+            continue
+        if any(file.startswith(folder) for file in files):
+            found.append(title[:80])
+    return found
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """Kill a training after its fourth iteration, and return its folder and Ray's."""
+    output = tmp_path_factory.mktemp("killed")
+    process = start(output, 1000)
+    wait_for(process, "iteration    4/")
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    (run,) = output.iterdir()
+    temporary = (run / ".ray").read_text()
+    assert temporary.startswith("/tmp/si-") or len(temporary) <= 40
+    return run, temporary
+
+
+def test_a_killed_training_goes_on(killed, tmp_path):
+    run, temporary = killed
+    copy = shutil.copytree(run, tmp_path / "run")
+    reached = find_newest(copy / "tune").newest.iteration
+    assert reached >= 3
+    printed, progress = finish("unused", reached + 2, copy)
+    assert printed == [str(reached + 2), "False"]
+    assert progress.startswith(f"iteration {reached + 1:>4}/{reached + 2}")
+    rows = read_progress(copy / "progress.csv")
+    assert [row["iteration"] for row in rows] == list(range(1, reached + 3))
+    steps = [row["steps"] for row in rows]
+    assert all(512 <= later - earlier <= 544 for earlier, later in zip(steps[:-1], steps[1:], strict=True))
+    assert rows[-1]["seconds"] > rows[-2]["seconds"] > rows[-3]["seconds"]
+    record = json.loads((copy / "run.json").read_text())
+    assert record["attempts"][1]["iteration"] == reached
+    assert not Path(temporary).exists()  # what the killed attempt has left
+    assert not (copy / ".ray").exists()
+
+
+def test_a_damaged_or_unfinished_checkpoint_is_passed_over(killed, tmp_path):
+    run, _ = killed
+    copy = shutil.copytree(run, tmp_path / "run")
+    newest = find_newest(copy / "tune").newest
+    state = newest.path / "learner_group" / "learner" / "state.pkl"
+    state.write_bytes(state.read_bytes()[:1000])
+    unfinished = newest.path.with_name("checkpoint_000099")
+    unfinished.mkdir()
+    (unfinished / "rllib_checkpoint.json").write_text("{}")
+    good = find_newest(copy / "tune").newest.iteration
+    assert good < newest.iteration
+    printed, progress = finish("unused", good + 1, copy)
+    assert printed == [str(good + 1), "False"]
+    assert "learner_group/learner/state.pkl is not what was saved" in progress
+    assert "checkpoint_000099: the checkpoint is incomplete" in progress
+    assert f"iteration {good + 1:>4}/{good + 1}" in progress
+
+
+def test_a_run_without_any_good_checkpoint_says_so(killed, tmp_path):
+    run, _ = killed
+    copy = shutil.copytree(run, tmp_path / "run")
+    for path in (copy / "tune").glob("**/algorithm_state.pkl"):
+        path.unlink()
+    process = start("unused", 9, copy)
+    _, progress = process.communicate(timeout=200)
+    assert process.returncode == 1
+    assert "CheckpointError" in progress
+    assert "has no complete checkpoint of this configuration" in progress
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_training_saves_a_checkpoint_and_leaves_nothing(tmp_path, number):
+    process = start(tmp_path, 1000)
+    wait_for(process, "iteration    2/")
+    (run,) = tmp_path.iterdir()
+    temporary = (run / ".ray").read_text()
+    assert any("PPO" in title for title in processes(temporary))
+    process.send_signal(number)
+    printed, progress = process.communicate(timeout=60)
+    iteration, interrupted = printed.split()
+    assert interrupted == "True"
+    assert "with a checkpoint" in progress
+    assert find_newest(run / "tune").newest.iteration == int(iteration)
+    assert not Path(temporary).exists()
+    deadline = time.monotonic() + 75
+    while processes(temporary) and time.monotonic() < deadline:
+        time.sleep(1)
+    assert processes(temporary) == []
+
+
+def test_a_killed_training_leaves_no_process(killed):
+    _, temporary = killed
+    deadline = time.monotonic() + 75  # two of Ray's agents look for their cluster for a minute
+    while processes(temporary) and time.monotonic() < deadline:
+        time.sleep(1)
+    assert processes(temporary) == []

@@ -1,0 +1,95 @@
+"""The folder of a run: made anew, recorded, guarded against another configuration."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from safe_inspect.errors import CheckpointError, OutputError
+from safe_inspect.experiments import run_folder
+
+CONFIGURATION = {"experiment": {"radius": 10.0, "points": [1, 2]}, "rllib_configs": {"lr": 1e-4}}
+
+
+def record(folder, configuration=None):
+    run_folder.write_record(folder, text="a: 1\n", seed=7, configuration=configuration or CONFIGURATION)
+
+
+def test_two_runs_of_one_second_have_two_folders(tmp_path):
+    first, second = (run_folder.create_run_folder(tmp_path / "out", "My run/1") for _ in range(2))
+    assert first.path != second.path
+    assert first.path.parent == tmp_path / "out"
+    assert first.path.name.startswith("My-run-1_2")
+
+
+@pytest.mark.parametrize("output", ["/proc/none/here", "file/below"])
+def test_a_folder_that_cannot_be_written_is_one_message(tmp_path, monkeypatch, output):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match=r"cannot be written .* --output"):
+        run_folder.create_run_folder(output, "x")
+
+
+def test_the_record_says_what_was_run(tmp_path):
+    folder = run_folder.create_run_folder(tmp_path, "x")
+    record(folder)
+    assert run_folder.add_attempt(folder, ["safe-inspect", "train", "a b.yml"]) == 0
+    assert run_folder.add_attempt(folder, [], "checkpoint", 12) == 1
+    found = json.loads(folder.record.read_text())
+    assert found["seed"] == 7
+    assert found["safe_inspect"]
+    assert "git_commit" in found
+    assert found["attempts"][0]["command"] == "safe-inspect train 'a b.yml'"
+    assert found["attempts"][1]["iteration"] == 12
+    assert folder.configuration.read_text() == "a: 1\n"
+
+
+def test_another_configuration_is_refused_with_the_difference(tmp_path):
+    folder = run_folder.create_run_folder(tmp_path, "x")
+    record(folder)
+    run_folder.check_configuration(folder, json.loads(json.dumps(CONFIGURATION)))
+    other = {"experiment": {"radius": 12.0, "points": [1, 3]}, "rllib_configs": {}}
+    with pytest.raises(CheckpointError) as caught:
+        run_folder.check_configuration(folder, other)
+    message = str(caught.value)
+    assert "experiment.radius: 10.0 in the run, 12.0 now" in message
+    assert "experiment.points[1]: 2 in the run, 3 now" in message
+    assert "rllib_configs.lr: 0.0001 in the run, nothing now" in message
+
+
+def test_only_the_place_of_computing_may_change():
+    def learning(**more):
+        return run_folder.learning_configuration({"a": 1}, {"lr": 1.0, "num_env_runners": 0, **more})
+
+    base = run_folder.digest(learning())
+    assert run_folder.digest(learning(num_env_runners=8, num_gpus_per_learner=1, torch_num_threads=4)) == base
+    assert run_folder.digest(learning(lr=2.0)) != base
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
+    with pytest.raises(CheckpointError, match="not the folder of a training run"):
+        run_folder.open_run_folder(tmp_path)
+    (tmp_path / "run.json").write_text('{"seed": 1')
+    with pytest.raises(CheckpointError, match="damaged"):
+        run_folder.open_run_folder(tmp_path)
+
+
+def test_two_processes_cannot_train_in_one_folder(tmp_path):
+    folder = run_folder.create_run_folder(tmp_path, "x")
+    code = (
+        "import sys; from pathlib import Path; from safe_inspect.experiments.run_folder import RunFolder, locked\n"
+        "with locked(RunFolder(Path(sys.argv[1]))): pass"
+    )
+    command = [sys.executable, "-c", code, str(folder.path)]
+    with run_folder.locked(folder):
+        other = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "OutputError" in other.stderr
+    assert "another process is training" in other.stderr
+    assert subprocess.run(command, check=False).returncode == 0
+
+
+def test_the_lists_of_two_lengths_differ():
+    assert list(run_folder.differences({"a": [1]}, {"a": [1, 2]})) == [("a", [1], [1, 2])]

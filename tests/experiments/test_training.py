@@ -1,0 +1,170 @@
+"""Whole trainings on one Ray: what is logged, kept, evaluated and raised."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path
+
+import pytest
+from training_values import MAKER, QUICK
+
+from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError
+from safe_inspect.experiments.checkpoints import find_newest
+from safe_inspect.experiments.train import TrainingRun, train
+from safe_inspect.experiments.training_log import read_progress
+
+pytestmark = pytest.mark.ray
+
+
+def home_results():
+    """Return what stands where Ray puts results unless told otherwise."""
+    return sorted((Path.home() / "ray_results").glob("*"))
+
+
+@pytest.fixture(scope="module")
+def trained(ray_session, tmp_path_factory):
+    """Train two iterations, once for the tests below."""
+    before = home_results()
+    stream = io.StringIO()
+    run = TrainingRun(
+        {"kind": "dummy"},
+        rllib={**QUICK, "evaluation_interval": 2, "evaluation_duration": 8},
+        tune={"stop": {"training_iteration": 2}, "checkpoint_frequency": 1},
+        text="kind: dummy\n",
+        name="dummy",
+        output=tmp_path_factory.mktemp("out"),
+        maker=MAKER,
+    )
+    result = train(run, stream)
+    assert home_results() == before  # nothing is left outside the run folder
+    return result, stream.getvalue(), run
+
+
+def test_a_training_ends_at_its_limit(trained):
+    result, _, _ = trained
+    assert result.iteration == 2
+    assert 1024 <= result.steps <= 1024 + 2 * 16
+    assert not result.interrupted
+    assert math.isfinite(result.metrics["env_runners/episode_return_mean"])
+
+
+def test_its_progress_is_one_line_for_each_iteration(trained):
+    _, printed, _ = trained
+    lines = printed.splitlines()
+    assert [line.split("  steps")[0] for line in lines] == ["iteration    1/2", "iteration    2/2"]
+    assert all("success" in line and "m/s  left 0:" in line for line in lines)
+
+
+def test_the_run_folder_is_complete(trained):
+    result, _, _ = trained
+    names = {path.name for path in result.folder.iterdir()}
+    assert {"experiment.resolved.yml", "run.json", "progress.csv", "result.json", "tensorboard", "tune"} <= names
+    record = json.loads((result.folder / "run.json").read_text())
+    assert record["configuration"]["experiment"] == {"kind": "dummy"}
+    assert len(record["attempts"]) == 1
+    assert list((result.folder / "tensorboard").glob("events.out.tfevents.*"))
+
+
+def test_the_learning_curve_holds_the_task(trained):
+    result, _, _ = trained
+    rows = read_progress(result.folder / "progress.csv")
+    assert [row["iteration"] for row in rows] == [1, 2]
+    last = rows[-1]
+    assert last["steps"] == result.steps
+    assert 0.0 <= last["success_rate"] <= 1.0
+    assert last["inspected_fraction"] == pytest.approx(last["inspected_count"] / 99.0)
+    assert last["return_mean"] == pytest.approx(last["reward/near"] + last["reward/cost"], abs=1e-4)
+    assert last["delta_v"] == pytest.approx(-100.0 * last["reward/cost"], rel=1e-6)
+    assert math.isfinite(last["evaluation_return_mean"])
+    assert math.isfinite(last["evaluation_success_rate"])
+    assert math.isnan(rows[0]["evaluation_return_mean"])
+
+
+def test_checkpoints_are_sealed_and_hold_the_policy(trained):
+    result, _, _ = trained
+    newest = find_newest(result.folder / "tune").newest
+    assert newest.path == result.checkpoint
+    assert (newest.iteration, newest.steps) == (2, result.steps)
+    from ray.rllib.core.rl_module.rl_module import RLModule
+
+    module = RLModule.from_checkpoint(result.checkpoint / "learner_group" / "learner" / "rl_module" / "default_policy")
+    hidden = [parameter.shape for parameter in module.parameters() if parameter.ndim == 2 and parameter.shape[1] == 11]
+    assert hidden == [(16, 11), (16, 11)]  # a net for the policy, and one for the value
+
+
+def resumed(run, result, **changes):
+    fields = {**vars(run), "resume": result.folder, **changes}
+    return TrainingRun(**fields)
+
+
+def test_a_finished_run_goes_on_with_a_later_limit(trained):
+    result, _, run = trained
+    stream = io.StringIO()
+    more = train(resumed(run, result, tune={"stop": {"training_iteration": 3}}), stream)
+    assert stream.getvalue().startswith("iteration    3/3")
+    assert more.iteration == 3
+    assert more.folder == result.folder
+    assert more.steps > result.steps
+    assert [row["iteration"] for row in read_progress(result.folder / "progress.csv")] == [1, 2, 3]
+    record = json.loads((result.folder / "run.json").read_text())
+    assert record["attempts"][1]["iteration"] == 2
+    assert find_newest(result.folder / "tune").newest.iteration == 3
+
+
+def test_another_configuration_is_not_resumed(trained):
+    result, _, run = trained
+    with pytest.raises(CheckpointError, match=r"rllib_configs\.gamma: nothing in the run, 0\.5 now"):
+        train(resumed(run, result, rllib={**run.rllib, "gamma": 0.5}))
+
+
+def test_an_output_that_cannot_be_written(quick, maker):
+    with pytest.raises(OutputError, match="cannot be written"):
+        train(TrainingRun({}, rllib=quick, output="/proc/nowhere", maker=maker))
+
+
+def test_mistakes_of_all_three_mappings_come_together(tmp_path):
+    with pytest.raises(ConfigError) as caught:
+        train(TrainingRun({}, rllib={"gama": 1}, tune={"stopp": 1}, ray={"num_cpu": 1}, output=tmp_path))
+    assert len(caught.value.problems) == 3
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("runners", [0, 1])
+def test_an_error_of_a_plugin_arrives_as_it_was(ray_session, tmp_path, quick, maker, runners):
+    run = TrainingRun(
+        {"fail_at": 40},
+        rllib={**quick, "num_env_runners": runners},
+        tune={"stop": {"training_iteration": 5}},
+        output=tmp_path,
+        maker=maker,
+    )
+    with pytest.raises(PluginValueError, match="reward `near` returned NaN"):
+        train(run, io.StringIO())
+
+
+def test_a_search_trains_each_value_and_can_be_resumed(ray_session, tmp_path, quick, maker):
+    stream = io.StringIO()
+    run = TrainingRun(
+        {},
+        rllib={**quick, "lr": {"grid_search": [1e-4, 1e-3]}},
+        tune={"stop": {"training_iteration": 2}, "checkpoint_frequency": 1},
+        output=tmp_path,
+        maker=maker,
+    )
+    result = train(run, stream)
+    assert {line.split()[0] for line in stream.getvalue().splitlines()} == {"trial_00000", "trial_00001"}
+    for name in ("trial_00000", "trial_00001"):
+        rows = read_progress(result.folder / "trials" / name / "progress.csv")
+        assert [row["iteration"] for row in rows] == [1, 2]
+    again = io.StringIO()
+    train(resumed(run, result), again)  # both trials have ended; nothing is trained twice
+    assert not again.getvalue()
+
+
+def test_what_does_not_fit_is_refused_and_leaves_no_folder(ray_session, tmp_path, quick, maker):
+    run = TrainingRun({}, rllib={**quick, "num_env_runners": 9}, output=tmp_path, maker=maker)
+    with pytest.raises(ConfigError, match="claims 10 processors, and Ray has 4"):
+        train(run)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,219 @@
+"""The keys of RLlib, Tune and Ray: translated, dropped or refused, before Ray is loaded."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from safe_inspect.experiments.translation import translate_ray, translate_rllib, translate_tune
+
+#: As files for RLlib's old API stack write it.
+OLD = """
+framework: torch
+horizon: 2000
+rollout_fragment_length: 200
+train_batch_size: 1200
+sgd_minibatch_size: 300
+batch_mode: complete_episodes
+num_workers: 2
+num_cpus_per_worker: 1
+num_gpus_per_worker: 0
+num_envs_per_worker: 1
+custom_resources_per_worker: {}
+num_cpus_for_driver: 1
+num_gpus: 0
+num_sgd_iter: 30
+gamma: 0.968559
+lambda: 0.928544
+lr: 5e-5
+observation_filter: NoFilter
+model: {fcnet_hiddens: [64, 32], fcnet_activation: relu}
+vf_share_layers: true
+seed: 1
+"""
+
+
+def paths(translation):
+    return {problem.path: str(problem) for problem in translation.problems}
+
+
+def test_old_names_mean_the_new_ones():
+    found = translate_rllib(yaml.safe_load(OLD))
+    assert not found.problems
+    expected = {
+        "train_batch_size_per_learner": 1200,
+        "minibatch_size": 300,
+        "num_epochs": 30,
+        "num_env_runners": 2,
+        "num_envs_per_env_runner": 1,
+        "num_cpus_for_main_process": 1,
+        "lambda": 0.928544,
+        "lr": 5e-5,  # YAML reads it as a text
+        "seed": 1,
+    }
+    assert {key: found.settings[key] for key in expected} == expected
+    assert found.settings["model_config"] == {
+        "fcnet_hiddens": [64, 32],
+        "fcnet_activation": "relu",
+        "vf_share_layers": True,
+    }
+    gone = {"sgd_minibatch_size", "num_sgd_iter", "num_workers", "horizon", "framework", "observation_filter", "model"}
+    assert not gone & set(found.settings)
+
+
+def test_each_translated_key_is_told_once():
+    notes = translate_rllib({"num_workers": 1, "horizon": 10, "gamma": 0.9}).notes
+    assert len(notes) == 2
+    assert notes[0] == "`num_workers` is now `num_env_runners`"
+    assert notes[1].startswith("`horizon` has no effect: the time limit belongs to the environment")
+
+
+def test_nets_are_separate_unless_asked():
+    assert translate_rllib({}).settings["model_config"] == {
+        "fcnet_hiddens": [256, 256],
+        "fcnet_activation": "tanh",
+        "vf_share_layers": False,
+    }
+
+
+@pytest.mark.parametrize(
+    ("mapping", "path", "text"),
+    [
+        ({"gama": 0.9}, "rllib_configs.gama", "did you mean `gamma`?"),
+        ({"sgd_minibatch_siz": 9}, "rllib_configs.sgd_minibatch_siz", "did you mean `sgd_minibatch_size`?"),
+        ({"model": {"fcnet_hidens": [4]}}, "rllib_configs.model.fcnet_hidens", "did you mean `fcnet_hiddens`?"),
+        ({"gamma": 1.5}, "rllib_configs.gamma", "1.5 is too large; the greatest is 1"),
+        ({"num_epochs": 0}, "rllib_configs.num_epochs", "0 is too small; the least is 1"),
+        ({"num_epochs": 2.5}, "rllib_configs.num_epochs", "not a whole number"),
+        ({"num_epochs": True}, "rllib_configs.num_epochs", "a whole number is expected, not True"),
+        ({"use_gae": "yes"}, "rllib_configs.use_gae", "true or false is expected"),
+        ({"lr": [[5, 0.1], [9, 0.2]]}, "rllib_configs.lr", "begins with step 0"),
+        ({"lr": "fast"}, "rllib_configs.lr", "a number, or a list of pairs"),
+        ({"batch_mode": "complete"}, "rllib_configs.batch_mode", "did you mean `complete_episodes`?"),
+        ({"framework": "tf2"}, "rllib_configs.framework", "only `torch` is supported"),
+        ({"observation_filter": "MeanStdFilter"}, "rllib_configs.observation_filter", "`normalization` in the glues"),
+        ({"env": "CartPole-v1"}, "rllib_configs.env", "cannot be set here"),
+        ({"callbacks_on_episode_end": "x"}, "rllib_configs.callbacks_on_episode_end", "cannot be set here"),
+        ({"num_workers": 1, "num_env_runners": 2}, "rllib_configs.num_env_runners", "one key, given twice"),
+        ({"algorithm": "PPPO"}, "rllib_configs.algorithm", "did you mean `PPO`?"),
+        ({"minibatch_size": 900, "train_batch_size": 300}, "rllib_configs.minibatch_size", "larger than the batch"),
+        (
+            {"rollout_fragment_length": 200, "train_batch_size": 1200, "num_envs_per_worker": 4},
+            "rllib_configs.rollout_fragment_length",
+            "cannot be made of fragments",
+        ),
+        ({"evaluation_config": {"explor": False}}, "rllib_configs.evaluation_config.explor", "did you mean `explore`?"),
+        ({"model_config": {"fcnet_hiddens": 64}}, "rllib_configs.model_config.fcnet_hiddens", "a list of whole numbers"),
+        (
+            {"model_config": {"fcnet_activation": {"grid_search": ["tanh", "relu"]}}},
+            "rllib_configs.model_config.fcnet_activation",
+            "`grid_search` is possible for the keys of `rllib_configs` themselves only",
+        ),
+    ],
+)
+def test_mistakes_say_where_and_what(mapping, path, text):
+    found = paths(translate_rllib(mapping))
+    assert set(found) == {path}
+    assert text in found[path]
+
+
+def test_all_mistakes_are_reported_together():
+    found = translate_rllib({"gama": 1, "num_epochs": -1, "model": {"fcnet_activation": "tanhh"}, "framework": "tf"})
+    assert len(found.problems) == 4
+
+
+def test_default_minibatch_fits_a_small_batch():
+    assert translate_rllib({"train_batch_size": 100}).settings["minibatch_size"] == 100
+
+
+def test_searched_values_are_checked_one_by_one():
+    good = translate_rllib({"lr": {"grid_search": [1e-4, "1e-3"]}})
+    assert good.settings["lr"] == {"grid_search": [1e-4, 1e-3]}
+    assert "too large" in paths(translate_rllib({"gamma": {"grid_search": [0.9, 2.0]}}))["rllib_configs.gamma"]
+
+
+def test_keys_of_another_algorithm_wait_for_ray():
+    found = translate_rllib({"algorithm": "SAC", "tau": 0.01, "gamma": 0.9})
+    assert found.unchecked == ("tau",)
+    assert not found.problems
+    assert "minibatch_size" not in found.settings  # PPO's defaults are PPO's
+
+
+def test_tune_names_the_algorithm_and_must_agree():
+    assert translate_rllib({}, "APPO").settings["algorithm"] == "APPO"
+    assert "remove one" in paths(translate_rllib({"algorithm": "PPO"}, "APPO"))["rllib_configs.algorithm"]
+
+
+def test_old_tune_settings():
+    found = translate_tune(
+        yaml.safe_load("""
+        run_or_experiment: PPO
+        stop: {training_iteration: 9.2e+18, episode_reward_mean: 2, timesteps_total: 10.0e+6, time_total_s: 60}
+        local_dir: ./output/tune/
+        restore: null
+        resume: False
+        checkpoint_freq: 25
+        checkpoint_at_end: True
+        reuse_actors: True
+        keep_checkpoints_num: 5
+        checkpoint_score_attr: min-episode_reward_mean
+        max_failures: 5
+        """)
+    )
+    assert not found.problems
+    assert found.settings["stop"] == {
+        "training_iteration": 9.2e18,
+        "env_runners/episode_return_mean": 2,
+        "num_env_steps_sampled_lifetime": 1e7,
+        "time_total_s": 60,
+    }
+    expected = {
+        "algorithm": "PPO",
+        "storage_path": "./output/tune/",
+        "checkpoint_frequency": 25,
+        "num_to_keep": 5,
+        "max_failures": 5,
+        "checkpoint_score_attribute": "env_runners/episode_return_mean",
+        "checkpoint_score_order": "min",
+    }
+    assert {key: found.settings[key] for key in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("mapping", "path", "text"),
+    [
+        ({"stop": {"sucess_rate": 1}}, "tune_config.stop.sucess_rate", "did you mean `success_rate`?"),
+        ({"stop": {"training_iteration": "many"}}, "tune_config.stop.training_iteration", "a number is expected"),
+        ({"stop": {"timesteps_total": 1, "num_env_steps_sampled": 2}}, "tune_config.stop.num_env_steps_sampled", "twice"),
+        ({"checkpoint_frq": 1}, "tune_config.checkpoint_frq", "did you mean `checkpoint_freq`?"),
+        ({"restore": "/some/where"}, "tune_config.restore", "--resume RUN_FOLDER"),
+        ({"scheduler": "asha"}, "tune_config.scheduler", "cannot be honoured"),
+        ({"num_samples": 0}, "tune_config.num_samples", "the least is 1"),
+    ],
+)
+def test_mistakes_of_tune(mapping, path, text):
+    found = paths(translate_tune(mapping))
+    assert set(found) == {path}
+    assert text in found[path]
+
+
+def test_ray_is_the_runs_own_unless_asked():
+    assert translate_ray({}).settings["address"] == "local"
+    assert translate_ray({"address": "auto"}).settings["address"] == "auto"
+    old = translate_ray({"address": None, "local_mode": True, "ignore_reinit_error": True, "_temp_dir": "/tmp/ray"})
+    assert not old.problems
+    assert old.settings["temporary_folder"] == "/tmp/ray"
+    assert any("num_env_runners: 0" in note for note in old.notes)
+    assert "did you mean `num_cpus`?" in paths(translate_ray({"num_cpu": 2}))["ray_config.num_cpu"]
+
+
+def test_checking_does_not_load_ray_or_torch():
+    code = (
+        "import sys; from safe_inspect.experiments.train import read_settings; read_settings({}, {}, {});"
+        "print(sorted({name.partition('.')[0] for name in sys.modules} & {'ray', 'torch', 'tensorboardX', 'pandas'}))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"

@@ -1,0 +1,29 @@
+"""Train the small environment, or go on with a run: ``train_dummy.py OUTPUT ITERATIONS [RUN]``; a test kills it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from training_values import MAKER, QUICK
+
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.experiments.train import TrainingRun, train
+
+if __name__ == "__main__":
+    output, iterations, *resume = sys.argv[1:]
+    try:
+        result = train(
+            TrainingRun(
+                {"sleep": 0.005},
+                rllib=QUICK,
+                tune={"stop": {"training_iteration": int(iterations)}, "checkpoint_frequency": 1},
+                name="dummy",
+                output=Path(output),
+                resume=Path(resume[0]) if resume else None,
+                maker=MAKER,
+            )
+        )
+    except SafeInspectError as error:
+        sys.exit(f"{type(error).__name__}: {error}")
+    print(result.iteration, result.interrupted)

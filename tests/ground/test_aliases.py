@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import pytest
+
+from safe_inspect.aliases import ALIASES
+from safe_inspect.config.models import (
+    AgentConfig,
+    EntityConfig,
+    PlatformConfig,
+    Provider,
+    TaskBody,
+    TaskConfig,
+)
+from safe_inspect.registry import registry
+
+#: Names of the grammar that stand for no plugin, each with the check of the model that takes it.
+_GRAMMAR = {
+    "TrainableBaseAgent": lambda name: AgentConfig.__pydantic_validator__.validate_assignment(
+        AgentConfig.model_construct(), "agent", name
+    ),
+    "SimpleParameterProvider": lambda name: Provider(type=name),
+    "RllibExperiment": lambda name: TaskConfig.__pydantic_validator__.validate_assignment(
+        TaskConfig.model_construct(), "experiment_class", name
+    ),
+    "InspectionCallbacks": lambda name: TaskBody.__pydantic_validator__.validate_assignment(
+        TaskBody.model_construct(), "extra_callbacks", [name]
+    ),
+    "Sun": lambda name: EntityConfig(entity_class=name),
+    "CWHPlatform": lambda name: PlatformConfig(platform=name),
+}
+
+
+@pytest.mark.parametrize("alias", sorted(ALIASES))
+def test_alias_stands_for_a_plugin_or_a_name_of_the_grammar(alias: str) -> None:
+    name = ALIASES[alias]
+    kinds = [kind for kind in registry.kinds() if name in dict(registry.items(kind))]
+    if name in _GRAMMAR:
+        _GRAMMAR[name](alias)
+    else:
+        assert len(kinds) == 1, name
+        assert registry.get(kinds[0], alias).registered_name == name
+
+
+@pytest.mark.parametrize("alias", sorted(ALIASES))
+def test_alias_is_a_dotted_path_whose_class_keeps_its_name(alias: str) -> None:
+    assert alias.split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation")
+    assert alias.rpartition(".")[2] == ALIASES[alias]

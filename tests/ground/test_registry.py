@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import sys
+import types
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from safe_inspect import registry as module
+from safe_inspect.aliases import ALIASES
+from safe_inspect.errors import RegistryError
+from safe_inspect.plugin import Plugin
+from safe_inspect.registry import ENTRY_POINT_GROUP, Registry, registry
+from safe_inspect.rewards import ObservedPointsReward, Reward
+
+pytestmark = pytest.mark.usefixtures("clean_registry")
+
+
+def test_built_in_plugins_are_known_by_name() -> None:
+    assert registry.get("reward", "ObservedPointsReward") is ObservedPointsReward
+    assert {"reward", "done", "part", "glue", "parameter", "constraint", "simulator"} <= set(registry.kinds())
+    names = [name for name, _ in registry.items("reward")]
+    assert names == sorted(names)
+
+
+def test_defining_a_class_registers_it_under_its_name_or_another() -> None:
+    class PlainReward(Reward):
+        def __call__(self, step):
+            return step.dt
+
+    class LabelledReward(Reward, name="some label"):
+        def __call__(self, step):
+            return step.dt
+
+    assert registry.get("reward", "PlainReward") is PlainReward
+    assert registry.get("reward", "some label") is LabelledReward
+    with pytest.raises(RegistryError):
+        registry.get("reward", "LabelledReward")
+
+
+def test_a_taken_name_is_refused_and_both_owners_are_told() -> None:
+    class PlainReward(Reward):
+        def __call__(self, step):
+            return step.dt
+
+    with pytest.raises(RegistryError, match=r"'PlainReward' of .*Other.* is taken by .*PlainReward"):
+
+        class OtherReward(Reward, name="PlainReward"):
+            def __call__(self, step):
+                return step.dt
+
+    assert registry.get("reward", "PlainReward") is PlainReward
+
+
+def test_a_class_that_is_defined_again_replaces_itself() -> None:
+    def define() -> type[Reward]:
+        class CellReward(Reward):
+            def __call__(self, step):
+                return step.dt
+
+        return CellReward
+
+    first, second = define(), define()
+    assert first is not second
+    assert registry.get("reward", "CellReward") is second
+
+
+def test_one_name_may_stand_for_two_kinds() -> None:
+    class Twin(Plugin):
+        kind: ClassVar[str] = "done"
+
+        def __call__(self):
+            return 0
+
+    own = Registry()
+    own._loaded = True
+    own.add("done", "Twin", Twin)
+    own.add("reward", "Twin", ObservedPointsReward)
+    assert own.kinds() == ("done", "reward")
+    assert own.get("done", "Twin") is Twin
+    assert own.get("reward", "Twin") is ObservedPointsReward
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "text"),
+    [
+        ("reward", "ObservedPointReward", "did you mean `ObservedPointsReward`?"),
+        ("reward", "observedpointsreward", "did you mean `ObservedPointsReward`?"),
+        ("reward", "CrashDoneFunction", "'CrashDoneFunction' is a done; a reward is wanted here"),
+        ("done", "safe_inspect.rewards.ObservedPointsReward", "is a reward; a done is wanted here"),
+        ("reward", "safe_inspect.rewards.ObservedPointReward", "did you mean `ObservedPointsReward`?"),
+        ("reward", "safe_inspect.reward.ObservedPointsReward", "no module 'safe_inspect.reward'"),
+        ("reward", "no_such_package.plugins.MyReward", "no module 'no_such_package.plugins'"),
+        ("reward", "math.sqrt", "'math.sqrt' is no plugin"),
+        ("reward", "safe_autonomy_sims.rewards.cwh.docking.DockingReward", "a path of the peer's"),
+        ("reward", "corl.dones.episode_length_done.EpisodeLengthDone", "is a done; a reward is wanted here|unknown"),
+        ("no kind", "anything", "unknown no kind 'anything'"),
+    ],
+)
+def test_what_is_not_found(kind: str, name: str, text: str) -> None:
+    with pytest.raises(RegistryError, match=text):
+        registry.get(kind, name)
+
+
+def test_every_alias_finds_what_the_own_name_finds() -> None:
+    found = 0
+    for alias, name in ALIASES.items():
+        for kind in registry.kinds():
+            if name in dict(registry.items(kind)):
+                assert registry.get(kind, alias) is registry.get(kind, name)
+                found += 1
+    assert found >= 15
+
+
+def write_module(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str) -> None:
+    (folder / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, name, raising=False)
+
+
+_PLUGIN = """
+from safe_inspect.rewards import Reward
+
+class FarReward(Reward):
+    def __call__(self, step):
+        return step.after.range_to(None)
+"""
+
+
+def test_a_dotted_path_imports_its_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_module(tmp_path, monkeypatch, "ground_far_module", _PLUGIN)
+    cls = registry.get("reward", "ground_far_module.FarReward")
+    assert cls.__module__ == "ground_far_module"
+    assert registry.get("reward", "FarReward") is cls
+
+
+def test_a_module_that_fails_by_itself_shows_its_own_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_module(tmp_path, monkeypatch, "ground_broken_module", "import no_such_dependency\n")
+    with pytest.raises(ModuleNotFoundError, match="no_such_dependency"):
+        registry.get("reward", "ground_broken_module.FarReward")
+
+
+def test_entry_points_are_loaded_at_the_first_look_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+
+    class EntryPoint:
+        def load(self) -> types.ModuleType:
+            loaded.append("loaded")
+            return types.ModuleType("third_party")
+
+    def entry_points(*, group: str) -> list[Any]:
+        assert group == ENTRY_POINT_GROUP == "safe_inspect.plugins"
+        return [EntryPoint()]
+
+    monkeypatch.setattr(module, "entry_points", entry_points)
+    fresh = Registry()
+    assert not loaded
+    fresh.kinds()
+    fresh.kinds()
+    assert loaded == ["loaded"]
