@@ -1,14 +1,16 @@
-"""A pilot without a network: two burns onto an ellipse that follows the sun round the chief, then coast.
+"""A pilot without a network: onto an ellipse that follows the sun round the chief, and one turn of its plane.
 
 Without thrust, a deputy can circle the chief for ever on the ellipse
 
     x = b cos(a),  y = -2 b sin(a),  z = c sin(a + p),  a = n t + a0,
 
 with the mean motion n (so v_x = n y / 2 and v_y = -2 n x). The sun turns at the same rate the same way: with its angle
-for a, the deputy stays on the sunlit side and sees every point as it comes into the light, within one orbit.
+for a, the deputy stays on the sunlit side and sees every point as it comes into the light, within one orbit; all but
+those near a pole that are in the light only while the deputy is below its horizon. So the pilot mirrors the plane of the
+ellipse, z -> -z, when it crosses z = 0 after most of an orbit.
 
 The pilot chooses its transfer at the first step, the cheapest of a grid of flight times and ellipses, from what a
-policy may know: the observation of the shipped task. Both burns last one step.
+policy may know: the observation of the shipped task. Each of the three burns lasts one step.
 """
 
 from __future__ import annotations
@@ -23,9 +25,10 @@ Array = NDArray[np.float64]
 
 POSITION_SCALE, VELOCITY_SCALE = 100.0, 0.5  # of the observation: m and m/s for 1, see agent.yml
 FLIGHT_STEPS = range(10, 151, 5)
-RADIAL = (20.0, 25.0, 30.0, 40.0)  # b [m]
-CROSS_TRACK = (20.0, 30.0, 40.0, 60.0)  # c [m]
+RADIAL = (20.0, 25.0, 30.0)  # b [m]
+CROSS_TRACK = (30.0, 40.0, 60.0)  # c [m]
 PHASES = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)  # p [rad]
+MIRROR_AFTER = 0.5  # orbits on the ellipse
 KEEP_OUT = 14.0  # least range on the way [m]
 
 
@@ -43,6 +46,8 @@ class ScriptedPilot:
         self._maps = {
             steps: transition(self._n, self._mass, steps * self._dt) for steps in range(max(FLIGHT_STEPS) + 1)
         }
+        self._stay = round(MIRROR_AFTER * 2.0 * np.pi / self._n / self._dt)
+        self._mirrored: set[int] = set()
         self._step = 0
 
     def __call__(self, observation: NDArray[np.float32]) -> Array:
@@ -60,6 +65,9 @@ class ScriptedPilot:
                 thrust[row] = first
             elif self._step == arrival:
                 thrust[row] = self._insertion(states[row], sun[row], shape)
+            elif row not in self._mirrored and self._step >= arrival + self._stay and self._at_node(states[row]):
+                thrust[row, 2] = -2.0 * self._mass * states[row, 5] / self._dt
+                self._mirrored.add(row)
         self._step += 1
         return np.clip(thrust, -self._limit, self._limit)
 
@@ -75,6 +83,11 @@ class ScriptedPilot:
         wanted = self._ellipse(angle + self._n * self._dt, shape)
         thrust: Array = np.linalg.solve(gamma[3:], wanted[3:] - phi[3:] @ state)
         return thrust
+
+    def _at_node(self, state: Array) -> bool:
+        """Return whether the deputy crosses z = 0 in the middle half of the coming step or so."""
+        ahead = state[2] + state[5] * self._dt / 2.0
+        return bool(abs(ahead) <= abs(state[5]) * self._dt / 2.0)
 
     def _plan(self, state: Array, sun: float) -> tuple[Array, int, tuple[float, float, float]]:
         """Return the first thrust [N], the step of arrival and the ellipse of the cheapest transfer."""

@@ -42,7 +42,9 @@ class Plugin(BaseModel):
         name: The name in the registry; the class name unless given.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, ser_json_inf_nan="strings")
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False, ser_json_inf_nan="strings"
+    )
 
     kind: ClassVar[str] = ""
     registered_name: ClassVar[str] = ""
@@ -68,6 +70,14 @@ class Plugin(BaseModel):
         if cls.kind and not inspect.isabstract(cls) and "__call__" in _methods(cls):
             cls.registered_name = name or cls.__name__
             registry.add(cls.kind, cls.registered_name, cls)
+
+    def __eq__(self, other: object) -> bool:
+        """Plugins are equal when their fields are; what they have cached, arrays perhaps, does not count."""
+        if not isinstance(other, Plugin):
+            return NotImplemented
+        return type(self) is type(other) and all(
+            getattr(self, field) == getattr(other, field) for field in type(self).model_fields
+        )
 
     @classmethod
     def references(cls) -> dict[str, str]:

@@ -193,7 +193,7 @@ class BatchedEnvironment:
         if not all_finite(observation):
             for glue, part in zip(glues, parts, strict=True):
                 require_finite(_title(glue, self.agent.parts), part, view.state)
-        return observation.astype(np.float32).reshape(view.state.num_envs, self.group.size, -1)
+        return observation.astype(np.float32).reshape(view.state.num_envs, self.group.size, observation.shape[-1])
 
     def _ends(self, step: Step, rows: int) -> tuple[BoolArray, BoolArray, AnyArray]:
         terminated, truncated = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)

@@ -77,8 +77,8 @@ class LinearNormalizer(Normalizer):
         maximum: Where the largest value goes.
     """
 
-    minimum: float = Field(default=-1.0, allow_inf_nan=False)
-    maximum: float = Field(default=1.0, allow_inf_nan=False)
+    minimum: float = Field(default=-1.0)
+    maximum: float = Field(default=1.0)
 
     @model_validator(mode="after")
     def _ordered(self) -> LinearNormalizer:

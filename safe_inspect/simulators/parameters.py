@@ -97,7 +97,7 @@ class ConstantParameter(ScalarParameter):
         value: The value, in `units`.
     """
 
-    value: float = Field(default=0.0, allow_inf_nan=False)
+    value: float = Field(default=0.0)
 
     def __call__(self, draw: Draw) -> FloatArray:
         """Return `value` for every row, shape (R,)."""
@@ -112,8 +112,8 @@ class UniformParameter(ScalarParameter):
         high: Largest value, in `units`.
     """
 
-    low: float = Field(default=0.0, allow_inf_nan=False)
-    high: float = Field(default=1.0, allow_inf_nan=False)
+    low: float = Field(default=0.0)
+    high: float = Field(default=1.0)
 
     @model_validator(mode="after")
     def _ordered(self) -> UniformParameter:
@@ -137,10 +137,10 @@ class TruncatedNormalParameter(ScalarParameter):
         high: Largest value, in `units`.
     """
 
-    mu: float = Field(default=0.0, allow_inf_nan=False)
-    std: float = Field(default=1.0, gt=0, allow_inf_nan=False)
-    low: float = -np.inf
-    high: float = np.inf
+    mu: float = Field(default=0.0)
+    std: float = Field(default=1.0, gt=0)
+    low: float = Field(default=-np.inf, allow_inf_nan=True)
+    high: float = Field(default=np.inf, allow_inf_nan=True)
 
     @model_validator(mode="after")
     def _ordered(self) -> TruncatedNormalParameter:

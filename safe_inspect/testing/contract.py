@@ -28,7 +28,7 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     ===========  ================================================================================
     reward       float (R,)
     done         bool (R,); the class has a `status`
-    part         sensor: float (R, size) within `bounds`; controller: thrust [N] (R, 3)
+    part         sensor: float (R, size) within its limits; controller: thrust [N] (R, 3)
     glue         names and bounds; an observation float (R, size) within them, or thrust [N] (R, 3)
     parameter    float (R,), or named states
     initializer  named states, position and velocity (R, 3)

@@ -71,8 +71,8 @@ def _check_sensor(plugin: Sensor, parts: Parts, report: Report) -> None:
     shape = Shape((size,), "f", f"(R, {size})")
     reading = check_call(Call("the sensor", plugin, of_view(step), _ROWS, shape), report)
     if reading is not None:
-        low, high = plugin.bounds
-        check_bounds(reading, np.full(size, low), np.full(size, high), "the reading", "the class attribute", report)
+        low, high = plugin.limits
+        check_bounds(reading, np.full(size, low), np.full(size, high), "the reading", "the sensor", report)
     if plugin.memory(step.after.world):
         _check_memory(plugin, sample_spec(plugin, parts=parts), report)
 

@@ -92,3 +92,16 @@ def test_items_that_are_no_mappings_are_errors(write):
     ]
     with pytest.raises(ConfigError, match="a mapping or a list of mappings is wanted here, got 'abc'"):
         merge("abc")
+
+
+def test_a_key_with_a_plus_appends_to_the_list():
+    base = {"config": {"rewards": [1, 2], "dones": [3]}}
+    merged = merge([base, {"config": {"rewards+": [4]}}, {"config": {"rewards+": [5], "dones": []}}])
+    assert merged == {"config": {"rewards": [1, 2, 4, 5], "dones": []}}
+    assert base == {"config": {"rewards": [1, 2], "dones": [3]}}
+
+
+@pytest.mark.parametrize("more", [{"rewards+": 4}, {"rewads+": [4]}])
+def test_appending_to_no_list_is_an_error(more):
+    with pytest.raises(ConfigError, match="is no list"):
+        merge([{"rewards": [1]}, more])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.dones import CrashDoneFunction, MaxDistanceDoneFunction, SuccessfulInspectionDoneFunction
+from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.platforms import UninspectedPointsSensor
 from safe_inspect.rewards import ObservedPointsReward
 from safe_inspect.testing import sample_spec, sample_steps, take_rows
@@ -68,3 +69,11 @@ def test_parts_stand_on_the_deputy() -> None:
     names = set(sample_spec(parts=[further]).agents[0].parts)
     assert {"Second", "RateController", "Sensor_EntityPosition", "Sensor_Position", "X Thrust"} <= names
     assert "Second" in sample_steps(rows=4, parts=[further]).after.group.sensors
+
+
+def test_no_rows_are_reset_without_a_murmur() -> None:
+    environment = BatchedEnvironment(sample_spec(), 2)
+    environment.reset()
+    kept = environment.state.position.copy()
+    assert environment.reset(np.array([], dtype=np.int64)).shape == (0, 1, environment.observation_layout.size)
+    np.testing.assert_array_equal(environment.state.position, kept)

@@ -1,15 +1,15 @@
 """Is an arc of motion safe at every moment? Bounds that leave no gap between grid points, compiled.
 
 An arc is flown under constant thrust, or none, and is cut into cells. On a cell of length D let f be a quantity that is
-smooth in time. Then f >= min(f at its ends) - D^2/8 max(f'', 0), and f'' itself is bounded in the same way by its ends
-and its own second derivative. So the ends of a cell certify all of it, or the cell is halved. Each constraint is
-put as such an f:
+smooth in time. Then f is at most (D^2/8) max(f'', 0) 4 x (1 - x) below the chord of its ends at the fraction x of the
+cell, and f'' itself is bounded in the same way by its ends and its own second derivative. So the ends of a cell
+certify all of it, or the cell is halved. Each constraint is put as such an f:
 
 * range: e.p(t) <= |p(t)| for any unit vector e, here the direction of the cell's middle;
 * sun cone: N.q(t) <= the signed distance from the cone, q the position in the frame that turns with the sun and N
   the cone's outward normal beside the cell's middle;
-* largest range and speeds: a norm of a smooth vector exceeds the larger of its ends by at most D^2/8 of its second
-  derivative.
+* largest range and speeds: a norm is convex, so that of a smooth vector exceeds the chord of its ends by no more than
+  the vector's own departure from its chord.
 
 The derivatives obey the Clohessy-Wiltshire equations: with S a bound of |v| + |a| / n over the cell, the jerk is at most
 3 n^2 S and the fourth derivative of the position at most 6 n^3 S. For k = (n D)^2 / 8 the ends' values bound S by
@@ -61,6 +61,15 @@ def closed(n: float, x: State, cos: float, sin: float) -> State:
 def turned(sun: tuple[float, float], cos: float, sin: float) -> tuple[float, float]:
     """Return the cosine and sine of the sun angle after a turn."""
     return sun[0] * cos - sun[1] * sin, sun[1] * cos + sun[0] * sin
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def lowest(fa: float, fb: float, dip: float) -> float:
+    """Return the least over 0 <= x <= 1 of the chord from fa to fb less dip 4 x (1 - x), dip >= 0."""
+    rise = abs(fb - fa)
+    if rise >= 4.0 * dip:
+        return min(fa, fb)
+    return min(fa, fb) - dip * (1.0 - 0.25 * rise / dip) ** 2
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
@@ -123,14 +132,15 @@ def uncertain(
     s = (max(va, vb) + acceleration / n) / (1.0 - 9.0 * k)
     bend = eighth * acceleration + 6.0 * k * k * s / n
     slack = 3.0 * k * s
-    farthest = math.sqrt(max(r2a, r2b)) + bend
-    if farthest > m.far - length:
+    ra, rb = math.sqrt(r2a), math.sqrt(r2b)
+    farthest = max(ra, rb) + bend
+    if farthest > m.far - length and lowest(-ra, -rb, bend) < length - m.far:
         return R_MAX
-    if max(abs(a[3]), abs(b[3])) + slack > m.limit[0] - speed:
+    if lowest(-abs(a[3]), -abs(b[3]), slack) < speed - m.limit[0]:
         return X_VEL
-    if max(abs(a[4]), abs(b[4])) + slack > m.limit[1] - speed:
+    if lowest(-abs(a[4]), -abs(b[4]), slack) < speed - m.limit[1]:
         return Y_VEL
-    if max(abs(a[5]), abs(b[5])) + slack > m.limit[2] - speed:
+    if lowest(-abs(a[5]), -abs(b[5]), slack) < speed - m.limit[2]:
         return Z_VEL
     ex, ey, ez = a[0] + b[0], a[1] + b[1], a[2] + b[2]
     size = math.sqrt(ex * ex + ey * ey + ez * ez)
@@ -140,9 +150,9 @@ def uncertain(
     fa, fb = ex * a[0] + ey * a[1] + ez * a[2], ex * b[0] + ey * b[1] + ez * b[2]
     curve = max(ex * ax + ey * ay + ez * az, ex * bx + ey * by + ez * bz)
     dip = max(0.0, eighth * curve + 6.0 * k * k * s / n)
-    if min(fa, fb) - dip < near + length:
+    if lowest(fa, fb, dip) < near + length:
         return COLLISION
-    if m.v0 - m.v1 * (m.d0 + dip) + min(m.v1 * fa - va, m.v1 * fb - vb) - slack < speed:
+    if m.v0 - m.v1 * m.d0 + lowest(m.v1 * fa - va, m.v1 * fb - vb, m.v1 * dip + slack) < speed:
         return REL_VEL
     if m.sun:
         ca, sa = sun_a
@@ -162,6 +172,6 @@ def uncertain(
         acb, akb = sb * by - cb * bx - n * (2.0 * vkb + n * qcb), -sb * bx - cb * by + n * (2.0 * vcb - n * qkb)
         curve = max(nk * aka + nz * az - m.sin_b * aca, nk * akb + nz * bz - m.sin_b * acb)
         dip = max(0.0, eighth * curve + k * k * (24.0 * s / n + farthest))
-        if min(ga, gb) - dip < length:
+        if lowest(ga, gb, dip) < length:
             return SUN
     return SAFE

@@ -22,6 +22,9 @@ LENGTH_MARGIN, SPEED_MARGIN = 1e-3, 1e-5
 #: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
 _EXTRA = 2.0
 _ROUNDS = 10
+_POLISH = 4
+#: A proposal that moves less than this [N] has settled.
+_STILL = 1e-7
 _HALVINGS = 7
 #: Distance of a control from the best one at which the search along a line ends [N].
 _FINE = 2e-3
@@ -41,21 +44,20 @@ def _verified(
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
-def _nearest_safe(
-    m: Model, x: State, sun: tuple[float, float], desired: FloatArray, backup: FloatArray, u: FloatArray, s: Scratch,
-) -> int:  # fmt: skip
-    """Write into u a verified control near the desired one, given a verified backup; return the bits of the refusals.
+def _cut(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> tuple[int, bool]:
+    """Look for a verified control by cutting planes; return the bits of the refusals and whether u is one.
 
-    Cutting planes first; then the segments from the backup to the last proposal and to the desired control.
+    Each round adds half-spaces for what the last proposal breaks and proposes the control of the programme.
     """
     length, speed = _EXTRA * LENGTH_MARGIN, _EXTRA * SPEED_MARGIN
     count, bits, plan = 0, 0, NO_PLAN
     for axis in range(3):
         u[axis] = desired[axis]
-    for round_ in range(_ROUNDS):
+    for attempt in range(_ROUNDS):
         code, plan = _verified(m, x, sun, u, plan, s)
         if plan != NO_PLAN:
-            return bits
+            return bits, True
+        broken = 0
         if code != SAFE:
             count = cut_hold(
                 m, x, sun, u, code, s.where[0], s.where[1], length, speed, s.d, s.rows, s.bounds, count
@@ -63,32 +65,35 @@ def _nearest_safe(
             count, broken = cut_broken(m, x, sun, u, length, speed, s.d, s.rows, s.bounds, count)
         else:
             count, code = cut_recovery(m, x, sun, u, length * 10.0, s.w, s.rows, s.bounds, count)
-            broken = 0
-        if round_ == 0:
+        if attempt == 0:
             bits = broken | 1 << code
-        if not nearest(
-            s.rows, s.bounds, count, m.u_max, desired, s.proposal, s.missed, s.a, s.c, s.size, s.w
-        ):
-            break
-        moved = 0.0
-        for axis in range(3):
-            moved = max(moved, abs(s.proposal[axis] - u[axis]))
-            u[axis] = s.proposal[axis]
-        if moved < 1e-9:
-            break
-    # the best verified control so far is the backup
-    for axis in range(3):
-        s.best[axis] = backup[axis]
-    for segment in range(2):
-        if segment == 1:
+        for _ in range(_POLISH):
+            if not nearest(s.rows, s.bounds, count, m.u_max, desired, s.proposal, s.missed, s.a, s.c, s.size, s.w):
+                return bits, False
+            moved = math.sqrt(_squared(s.proposal, u))
             for axis in range(3):
-                u[axis] = desired[axis]
-        low, high, plan = 0.0, 1.0, NO_PLAN
+                u[axis] = s.proposal[axis]
+            if moved < _STILL:
+                break
+            before = count
+            count, _ = cut_broken(m, x, sun, u, 0.75 * length, 0.75 * speed, s.d, s.rows, s.bounds, count)
+            if count == before:
+                break
+    return bits, False
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _between(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> None:
+    """Write into u the best verified control on the segments from the backup to u, then from there to the desired one."""
+    for axis in range(3):
+        s.best[axis] = s.backup[axis]
+    for segment in range(2):
         for axis in range(3):
             s.proposal[axis] = s.best[axis]
-        size = 0.0
-        for axis in range(3):
-            size = max(size, abs(u[axis] - s.proposal[axis]))
+            if segment == 1:
+                u[axis] = desired[axis]
+        size = math.sqrt(_squared(u, s.proposal))
+        low, high, plan = 0.0, 1.0, NO_PLAN
         for _ in range(_HALVINGS):
             if size * (high - low) < _FINE:
                 break
@@ -104,7 +109,6 @@ def _nearest_safe(
                 high = middle
     for axis in range(3):
         u[axis] = s.best[axis]
-    return bits
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
@@ -128,8 +132,8 @@ def filter_rows(
             s.desired[axis] = min(max(desired[i, axis], -m.u_max), m.u_max)
             control[i, axis] = s.desired[axis]
         refused[i], unrecoverable[i] = 0, False
-        _, plan = _verified(m, x, sun, s.desired, NO_PLAN, s)
-        if plan != NO_PLAN:
+        refused[i], done = _cut(m, x, sun, s.desired, control[i], s)
+        if done:
             continue
         plan = find_plan(m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, s.backup, s.work, s.cells, s.where)
         if plan == NO_PLAN:
@@ -137,7 +141,7 @@ def filter_rows(
                 m, x, sun, 0.5 * LENGTH_MARGIN, 0.5 * SPEED_MARGIN, NO_PLAN, s.backup, s.work, s.cells, s.where
             )  # fmt: skip
         if plan != NO_PLAN:
-            refused[i] = _nearest_safe(m, x, sun, s.desired, s.backup, control[i], s)
+            _between(m, x, sun, s.desired, control[i], s)
         else:
             unrecoverable[i] = True
             refused[i] = return_control(m, x, sun, s.desired, control[i], s)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from safe_inspect.rta.filters.closed_motion import ROOM
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
@@ -14,7 +15,7 @@ class Scratch(NamedTuple):
     """Arrays that a row overwrites.
 
     Attributes:
-        work: For `closed_motion`, shape (16, 9).
+        work: For `closed_motion`, shape `ROOM`.
         cells: For `hold`, shape (64, 4).
         where: Where a hold was refused, shape (2,).
         at: The same, of a plan's hold.
@@ -51,7 +52,7 @@ class Scratch(NamedTuple):
 def scratch(most: int) -> Scratch:
     """Return room for programmes of up to `most` half-spaces."""
     return Scratch(
-        np.empty((16, 9)), np.empty((64, 4), np.int64), np.empty(2, np.int64), np.empty(2, np.int64),
+        np.empty(ROOM), np.empty((64, 4), np.int64), np.empty(2, np.int64), np.empty(2, np.int64),
         np.empty((most, 3)), np.empty(most), np.empty(most, np.bool_),
         np.empty((most + 6, 3)), np.empty(most + 6), np.empty(most),
         np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),

@@ -18,4 +18,5 @@ class FuelSpentDone(DoneFunction):
     budget: NonNegativeSpeed = 40.0
 
     def __call__(self, step):
+        """Return the rows that have spent more, shape (R,)."""
         return step.after.delta_v > self.budget

@@ -18,5 +18,6 @@ class SpeedLimitReward(Reward):
     limit: NonNegativeSpeed = 0.5
 
     def __call__(self, step):
+        """Return the price of each row's speed, shape (R,)."""
         speed = np.sqrt((step.after.velocity**2).sum(axis=-1))
         return self.scale * np.maximum(0.0, speed - self.limit)

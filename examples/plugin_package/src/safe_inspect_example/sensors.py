@@ -21,6 +21,7 @@ class RangeRateSensor(Sensor, name="Sensor_RangeRate"):
     entity_name: EntityName = "chief"
 
     def __call__(self, view):
+        """Return the range rate [m/s], shape (R, 1)."""
         position = view.position - view.entity_position(self.entity_name)
         velocity = view.velocity - view.entity_velocity(self.entity_name)
         distance = np.sqrt((position**2).sum(axis=-1, keepdims=True))

@@ -1,0 +1,40 @@
+"""Fly the scripted pilot through one episode of the shipped task and draw it.
+
+python examples/draw_trajectory.py --out docs/images/trajectory.png
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from scripted_pilot import ScriptedPilot
+
+from safe_inspect.environments import load_spec
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation import rollout, summarise
+from safe_inspect.evaluation.plots import save, trajectory_figure
+
+
+def main() -> int:
+    """Draw the episode that the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", default="trajectory.png", help="file of the picture (png, pdf, svg)")
+    parser.add_argument("--cfg", default="safe_inspect/TranslationalInspection-v0", help="experiment file or task id")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the run")
+    parser.add_argument("--steps", type=int, default=None, help="stop the episode after so many steps")
+    arguments = parser.parse_args()
+    overrides = [] if arguments.steps is None else [f"config.config.env_config.horizon={arguments.steps}"]
+    try:
+        episodes = rollout(load_spec(arguments.cfg, overrides), ScriptedPilot(), 1, arguments.seed, record=1)
+        save(trajectory_figure(episodes.trajectories[0]), arguments.out)
+    except SafeInspectError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(summarise(episodes))
+    print(f"picture: {arguments.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""What all figures share: Matplotlib when it is wanted, colours and type sizes.
+
+Figures are made without pyplot, so that none stays in memory and no display is needed.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from safe_inspect.errors import OutputError, SafeInspectError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, which people with any of the common colour-vision deficiencies can tell apart.
+BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
+BLACK, GREY, PALE = "#222222", "#7A7A7A", "#D9D9D9"
+DEPUTY_COLOURS = (BLUE, GREEN, PURPLE, ORANGE, SKY)
+#: Perceptually uniform, and as readable for colour-blind eyes and in grey.
+SEQUENTIAL = "viridis"
+
+_STYLE = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": BLACK,
+    "axes.linewidth": 0.7,
+    "xtick.color": BLACK,
+    "ytick.color": BLACK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": PALE,
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+}
+
+
+def style() -> Any:
+    """Return a context in which figures have the common style.
+
+    Raises:
+        SafeInspectError: Matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+    except ModuleNotFoundError as error:
+        if error.name != "matplotlib":
+            raise
+        message = "figures need Matplotlib; install it with: pip install 'safe_inspect[plot]'"
+        raise SafeInspectError(message) from None
+    return matplotlib.rc_context(_STYLE)
+
+
+def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 150) -> None:
+    """Write a figure to a file; the ending says the format (png, pdf, svg).
+
+    Raises:
+        OutputError: The file cannot be written, or the format is unknown.
+    """
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with style():
+            figure.savefig(path, dpi=dpi)
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot write the figure {os.fspath(path)!r}: {error}") from None

@@ -1,0 +1,107 @@
+"""The figure of a training: return, success, inspected points and delta-v over the environment steps."""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.evaluation.drawing import BLUE, GREY, ORANGE, style
+from safe_inspect.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_STEPS = "steps"
+#: Column of progress.csv, label, factor.
+_PANELS = (
+    ("return_mean", "return [-]", 1.0),
+    ("success_rate", "success [%]", 100.0),
+    ("inspected_fraction", "inspected [%]", 100.0),
+    ("delta_v", "delta-v [m/s]", 1.0),
+)
+
+
+def read_progress(path: str | os.PathLike[str]) -> dict[str, FloatArray]:
+    """Return the columns of a ``progress.csv`` by name; a cell without a number is NaN.
+
+    Raises:
+        SafeInspectError: The file is missing, has no rows, or lacks a column that is drawn.
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            rows, names = list(reader), tuple(reader.fieldnames or ())
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise SafeInspectError(f"cannot read {os.fspath(path)!r}: {error}") from None
+    missing = [name for name in (_STEPS, *(column for column, _, _ in _PANELS)) if name not in names]
+    if missing:
+        raise SafeInspectError(
+            f"{os.fspath(path)!r} has no column `{missing[0]}`; {did_you_mean(missing[0], names)} "
+            "Give the progress.csv of a training."
+        )
+    if not rows:
+        raise SafeInspectError(f"{os.fspath(path)!r} has no rows yet; wait for the first iteration")
+    return {name: np.array([_number(row.get(name)) for row in rows]) for name in names}
+
+
+def _number(cell: str | None) -> float:
+    try:
+        return float(cell or "nan")
+    except ValueError:
+        return float("nan")
+
+
+def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
+    """Draw a training from its ``progress.csv``; evaluations appear as points where the file has them.
+
+    Raises:
+        SafeInspectError: The file cannot be read, or Matplotlib is not installed.
+    """
+    columns = read_progress(progress)
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(8.0, 4.8), facecolor="white", layout="constrained")
+        panels = figure.subplots(2, 2, sharex=True)
+        scale, unit = _step_unit(columns[_STEPS])
+        steps = columns[_STEPS] / scale
+        for axes, (name, label, factor) in zip(panels.flat, _PANELS, strict=True):
+            lines = [_draw(axes, steps, columns[name] * factor, "training", color=BLUE)]
+            evaluated = columns.get(f"evaluation_{name}")
+            if evaluated is not None:
+                lines.append(
+                    _draw(axes, steps, evaluated * factor, "evaluation", color=ORANGE, marker="o", linestyle="")
+                )
+            if not any(lines):
+                axes.text(0.5, 0.5, "no episode has ended", transform=axes.transAxes, ha="center", color=GREY)
+            axes.set_ylabel(label)
+            if factor == 100.0:
+                axes.set_ylim(-3, 103)
+        for axes in panels[1]:
+            axes.set_xlabel(f"environment steps{unit}")
+        if len(panels[0, 0].get_lines()) > 1:
+            panels[0, 0].legend(loc="best")
+    return figure
+
+
+def _draw(axes: Any, steps: FloatArray, values: FloatArray, label: str, **kwargs: Any) -> bool:
+    """Draw what is known of a curve; return whether anything is. A single value is a dot."""
+    known = np.isfinite(values) & np.isfinite(steps)
+    if not known.any():
+        return False
+    if known.sum() == 1:
+        kwargs.setdefault("marker", "o")
+    axes.plot(steps[known], values[known], label=label, markersize=4, **kwargs)
+    return True
+
+
+def _step_unit(steps: FloatArray) -> tuple[float, str]:
+    largest = np.nanmax(steps, initial=0.0)
+    if largest >= 2e6:
+        return 1e6, " [millions]"
+    return (1e3, " [thousands]") if largest >= 2e3 else (1.0, "")

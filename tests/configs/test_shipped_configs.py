@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import build_experiment, load_experiment
+from safe_inspect.config.loader import load
+from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.tasks import TASKS
+
+FILES = sorted(configs_root().rglob("*.yml"))
+EXPERIMENTS = sorted(configs_root().rglob("experiment.yml"))
+
+
+def test_there_are_files():
+    assert len(FILES) >= 10
+    assert {configs_root() / path for path in TASKS.values()} <= set(EXPERIMENTS)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(configs_root()).as_posix())
+def test_every_file_loads(path):
+    assert load(path)
+
+
+@pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.parent.name)
+def test_every_experiment_builds_and_steps(path):
+    experiment = load_experiment(path)
+    env = BatchedEnvironment(experiment.spec, 8)
+    observation = env.reset()
+    for _ in range(20):
+        transition = env.step(np.zeros((8, 1, env.action_layout.size)))
+        assert np.isfinite(transition.reward).all()
+        assert transition.observation.shape == observation.shape
+
+
+def test_the_shipped_task_is_the_documented_one(shipped):
+    experiment = load_experiment(shipped)
+    env = BatchedEnvironment(experiment.spec)
+    assert env.observation_layout.names == (
+        "Sensor_Position.x", "Sensor_Position.y", "Sensor_Position.z",
+        "Sensor_Velocity.v_x", "Sensor_Velocity.v_y", "Sensor_Velocity.v_z",
+        "Sensor_InspectedPoints.n_inspected",
+        "Sensor_UninspectedPoints.x_ups", "Sensor_UninspectedPoints.y_ups", "Sensor_UninspectedPoints.z_ups",
+        "Sensor_SunAngle.theta_sun",
+    )  # fmt: skip
+    assert env.action_layout.names == ("X Thrust", "Y Thrust", "Z Thrust")
+    assert experiment.spec.step_size == 10.0
+    assert experiment.spec.platforms["blue0"].mass == 12.0
+    agent = experiment.spec.agents[0]
+    assert [named.name for named in agent.rewards] == [
+        "ObservedPointsReward", "InspectionSuccessReward", "InspectionCrashReward", "InspectionDeltaVReward",
+    ]  # fmt: skip
+    assert {named.name: named.functor for named in agent.dones}["EpisodeLengthDone"].horizon == 1224
+    assert experiment.algorithm == "PPO"
+
+
+def test_a_resolved_experiment_builds_the_same(shipped):
+    experiment = load_experiment(shipped, ["ObservedPointsReward.config.scale=0.5", "horizon=7"])
+    again = build_experiment(experiment.resolved)
+    assert again.spec == experiment.spec
+    assert again.rllib == experiment.rllib
+
+
+def test_validating_is_quick_and_loads_no_compiler(shipped):
+    code = f"""
+import sys
+import safe_inspect
+safe_inspect.load_experiment({str(shipped)!r})
+heavy = {{"ray", "torch", "numba", "sklearn", "scipy", "matplotlib"}} & set(sys.modules)
+assert not heavy, heavy
+"""
+    begin = time.perf_counter()
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert time.perf_counter() - begin < 10.0  # under a second on an idle machine; this one may be busy
