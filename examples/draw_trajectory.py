@@ -1,11 +1,14 @@
 """Fly the scripted pilot through one episode of the shipped task and draw it.
 
-python examples/draw_trajectory.py --out docs/images/trajectory.png
+The picture of the README, an inspection on its way, is drawn by
+
+    python examples/draw_trajectory.py --seed 4 --until 5200 --out docs/images/trajectory.png
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 
 from scripted_pilot import ScriptedPilot
@@ -22,12 +25,11 @@ def main() -> int:
     parser.add_argument("--out", default="trajectory.png", help="file of the picture (png, pdf, svg)")
     parser.add_argument("--cfg", default="safe_inspect/TranslationalInspection-v0", help="experiment file or task id")
     parser.add_argument("--seed", type=int, default=1, help="seed of the run")
-    parser.add_argument("--steps", type=int, default=None, help="stop the episode after so many steps")
+    parser.add_argument("--until", type=float, default=math.inf, help="draw the episode up to this time [s]")
     arguments = parser.parse_args()
-    overrides = [] if arguments.steps is None else [f"config.config.env_config.horizon={arguments.steps}"]
     try:
-        episodes = rollout(load_spec(arguments.cfg, overrides), ScriptedPilot(), 1, arguments.seed, record=1)
-        save(trajectory_figure(episodes.trajectories[0]), arguments.out)
+        episodes = rollout(load_spec(arguments.cfg), ScriptedPilot(), 1, arguments.seed, record=1)
+        save(trajectory_figure(episodes.trajectories[0].until(arguments.until)), arguments.out)
     except SafeInspectError as error:
         print(error, file=sys.stderr)
         return 2

@@ -6,8 +6,8 @@ Without thrust, a deputy can circle the chief for ever on the ellipse
 
 with the mean motion n (so v_x = n y / 2 and v_y = -2 n x). The sun turns at the same rate the same way: with its angle
 for a, the deputy stays on the sunlit side and sees every point as it comes into the light, within one orbit; all but
-those near a pole that are in the light only while the deputy is below its horizon. So the pilot mirrors the plane of the
-ellipse, z -> -z, when it crosses z = 0 after most of an orbit.
+those near a pole that are in the light only while the deputy is below their horizon. So the pilot mirrors the plane of
+the ellipse, z -> -z, at the first crossing of z = 0 after half an orbit.
 
 The pilot chooses its transfer at the first step, the cheapest of a grid of flight times and ellipses, from what a
 policy may know: the observation of the shipped task. Each of the three burns lasts one step.
@@ -15,13 +15,15 @@ policy may know: the observation of the shipped task. Each of the three burns la
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.evaluation import Flight
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 POSITION_SCALE, VELOCITY_SCALE = 100.0, 0.5  # of the observation: m and m/s for 1, see agent.yml
 FLIGHT_STEPS = range(10, 151, 5)
@@ -78,14 +80,16 @@ class ScriptedPilot:
         return np.array([x, y, z, self._n * y / 2.0, -2.0 * self._n * x, self._n * c * np.cos(angle + p)])
 
     def _insertion(self, state: Array, angle: float, shape: tuple[float, float, float]) -> Array:
-        """Return the thrust of one step after which the velocity is the ellipse's [N], shape (3,)."""
+        """Return the thrust of one step after which the deputy is on a closed ellipse [N], shape (3,)."""
         phi, gamma = self._maps[1]
-        wanted = self._ellipse(angle + self._n * self._dt, shape)
-        thrust: Array = np.linalg.solve(gamma[3:], wanted[3:] - phi[3:] @ state)
-        return thrust
+        closed = np.zeros((3, 3))  # velocity over position in the plane of a closed ellipse about the chief
+        closed[0, 1], closed[1, 0] = self._n / 2.0, -2.0 * self._n
+        cross_track = np.array([0.0, 0.0, self._ellipse(angle + self._n * self._dt, shape)[5]])
+        coasting = phi @ state
+        return np.linalg.solve(gamma[3:] - closed @ gamma[:3], cross_track - coasting[3:] + closed @ coasting[:3])
 
     def _at_node(self, state: Array) -> bool:
-        """Return whether the deputy crosses z = 0 in the middle half of the coming step or so."""
+        """Return whether the deputy coasts through z = 0 in the coming step."""
         ahead = state[2] + state[5] * self._dt / 2.0
         return bool(abs(ahead) <= abs(state[5]) * self._dt / 2.0)
 
@@ -95,7 +99,7 @@ class ScriptedPilot:
         shapes = [(b, c, p) for b in RADIAL for c in CROSS_TRACK for p in PHASES]
         phi, gamma = self._maps[1]
         for steps in FLIGHT_STEPS:
-            angle = sun + self._n * steps * self._dt
+            angle = float(sun + self._n * steps * self._dt)
             goals = np.array([self._ellipse(angle, shape) for shape in shapes])
             later = self._maps[steps - 1][0]
             # The first burn holds over one step, then the deputy coasts to the goal.

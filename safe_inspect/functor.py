@@ -83,9 +83,9 @@ def build(kind: str, value: Any) -> Plugin:
     plugin: Plugin | None = None
     if cls is not None:
         fields = dict(config)
-        if "name" in value and "name" in cls.model_fields:
-            if fields.setdefault("name", value["name"]) != value["name"]:
-                problems.append(_problem(("name",), f"`config` gives another name, {fields['name']!r}; remove one"))
+        takes_name = "name" in value and "name" in cls.model_fields
+        if takes_name and fields.setdefault("name", value["name"]) != value["name"]:
+            problems.append(_problem(("name",), f"`config` gives another name, {fields['name']!r}; remove one"))
         if "wrapped" in value:
             if "wrapped" in cls.model_fields:
                 fields["wrapped"] = value["wrapped"]

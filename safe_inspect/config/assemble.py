@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from safe_inspect.config.models import AgentEntry, ExperimentConfig
 from safe_inspect.config.resets import reset_plan
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.config.words import message
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean
 from safe_inspect.functor import Named
@@ -57,6 +58,7 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
             if name not in names["entity"]:
                 where = (*_ENVIRONMENT, "simulator", "config", "inspection_points_map", name)
                 tell(where, f"no body is named {name!r}; {did_you_mean(name, names['entity'])}")
+                names["points"] |= names["entity"]  # who names the right body makes no mistake
     controlled = {name for agent in config.agent_config for name in agent.platforms}
     for index, platform in enumerate(config.platform_config):
         if platform.name not in controlled and controlled and controlled <= set(platforms):
@@ -85,8 +87,13 @@ def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
         try:
             platforms[entry.name] = CWHPlatform.model_validate(entry.config.config)
         except ValidationError as error:
+            platforms[entry.name] = CWHPlatform()  # the name is known all the same
             for problem in error.errors(include_url=False):
-                report((*where, "config", "config", *problem["loc"]), problem["msg"])
+                told = "; ".join(filter(None, message(problem)))
+                if problem["type"] == "extra_forbidden":
+                    key = str(problem["loc"][-1])
+                    told = f"unknown key `{key}`; {did_you_mean(key, CWHPlatform.model_fields)}"
+                report((*where, "config", "config", *problem["loc"]), told)
     return platforms
 
 

@@ -110,7 +110,7 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
 
 def _experiment_tree(tree: Any, path: str) -> LocatedDict:
     """Read the files that are named by plain paths, and merge the lists of mappings; any file may be such a list."""
-    if not isinstance(tree, LocatedDict) or not {"config", "agent_config"} & set(tree):
+    if not isinstance(tree, LocatedDict) or not {"platform_config", "agent_config"} & set(tree):
         raise ConfigError(
             Problem(
                 "not an experiment: it has the keys `config`, `platform_config` and `agent_config`",

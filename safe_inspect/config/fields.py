@@ -56,7 +56,8 @@ def _below(annotation: Any, key: Any) -> Iterator[Any]:
         if isinstance(variant, type) and issubclass(variant, BaseModel):
             yield from (info.annotation for name, info in variant.model_fields.items() if key in (name, info.alias))
         else:
-            yield from typing.get_args(variant)[-1:]  # the items of a list, the values of a dict
+            # The items of a list or a tuple[X, ...], the values of a dict.
+            yield from [found for found in typing.get_args(variant) if found is not Ellipsis][-1:]
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -109,6 +109,8 @@ def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, mode
     if fault.error["type"] == "extra_forbidden":
         known = known_keys(start, fault.path[:-1], model)
         text, hint = f"unknown key `{fault.path[-1]}`", did_you_mean(str(fault.path[-1]), known)
+        if not known and not fault.error["msg"].startswith("Extra inputs"):
+            text, hint = fault.error["msg"], ""  # a plugin that builds another names the keys itself
     else:
         text, hint = message(fault.error)
     return Problem(text, path_text(where), locate(tree, where), hint)

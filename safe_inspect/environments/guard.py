@@ -27,7 +27,7 @@ def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
 
 def all_finite(value: AnyArray) -> bool:
     """Return whether an array has neither NaN nor infinity; counting is much faster than `all` on a small array."""
-    return np.count_nonzero(np.isfinite(value)) == value.size
+    return bool(np.count_nonzero(np.isfinite(value)) == value.size)
 
 
 def require_finite(what: str, value: AnyArray, after: State, before: State | None = None) -> None:

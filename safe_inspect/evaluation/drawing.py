@@ -21,7 +21,7 @@ DEPUTY_COLOURS = (BLUE, GREEN, PURPLE, ORANGE, SKY)
 #: Perceptually uniform, and as readable for colour-blind eyes and in grey.
 SEQUENTIAL = "viridis"
 
-_STYLE = {
+_STYLE: Any = {
     "font.size": 9.0,
     "axes.titlesize": 9.5,
     "axes.labelsize": 9.0,

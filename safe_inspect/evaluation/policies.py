@@ -17,8 +17,8 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 Observation: TypeAlias = NDArray[np.float32]
 
-#: From observations, float32, shape (N, O), to actions, shape (N, A). A policy that keeps something from step to step has
-#: a method ``begin(flight: Flight)``, which is called before the first step of every batch.
+#: From observations, float32, shape (N, O), to actions, shape (N, A). A policy that keeps something from step to step
+#: has a method ``begin(flight: Flight)``, which is called before the first step of every batch.
 Policy: TypeAlias = Callable[[Observation], AnyArray]
 
 
@@ -78,7 +78,7 @@ class _Random:
 
 
 def zero_thrust() -> Policy:
-    """Return the policy that never thrusts: the action 0, which is no thrust unless a controller's limits are lopsided."""
+    """Return the policy that never thrusts: the action 0 (no thrust unless a controller's limits are lopsided)."""
     return _ZeroThrust()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,15 @@ class Trajectory:
         """Fraction of the points inspected so far [-], shape (T + 1,)."""
         when = np.sort(self.inspected_at)
         return np.searchsorted(when, self.time, side="right") / len(when)
+
+    def until(self, time: float) -> Trajectory:
+        """Return the episode up to a time since its reset [s]; it runs on when it is cut before its end."""
+        last = max(int(np.searchsorted(self.time, time, side="right")), 1)
+        if last >= len(self.time):
+            return self
+        rows = {name: getattr(self, name)[:last] for name in ("time", "position", "velocity", "delta_v", "sun_angle")}
+        seen = np.where(self.inspected_at <= self.time[last - 1], self.inspected_at, np.inf)
+        return replace(self, **rows, control=self.control[: last - 1], inspected_at=seen, status=DoneStatus.RUNNING)
 
     @property
     def sun_direction(self) -> FloatArray:

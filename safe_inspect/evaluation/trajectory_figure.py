@@ -6,24 +6,37 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_inspect.evaluation.drawing import BLACK, DEPUTY_COLOURS, GREEN, GREY, ORANGE, PALE, SEQUENTIAL, VERMILION, style
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.evaluation.drawing import (
+    BLACK,
+    BLUE,
+    DEPUTY_COLOURS,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    SEQUENTIAL,
+    VERMILION,
+    style,
+)
 from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_VIEW = {"elev": 24.0, "azim": -58.0}
+_VIEW = {"elev": 22.0, "azim": -52.0}
 _AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")
-_AXIS_COLOURS = (VERMILION, "#0072B2", GREEN)
+_FEW = 20  # burns
+_AXIS_COLOURS = (VERMILION, BLUE, GREEN)
 
 
 def trajectory_figure(episode: Trajectory) -> Figure:
     """Draw an episode.
 
     Left, the deputies' way round the chief in Hill's frame, with rings of equal range in the orbital plane and the
-    direction to the sun at the start and at the end. Beside it the chief, its points coloured by the time of
-    their inspection, and over time the share of inspected points, the range and the thrust.
+    direction to the sun at the start and at the end. Beside it the chief from two sides, its points coloured by
+    the time of their inspection, and over time the share of inspected points, the range and the thrust.
 
     Raises:
         SafeInspectError: Matplotlib is not installed.
@@ -32,69 +45,124 @@ def trajectory_figure(episode: Trajectory) -> Figure:
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(10.0, 5.4), facecolor="white")
-        hours = episode.time / 3600.0
-        _draw_way(figure.add_axes((0.0, 0.03, 0.5, 0.94), projection="3d"), episode)
+        _draw_way(figure, episode)
         _draw_chief(figure, episode)
-        left, width, height = 0.555, 0.425, 0.145
-        coverage, distance, thrust = (figure.add_axes((left, bottom, width, height)) for bottom in (0.455, 0.275, 0.095))
-        coverage.step(hours, 100.0 * episode.coverage, where="post", color=BLACK)
-        coverage.set(ylabel="inspected\n[%]", ylim=(0, 104), yticks=(0, 50, 100))
-        for index, name in enumerate(episode.deputies):
-            colour = DEPUTY_COLOURS[index % len(DEPUTY_COLOURS)]
-            distance.plot(hours, episode.range[:, index], color=colour, label=name)
-        distance.set(ylabel="range\n[m]", ylim=(0, None))
-        _draw_thrust(thrust, episode, hours)
-        for axes in (coverage, distance, thrust):
-            axes.set_xlim(0, hours[-1])
-            axes.label_outer()
-        thrust.set_xlabel("time [h]")
-        figure.align_ylabels((coverage, distance, thrust))
+        _draw_times(figure, episode)
     return figure
 
 
-def _draw_thrust(axes: Any, episode: Trajectory, hours: FloatArray) -> None:
-    """One deputy: the thrust by axis. Several: the norm of each one's thrust."""
+def _clock(episode: Trajectory) -> tuple[float, str]:
+    """Return the unit in which the figure tells the time, in seconds, and its symbol."""
+    return (3600.0, "h") if episode.time[-1] >= 3600.0 else (60.0, "min")
+
+
+def _draw_times(figure: Figure, episode: Trajectory) -> None:
+    scale, unit = _clock(episode)
+    time = episode.time / scale
+    coverage, distance, thrust = (figure.add_axes((0.62, bottom, 0.36, 0.14)) for bottom in (0.455, 0.275, 0.095))
+    coverage.step(time, 100.0 * episode.coverage, where="post", color=BLACK)
+    coverage.set(ylabel="inspected\n[%]", ylim=(0, 104), yticks=(0, 50, 100))
+    for index in range(len(episode.deputies)):
+        distance.plot(time, episode.range[:, index], color=_colour(index))
+    distance.set(ylabel="range\n[m]", ylim=(0, None))
     if len(episode.deputies) == 1:
-        for axis, colour in enumerate(_AXIS_COLOURS):
-            values = np.append(episode.control[:, 0, axis], 0.0)
-            axes.step(hours, values, where="post", color=colour, label="xyz"[axis], linewidth=1.1)
-        axes.legend(loc="upper right", ncols=3, handlelength=1.0, columnspacing=1.0, borderaxespad=0.1)
-        axes.margins(y=0.12)
+        lines = [(episode.control[:, 0, axis], colour) for axis, colour in enumerate(_AXIS_COLOURS)]
+        labels = ["x", "y", "z"]
     else:
         norm = np.sqrt(np.square(episode.control).sum(axis=-1))
-        for index in range(len(episode.deputies)):
-            colour = DEPUTY_COLOURS[index % len(DEPUTY_COLOURS)]
-            axes.step(hours, np.append(norm[:, index], 0.0), where="post", color=colour, linewidth=1.1)
-    axes.set_ylabel("thrust\n[N]")
+        lines = [(norm[:, index], _colour(index)) for index in range(len(episode.deputies))]
+        labels = list(episode.deputies)
+    for (values, colour), label in zip(lines, labels, strict=True):
+        _draw_thrust(thrust, time, values, colour, label)
+    if len(episode.deputies) == 1:
+        thrust.legend(
+            loc="lower right", bbox_to_anchor=(1.01, 0.9), ncols=3, handlelength=1.0, columnspacing=1.0, borderpad=0.0
+        )
+    thrust.margins(y=0.15)
+    if not episode.control.any():
+        thrust.set_ylim(-1.0, 1.0)
+    thrust.set(ylabel="thrust\n[N]" if len(episode.deputies) == 1 else "norm of\nthrust [N]", xlabel=f"time [{unit}]")
+    for axes in (coverage, distance, thrust):
+        axes.set_xlim(-0.015 * time[-1], time[-1])  # a burn at the start is seen beside the axis
+        axes.tick_params(labelbottom=axes is thrust)
+        axes.yaxis.set_label_coords(-0.125, 0.5)
 
 
-def _draw_way(axes: Any, episode: Trajectory) -> None:
-    position = episode.position
-    reach = float(episode.range.max())
-    rings = _ring_radii(reach)
+def _draw_thrust(axes: Any, time: FloatArray, values: FloatArray, colour: str, label: str) -> None:
+    """Draw a thrust over time; a few short burns as pins, where lines would cover each other."""
+    burns = np.flatnonzero(values)
+    if len(burns) > _FEW:
+        axes.step(time, np.append(values, 0.0), where="post", color=colour, linewidth=1.2, label=label)
+        return
+    axes.axhline(0.0, color=GREY, linewidth=0.8, zorder=1)
+    axes.vlines(time[burns], 0.0, values[burns], color=colour, linewidth=1.2)
+    axes.plot(time[burns], values[burns], marker="o", markersize=4, linestyle="", color=colour, label=label)
+
+
+def _draw_way(figure: Figure, episode: Trajectory) -> None:
+    axes: Any = figure.add_axes((-0.005, 0.03, 0.5, 0.92), projection="3d", computed_zorder=False)
     axes.view_init(**_VIEW)
     axes.set_proj_type("ortho")
-    for radius in rings:
-        _draw_ring(axes, radius)
-    radius = float(np.sqrt(np.square(episode.points).sum(axis=-1)).max(initial=0.0))
+    radius = _radius(episode)
+    rings = _ring_radii(float(episode.range.max()))
+    angle = np.linspace(0.0, 2.0 * np.pi, 361)
+    for ring in rings:
+        circle = ring * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
+        _draw_line(axes, circle, radius, color=PALE, linewidth=0.9)
+        place = circle[np.searchsorted(angle, np.radians(_VIEW["azim"] + 360.0 - 62.0))]
+        axes.text(*place, f"{ring:g} m", color=GREY, fontsize=7, ha="center", va="center", zorder=3)
     _draw_sphere(axes, radius)
     seen = np.isfinite(episode.inspected_at)
+    front = episode.points @ _towards() > 0.0
     for which, colour in ((seen, GREEN), (~seen, VERMILION)):
-        axes.scatter(*episode.points[which].T, s=2.5, color=colour, depthshade=False, linewidths=0)
+        axes.scatter(*episode.points[which & front].T, s=4.0, color=colour, depthshade=False, linewidths=0, zorder=2)
     for index, name in enumerate(episode.deputies):
-        colour = DEPUTY_COLOURS[index % len(DEPUTY_COLOURS)]
-        axes.plot(*position[:, index].T, color=colour, linewidth=1.3, label=f"deputy {name}")
-        for row, marker, label in ((0, "o", "start"), (-1, "s", "end")):
-            face = "white" if row == 0 else colour
+        colour, way = _colour(index), episode.position[:, index]
+        _draw_line(axes, way, radius, color=colour, linewidth=1.4, label=f"deputy {name}")
+        for row, face, marker, label in ((0, "white", "o", "start"), (-1, colour, "s", "end")):
             axes.plot(
-                *position[row, index, :, None], linestyle="", marker=marker, markersize=6, markeredgecolor=colour,
+                *way[row, :, None], linestyle="", marker=marker, markersize=6, markeredgecolor=colour, zorder=5,
                 markerfacecolor=face, markeredgewidth=1.3, label=label if index == 0 else None,
             )  # fmt: skip
-    for row, shade, label in ((0, 1.0, "sun at the start"), (-1, 0.5, "sun at the end")):
-        _draw_sun(axes, episode.sun_direction[row], 0.5 * rings[-1], rings[-1], shade, label)
-    _fit(axes, position.reshape(-1, 3), rings[-1])
-    axes.set(xlabel=_AXES[0], ylabel=_AXES[1], zlabel=_AXES[2])
-    axes.legend(loc="upper left", bbox_to_anchor=(0.02, 1.0), ncols=2, columnspacing=1.2, handlelength=1.6)
+    for row, dashes, label in ((0, "-", "sun at the start"), (-1, (0, (2, 1.5)), "sun at the end")):
+        _draw_sun(axes, episode.sun_direction[row], rings[-1], dashes, label)
+    _fit(axes, episode, rings[-1])
+    axes.set(xlabel=_AXES[0], ylabel=_AXES[1])
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="upper left", bbox_to_anchor=(0.01, 0.985), ncols=5, columnspacing=1.3, handlelength=1.6
+    )
+
+
+def _colour(index: int) -> str:
+    return DEPUTY_COLOURS[index % len(DEPUTY_COLOURS)]
+
+
+def _radius(episode: Trajectory) -> float:
+    """Return the radius of the sphere of points [m]."""
+    return float(np.sqrt(np.square(episode.points).sum(axis=-1)).max(initial=0.0))
+
+
+def _towards(turn: float = 0.0) -> FloatArray:
+    """Return the unit vector to the reader, who may look from a place turned about z [degrees]."""
+    elevation, azimuth = np.radians(_VIEW["elev"]), np.radians(_VIEW["azim"] + turn)
+    horizontal = np.cos(elevation)
+    return np.array([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)])
+
+
+def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = None, **kwargs: Any) -> None:
+    """Draw a line; what the chief hides lies behind it (Matplotlib sorts whole lines only)."""
+    towards = _towards()
+    depth = way @ towards
+    off_axis = np.square(way - depth[:, None] * towards).sum(axis=-1)
+    hidden = (depth < 0.0) & (off_axis < radius * radius)
+    for order, which in ((1, hidden), (3, ~hidden)):
+        shown = which.copy()
+        shown[1:] |= which[:-1]  # the pieces meet
+        axes.plot(
+            *np.where(shown[:, None], way, np.nan).T, zorder=order - (kwargs["color"] == PALE), **kwargs,
+            label=label if order == 3 else None,
+        )  # fmt: skip
 
 
 def _draw_chief(figure: Figure, episode: Trajectory) -> None:
@@ -102,77 +170,77 @@ def _draw_chief(figure: Figure, episode: Trajectory) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    radius = float(np.sqrt(np.square(episode.points).sum(axis=-1)).max(initial=0.0))
+    radius = _radius(episode)
     seen = np.isfinite(episode.inspected_at)
-    norm = Normalize(0.0, float(episode.time[-1]) / 3600.0)
-    elevation = np.radians(_VIEW["elev"])
+    scale, unit = _clock(episode)
+    norm = Normalize(0.0, float(episode.time[-1]) / scale)
     for column, turn in enumerate((0.0, 180.0)):
-        axes = figure.add_axes((0.555 + 0.165 * column, 0.655, 0.16, 0.27))
-        azimuth = np.radians(_VIEW["azim"] + turn)
-        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        axes = figure.add_axes((0.575 + 0.16 * column, 0.64, 0.155, 0.265))
+        towards = _towards(turn)
+        right = np.cross((0.0, 0.0, 1.0), towards)
+        right /= np.sqrt(np.square(right).sum())
         up = np.cross(towards, right)
         front = episode.points @ towards > 0.0
         flat = np.stack((episode.points @ right, episode.points @ up), axis=-1)
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         axes.fill(radius * np.cos(angle), radius * np.sin(angle), facecolor="#F2F2F2", edgecolor=GREY, linewidth=0.7)
-        shown = front & seen
-        when = episode.inspected_at[shown] / 3600.0
-        axes.scatter(*flat[shown].T, c=when, cmap=SEQUENTIAL, norm=norm, s=20, edgecolors="white", linewidths=0.4)
-        axes.scatter(*flat[front & ~seen].T, s=22, marker="x", color=VERMILION, linewidths=1.3)
+        shown, missed = front & seen, front & ~seen
+        when = episode.inspected_at[shown] / scale
+        axes.scatter(
+            flat[shown, 0], flat[shown, 1], c=when, cmap=SEQUENTIAL, norm=norm, s=20, edgecolors="white", linewidths=0.4
+        )
+        axes.scatter(flat[missed, 0], flat[missed, 1], s=22, marker="x", color=VERMILION, linewidths=1.3)
         axes.set_aspect("equal")
         axes.set_axis_off()
-        axes.set_title("seen as on the left" if turn == 0.0 else "from the other side", pad=2.0, fontsize=8.5)
+        axes.set_title("as on the left" if turn == 0.0 else "from behind", pad=2.0, fontsize=8.5)
     bar = figure.colorbar(
-        ScalarMappable(norm, SEQUENTIAL), cax=figure.add_axes((0.905, 0.68, 0.012, 0.2)), label="inspected at [h]"
+        ScalarMappable(norm, SEQUENTIAL), cax=figure.add_axes((0.915, 0.67, 0.012, 0.2)), label=f"inspected at [{unit}]"
     )
     bar.outline.set_linewidth(0.5)
-    text = f"{int(seen.sum())} of {len(seen)} points inspected ({episode.status.name.lower()})"
+    spent = f"{episode.time[-1] / scale:.2f} {unit}"
+    text = f"{int(seen.sum())} of {len(seen)} points inspected after {spent}"
+    if episode.status is not DoneStatus.RUNNING:
+        text += f" ({episode.status.name.lower()})"
+    figure.text(0.58, 0.955, text, fontsize=9.5, color=BLACK)
     if not seen.all():
-        text += ", × not inspected"
-    figure.text(0.555, 0.955, text, fontsize=9.5, color=BLACK)
+        figure.text(0.7325, 0.625, "crosses: not inspected", fontsize=8, color=VERMILION, ha="center")
 
 
 def _ring_radii(reach: float) -> list[float]:
-    """Return two to five round radii, the last at or beyond what is to be shown."""
+    """Return one to four round radii within what is to be shown."""
     for step in (5.0, 10.0, 20.0, 25.0, 50.0, 100.0, 200.0, 250.0, 500.0):
-        count = int(np.ceil(reach / step))
-        if count <= 4:
-            return [step * (index + 1) for index in range(max(count, 2))]
+        if reach / step < 5.0:
+            return [step * (index + 1) for index in range(max(int(reach / step), 1))]
     return [reach / 2.0, reach]
-
-
-def _draw_ring(axes: Any, radius: float) -> None:
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    axes.plot(radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle, color=PALE, linewidth=0.8, zorder=0)
-    place = np.radians(-118.0)
-    axes.text(
-        radius * np.cos(place), radius * np.sin(place), 0.0, f"{radius:g} m", color=GREY, fontsize=7, ha="center", va="center"
-    )
 
 
 def _draw_sphere(axes: Any, radius: float) -> None:
     longitude, latitude = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 37), np.linspace(-np.pi / 2.0, np.pi / 2.0, 19))
     x, y = radius * np.cos(latitude) * np.cos(longitude), radius * np.cos(latitude) * np.sin(longitude)
-    axes.plot_surface(x, y, radius * np.sin(latitude), color="#BBBBBB", alpha=0.35, linewidth=0, shade=True)
+    axes.plot_surface(x, y, radius * np.sin(latitude), color="#D8D8D8", linewidth=0, antialiased=False, zorder=2)
 
 
-def _draw_sun(axes: Any, direction: FloatArray, start: float, end: float, shade: float, label: str) -> None:
-    tail, tip = direction * start, direction * end
-    axes.quiver(
-        *tail, *(tip - tail), color=ORANGE, alpha=shade, linewidth=1.8, arrow_length_ratio=0.25,
-        linestyle="-" if shade == 1.0 else "--", label=label,
-    )  # fmt: skip
+def _draw_sun(axes: Any, direction: FloatArray, ring: float, dashes: Any, label: str) -> None:
+    """Draw an arrow from the chief towards the sun, outside of the innermost part."""
+    tail, tip = direction * 0.55 * ring, direction * 1.0 * ring
+    axes.plot(*np.stack((tail, tip), axis=-1), color=ORANGE, linewidth=1.8, linestyle=dashes, label=label, zorder=4)
+    aside = np.array([-direction[1], direction[0], 0.0])
+    barbs = [tip - 0.08 * ring * direction + side * 0.045 * ring * aside for side in (1.0, -1.0)]
+    axes.plot(*np.stack((barbs[0], tip, barbs[1]), axis=-1), color=ORANGE, linewidth=1.8, zorder=4)
 
 
-def _fit(axes: Any, positions: FloatArray, ring: float) -> None:
-    """Give the three axes one scale, with room for the way and the rings."""
-    low = np.minimum(positions.min(axis=0), [-ring, -ring, -ring / 4.0])
-    high = np.maximum(positions.max(axis=0), [ring, ring, ring / 4.0])
+def _fit(axes: Any, episode: Trajectory, ring: float) -> None:
+    """Give the three axes one scale, with room for the way, the chief and the outermost ring."""
+    ways = episode.position.reshape(-1, 3)
+    reach = np.array([ring, ring, max(_radius(episode), 0.6 * ring)])
+    low, high = np.minimum(ways.min(axis=0), -reach), np.maximum(ways.max(axis=0), reach)
+    pad = 0.03 * (high - low).max()
+    low, high = low - pad, high + pad
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.1)
+    axes.set_box_aspect(high - low, zoom=0.99)
+    axes.text(high[0], high[1], high[2] + 2.0 * pad, _AXES[2], ha="center", va="bottom")
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.pane.set_visible(False)
-        axis._axinfo["grid"].update(color=PALE, linewidth=0.4)
     axes.grid(False)
     axes.locator_params(nbins=5)
+    axes.tick_params(pad=0.0)

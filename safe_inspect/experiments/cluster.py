@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+import secrets
 import shutil
+import socket
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -27,6 +29,8 @@ _ENVIRONMENT = {
     "TUNE_DISABLE_SIGINT_HANDLER": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
 }
+
+_token = ""
 
 
 def set_environment() -> None:
@@ -70,26 +74,22 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
     folder.ray_note.write_text(str(temporary), encoding="utf-8")
     names = ("num_gpus", "resources", "include_dashboard", "dashboard_host", "dashboard_port")
     local = {key: settings[key] for key in names if settings.get(key) is not None}
-    paths = os.environ.get("PYTHONPATH")
-    os.environ["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)  # Ray's processes import the same
     try:
-        ray.init(
-            address="local",
-            num_cpus=int(available),
-            object_store_memory=settings.get("object_store_memory") or 256 * 2**20,
-            _temp_dir=str(temporary),
-            **local,
-            **common,
-        )
-        yield
+        with _inherited(_for_processes()):
+            ray.init(
+                address="local",
+                num_cpus=int(available),
+                object_store_memory=settings.get("object_store_memory") or 256 * 2**20,
+                _temp_dir=str(temporary),
+                **local,
+                **common,
+            )
+            yield
     except BaseException:
         _keep_logs(temporary, folder.path / "ray_logs")
         raise
     finally:
         ray.shutdown()
-        os.environ.pop("PYTHONPATH")
-        if paths is not None:
-            os.environ["PYTHONPATH"] = paths
         shutil.rmtree(temporary, ignore_errors=True)
         folder.ray_note.unlink(missing_ok=True)
 
@@ -98,16 +98,57 @@ def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[
     import ray
 
     try:
+        _knock(address)
         ray.init(address=address, **common)
-    except ConnectionError as error:
-        message = f"there is no Ray cluster at `{address}` ({str(error).splitlines()[0]})"
-        hint = "start one with `ray start --head`, or remove `address`"
+    except (OSError, RuntimeError) as error:
+        cause = error.__cause__ or error
+        reason = next((line for line in reversed(str(cause).splitlines()) if line.strip()), type(cause).__name__)
+        message = f"no Ray cluster at `{address}` can be joined ({reason.strip()})"
+        hint = (
+            "start one with `ray start --head`, set RAY_AUTH_MODE=token where it asks for a token, or remove `address`"
+        )
         raise ConfigError(Problem(message, "ray_config.address", hint=hint)) from error
     try:
         check_size(cpus, _processors())
         yield
     finally:
         ray.shutdown()  # leaves the cluster; it is never stopped
+
+
+def _knock(address: str) -> None:
+    """Look whether anyone listens at an address: Ray itself would try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host and port.isdigit():
+        socket.create_connection((host, int(port)), timeout=5.0).close()
+
+
+def _for_processes() -> dict[str, str]:
+    """Return what the processes of a local Ray inherit: where to import from, and the token that they share.
+
+    Ray guards its local cluster with a token that it writes into the home folder, which may not be ours to write.
+    """
+    global _token
+    found = {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    own = any(name.startswith("RAY_AUTH_") for name in os.environ) or (Path.home() / ".ray" / "auth_token").exists()
+    if _token or not own:
+        _token = _token or secrets.token_hex(32)  # one for the process: Ray reads it once
+        found["RAY_AUTH_TOKEN"] = _token
+    return found
+
+
+@contextmanager
+def _inherited(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set variables of the environment for as long as the context lasts."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def _processors() -> float:

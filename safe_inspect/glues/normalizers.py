@@ -56,7 +56,9 @@ class StandardNormalNormalizer(Normalizer):
         """Raise ValueError when `mu` or `sigma` has another number of elements."""
         for field, array in zip(("mu", "sigma"), self._arrays, strict=True):
             if array.size not in (1, size):
-                raise ValueError(f"`{field}` has {array.size} elements for values of size {size}; give one number or {size}")
+                raise ValueError(
+                    f"`{field}` has {array.size} elements for values of size {size}; give one number or {size}"
+                )
 
     def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return (values - mu) / sigma."""

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.errors import RegistryError
+from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.platforms.base import Controller, Property
 from safe_inspect.registry import registry
 from safe_inspect.types import FloatArray
@@ -93,7 +93,13 @@ class RateController(Controller):
         try:
             made = cls.model_validate(self.properties)
         except ValidationError as error:
-            problems = [{**item, "loc": ("properties", *item["loc"])} for item in error.errors(include_url=False)]
+            problems: list[dict[str, Any]] = [
+                {**item, "loc": ("properties", *item["loc"])} for item in error.errors(include_url=False)
+            ]
+            for item in problems:
+                if item["type"] == "extra_forbidden":
+                    name = str(item["loc"][-1])
+                    item["msg"] = f"{cls.registered_name} has no field `{name}`; {did_you_mean(name, cls.model_fields)}"
             raise PydanticCustomError("functor", "the property is wrong", {"errors": problems}) from None
         assert isinstance(made, Property)
         return made

@@ -45,6 +45,7 @@ class PointsState:
     own_count: IntArray
     weights: FloatArray
 
+
 #: Every array of a state begins at a multiple of this many bytes.
 _ALIGNMENT = 64
 

@@ -45,15 +45,12 @@ def test_a_policy_may_be_left_out(copied):
 ALIASES = {
     "agent.yml": {
         "agent: TrainableBaseAgent": "agent: corl.agents.base_agent.TrainableBaseAgent",
-        "property_class: ThrustProp": "property_class: safe_autonomy_sims.platforms.cwh.cwh_properties.ThrustProp",
         "functor: RejectionSamplerInitializer":
             "functor: safe_autonomy_sims.rta.rta_rejection_sampler.RejectionSamplerInitializer",
         "functor: RTAGlueCWHInspection1v1":
             "functor: safe_autonomy_sims.rta.cwh.inspection_rta_1v1.RTAGlueCWHInspection1v1",
         "functor: ControllerGlue": "functor: corl.glues.common.controller_glue.ControllerGlue",
         "functor: ObserveSensor": "functor: corl.glues.common.observe_sensor.ObserveSensor",
-        "normalizer: StandardNormalNormalizer":
-            "normalizer: corl.libraries.normalization.StandardNormalNormalizer",
         "functor: MaxDistanceDoneFunction": "functor: safe_autonomy_sims.dones.cwh.common.MaxDistanceDoneFunction",
         "functor: ObservedPointsReward":
             "functor: safe_autonomy_sims.rewards.cwh.inspection_rewards.ObservedPointsReward",

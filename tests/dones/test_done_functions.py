@@ -56,7 +56,8 @@ def test_weights_of_a_priority_count(shipped):
     env.reset()
     step = env.step(np.zeros((3, 1, 3))).step
     points = step.after.points("chief")
-    by_hand = [sum(w for w, seen in zip(*rows, strict=True) if seen) for rows in zip(points.weights, points.inspected)]
+    rows = zip(points.weights, points.inspected, strict=True)
+    by_hand = [sum(weight for weight, seen in zip(*row, strict=True) if seen) for row in rows]
     np.testing.assert_allclose(points.inspected_weight, by_hand)
     middle = sorted(by_hand)[1]
     done = SuccessfulInspectionDoneFunction(weight_threshold=middle - 1e-9)(step)

@@ -1,4 +1,4 @@
-"""An environment of a batch is the environment alone, to the bit: whatever the batch, the split or the order of resets."""
+"""A row of a batch is the environment alone, to the bit, whatever the batch, the split and the order of resets."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def fly(env: BatchedEnvironment, thrusts: np.ndarray, rows: list[int] | None = N
     seen: dict[str, list[np.ndarray]] = {"reset": [env.reset()[rows]]}
     for thrust in thrusts:
         transition = env.step(thrust)
-        told = {name: getattr(transition, name) for name in ("observation", "reward", "terminated", "truncated", "status")}
+        told = {
+            name: getattr(transition, name) for name in ("observation", "reward", "terminated", "truncated", "status")
+        }
         told |= transition.terms | {"scale": env.state.delta_v_scale, "delta_v": env.state.delta_v}
         ended = np.flatnonzero(transition.done[:, 0])
         if len(ended):
@@ -80,14 +82,16 @@ def test_blinn_phong_light_and_a_narrow_field_are_row_wise_too(shipped):
     spec = load_experiment(shipped, overrides).spec
     thrusts = actions(100, 64)
     batch = fly(BatchedEnvironment(spec, 64, seed=SEED), thrusts, [0, 63])
-    assert 0 < batch["ObservedPointsReward"].max()
+    assert batch["ObservedPointsReward"].max() > 0
     for index, row in enumerate((0, 63)):
         alone = fly(BatchedEnvironment(spec, 1, seed=SEED, first_slot=row), thrusts[:, row : row + 1])
         equal({name: array[:, index : index + 1] for name, array in batch.items()}, alone)
 
 
 def test_scikit_learns_clusters_are_row_wise_too(shipped):
-    spec = load_experiment(shipped, ("agent_config.0.config.config.parts.Sensor_UninspectedPoints.config.backend=sklearn", "horizon=15")).spec
+    spec = load_experiment(
+        shipped, ("agent_config.0.config.config.parts.Sensor_UninspectedPoints.config.backend=sklearn", "horizon=15")
+    ).spec
     thrusts = actions(40, 6)
     batch = fly(BatchedEnvironment(spec, 6, seed=SEED), thrusts, [4])
     equal(batch, fly(BatchedEnvironment(spec, 1, seed=SEED, first_slot=4), thrusts[:, 4:5]))

@@ -178,8 +178,8 @@ def test_a_wrong_shape_is_named(shipped):
     env.reset()
     with pytest.raises(PluginValueError, match=r"done ScalarDone gave an array of shape \(\)"):
         env.step(zeros)
-    env = make_vec(shipped, 2, [f"{AGENT}.parts.5={{part: LongSensor}}",
-                                f"{AGENT}.glues.5={{functor: ObserveSensor, config: {{sensor: LongSensor}}}}"])  # fmt: skip
+    glue = f"{AGENT}.glues.5={{functor: ObserveSensor, config: {{sensor: LongSensor}}}}"
+    env = make_vec(shipped, 2, [f"{AGENT}.parts.5={{part: LongSensor}}", glue])
     with pytest.raises(PluginValueError, match=r"LongSensor\.one.* shape \(2, 3\).*\(2, 1\)"):
         env.reset()
 

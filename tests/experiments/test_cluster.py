@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -70,6 +71,7 @@ print(train(TrainingRun({}, ray={"address": sys.argv[1]}, **run), io.StringIO())
 def test_a_running_cluster_is_joined_and_left_running(tmp_path):
     environment = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
     environment |= {"PYTHONPATH": str(HERE), "RAY_USAGE_STATS_ENABLED": "0"}
+    environment |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": "a1" * 32}
     with tempfile.TemporaryDirectory(prefix="si-", dir="/tmp", ignore_cleanup_errors=True) as folder:
         head = subprocess.Popen(
             [sys.executable, "-c", _CLUSTER, folder],
@@ -88,19 +90,45 @@ def test_a_running_cluster_is_joined_and_left_running(tmp_path):
 
 
 @pytest.mark.ray
-def test_a_cluster_that_is_not_there_is_one_message(tmp_path, quick, maker):
+def test_a_cluster_that_is_not_there_is_one_message(tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
     code = (
         "import sys; from pathlib import Path\n"
         "from safe_inspect.errors import ConfigError\n"
         "from safe_inspect.experiments.train import TrainingRun, train\n"
-        "try: train(TrainingRun({}, ray={'address': 'auto'}, output=Path(sys.argv[1])))\n"
+        "try: train(TrainingRun({}, ray={'address': sys.argv[2]}, output=Path(sys.argv[1])))\n"
         "except ConfigError as error: print(error)"
     )
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
-    environment |= {"RAY_TMPDIR": str(tmp_path / "none")}
-    run = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "out")], env=environment, capture_output=True, text=True, check=True
-    )
-    assert run.stdout.startswith("ray_config.address: there is no Ray cluster at `auto`")
-    assert "start one with `ray start --head`, or remove `address`" in run.stdout
+    command = [sys.executable, "-c", code, str(tmp_path / "out"), address]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert run.stdout.startswith(f"ray_config.address: no Ray cluster at `{address}` can be joined")
+    assert "Connection refused" in run.stdout
     assert not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.ray
+def test_starting_ray_writes_nothing_into_the_home_folder(tmp_path):
+    home, run = tmp_path / "home", tmp_path / "run"
+    home.mkdir()
+    run.mkdir()
+    code = (
+        "import sys, os; from pathlib import Path\n"
+        "from safe_inspect.experiments.cluster import ray_cluster, set_environment\n"
+        "from safe_inspect.experiments.run_folder import RunFolder\n"
+        "from safe_inspect.experiments.translation import translate_ray\n"
+        "set_environment()\n"
+        "import ray\n"
+        "for _ in range(2):\n"
+        "    with ray_cluster(translate_ray({}).settings, 1.0, RunFolder(Path(sys.argv[1]))):\n"
+        "        print(ray.get(ray.remote(lambda: 42).remote()))\n"
+        "print('RAY_AUTH_TOKEN' in os.environ)"
+    )
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
+    environment["HOME"] = str(home)
+    command = [sys.executable, "-c", code, str(run)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert done.stdout.split() == ["42", "42", "False"], done.stderr
+    assert not list(home.iterdir())
+    assert not list(run.iterdir())

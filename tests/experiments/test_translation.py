@@ -106,7 +106,11 @@ def test_nets_are_separate_unless_asked():
             "cannot be made of fragments",
         ),
         ({"evaluation_config": {"explor": False}}, "rllib_configs.evaluation_config.explor", "did you mean `explore`?"),
-        ({"model_config": {"fcnet_hiddens": 64}}, "rllib_configs.model_config.fcnet_hiddens", "a list of whole numbers"),
+        (
+            {"model_config": {"fcnet_hiddens": 64}},
+            "rllib_configs.model_config.fcnet_hiddens",
+            "a list of whole numbers",
+        ),
         (
             {"model_config": {"fcnet_activation": {"grid_search": ["tanh", "relu"]}}},
             "rllib_configs.model_config.fcnet_activation",
@@ -187,7 +191,11 @@ def test_old_tune_settings():
     [
         ({"stop": {"sucess_rate": 1}}, "tune_config.stop.sucess_rate", "did you mean `success_rate`?"),
         ({"stop": {"training_iteration": "many"}}, "tune_config.stop.training_iteration", "a number is expected"),
-        ({"stop": {"timesteps_total": 1, "num_env_steps_sampled": 2}}, "tune_config.stop.num_env_steps_sampled", "twice"),
+        (
+            {"stop": {"timesteps_total": 1, "num_env_steps_sampled": 2}},
+            "tune_config.stop.num_env_steps_sampled",
+            "twice",
+        ),
         ({"checkpoint_frq": 1}, "tune_config.checkpoint_frq", "did you mean `checkpoint_freq`?"),
         ({"restore": "/some/where"}, "tune_config.restore", "--resume RUN_FOLDER"),
         ({"scheduler": "asha"}, "tune_config.scheduler", "cannot be honoured"),

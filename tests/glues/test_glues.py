@@ -29,7 +29,9 @@ def observe(fixed_start: Callable[..., EnvironmentSpec]) -> Callable[[str, int],
 
 def test_readings_in_units(observe):
     np.testing.assert_allclose(observe("{sensor: Sensor_Position, output_units: km}"), [0.06, -0.03, 0.0])
-    np.testing.assert_allclose(observe("{sensor: Sensor_SunAngle, output_units: degrees}"), [180.0 / math.pi], rtol=1e-6)
+    np.testing.assert_allclose(
+        observe("{sensor: Sensor_SunAngle, output_units: degrees}"), [180.0 / math.pi], rtol=1e-6
+    )
 
 
 def test_units_come_before_the_normalisation(observe):

@@ -125,6 +125,17 @@ def test_without_a_test_every_draw_is_accepted():
     assert free(draw(np.arange(100)))["position"].shape == (100, 3)
 
 
+def test_a_state_is_safe_when_it_is_safe_now_and_can_be_kept_so():
+    """h and phi both count: at 12 m towards the chief with 2 m/s, and at 9 m away from it."""
+    glue = RTAGlueCWHInspection1v1(constraints=("chief_collision",))
+    states = {
+        "position": np.array([[12.0, 0, 0], [12.0, 0, 0], [9.0, 0, 0]]),
+        "velocity": np.array([[0.0, 0, 0], [-2.0, 0, 0], [2.0, 0, 0]]),
+        "sun_angle": np.zeros(3),
+    }
+    assert glue.refusals(states)["chief_collision"].tolist() == [False, True, True]
+
+
 def test_a_state_that_is_nan_is_refused():
     states = {
         "position": np.array([[60.0, 0, 0], [np.nan, 0, 0], [60.0, 0, 0]]),

@@ -6,9 +6,7 @@ import pytest
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.simulators.delta_v_scale import DeltaVScale, DeltaVSchedule
 
-SCHEDULE = DeltaVSchedule(
-    start=-0.001, bounds=(-0.1, -0.001), change=-0.03, steps_until_update=4, fractions=(0.8, 0.9)
-)
+SCHEDULE = DeltaVSchedule(start=-0.001, bounds=(-0.1, -0.001), change=-0.03, steps_until_update=4, fractions=(0.8, 0.9))
 
 
 def interval(scale: DeltaVScale, *ends: tuple[int, float]) -> np.ndarray:

@@ -10,8 +10,8 @@ from numba import njit
 from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
 from safe_inspect.rta.filters.cuts import MOST, cut_broken, cut_hold, cut_recovery
 from safe_inspect.rta.filters.holds import hold
-from safe_inspect.rta.filters.model import HOLD_PIECES, Model
-from safe_inspect.rta.filters.plans import NO_PLAN, find_plan
+from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, Model
+from safe_inspect.rta.filters.plans import NO_PLAN, PLANS, QUICK, STAY, find_plan
 from safe_inspect.rta.filters.projection import nearest
 from safe_inspect.rta.filters.returning import return_control
 from safe_inspect.rta.filters.scratch import Scratch, scratch
@@ -19,9 +19,14 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Margins that a control must leave to be taken [m], [m/s]; a backup is still one with half of them.
 LENGTH_MARGIN, SPEED_MARGIN = 1e-3, 1e-5
+_NEAR = 1 << COLLISION | 1 << PSM
 #: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
 _EXTRA = 2.0
-_ROUNDS = 10
+_ROUNDS = 8
+#: Rounds that may end in a state without a plan.
+_RECOVERIES = 3
+#: Slack that a plan is asked for at the nodes of its orbit [m], for what lies between them.
+_NODE_MARGIN = 0.05
 _POLISH = 4
 #: A proposal that moves less than this [N] has settled.
 _STILL = 1e-7
@@ -32,7 +37,7 @@ _FINE = 2e-3
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def _verified(
-    m: Model, x: State, sun: tuple[float, float], u: FloatArray, first: int, s: Scratch
+    m: Model, x: State, sun: tuple[float, float], u: FloatArray, first: int, most: int, s: Scratch
 ) -> tuple[int, int]:  # fmt: skip
     """Return (SAFE, plan after the hold), (constraint, NO_PLAN) where the hold is refused, (SAFE, NO_PLAN) where no plan is."""
     code = hold(m, x, sun, u, LENGTH_MARGIN, SPEED_MARGIN, s.cells, s.where)
@@ -40,35 +45,40 @@ def _verified(
         return code, NO_PLAN
     after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     s.at[0], s.at[1] = s.where[0], s.where[1]
-    return SAFE, find_plan(m, after, later, LENGTH_MARGIN, SPEED_MARGIN, first, s.w, s.work, s.cells, s.at)
+    return SAFE, find_plan(m, after, later, LENGTH_MARGIN, SPEED_MARGIN, first, most, s.w, s.work, s.cells, s.at)
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
-def _cut(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> tuple[int, bool]:
+def _cut(
+    m: Model, x: State, sun: tuple[float, float], desired: FloatArray, own_side: bool, u: FloatArray, s: Scratch
+) -> tuple[int, bool]:  # fmt: skip
     """Look for a verified control by cutting planes; return the bits of the refusals and whether u is one.
 
     Each round adds half-spaces for what the last proposal breaks and proposes the control of the programme.
     """
     length, speed = _EXTRA * LENGTH_MARGIN, _EXTRA * SPEED_MARGIN
-    count, bits, plan = 0, 0, NO_PLAN
+    count, bits, plan, unrecovered = 0, 0, NO_PLAN, 0
     for axis in range(3):
         u[axis] = desired[axis]
     for attempt in range(_ROUNDS):
-        code, plan = _verified(m, x, sun, u, plan, s)
+        code, plan = _verified(m, x, sun, u, plan, PLANS if attempt == 0 else QUICK, s)
         if plan != NO_PLAN:
             return bits, True
         broken = 0
         if code != SAFE:
             count = cut_hold(
-                m, x, sun, u, code, s.where[0], s.where[1], length, speed, s.d, s.rows, s.bounds, count
+                m, x, sun, u, code, s.where[0], own_side, length, speed, s.d, s.rows, s.bounds, count
             )  # fmt: skip
-            count, broken = cut_broken(m, x, sun, u, length, speed, s.d, s.rows, s.bounds, count)
+            count, broken = cut_broken(m, x, sun, u, own_side, length, speed, s.d, s.rows, s.bounds, count)
         else:
-            count, code = cut_recovery(m, x, sun, u, length * 10.0, s.w, s.rows, s.bounds, count)
+            unrecovered += 1
+            if unrecovered > _RECOVERIES:
+                return bits, False
+            count, code = cut_recovery(m, x, sun, u, _NODE_MARGIN, s.w, s.rows, s.bounds, count)
         if attempt == 0:
             bits = broken | 1 << code
         for _ in range(_POLISH):
-            if not nearest(s.rows, s.bounds, count, m.u_max, desired, s.proposal, s.missed, s.a, s.c, s.size, s.w):
+            if not nearest(s.rows, s.bounds, count, m.u_max, desired, False, s.proposal, s.missed, s.a, s.c, s.size, s.w):
                 return bits, False
             moved = math.sqrt(_squared(s.proposal, u))
             for axis in range(3):
@@ -76,7 +86,7 @@ def _cut(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, u: F
             if moved < _STILL:
                 break
             before = count
-            count, _ = cut_broken(m, x, sun, u, 0.75 * length, 0.75 * speed, s.d, s.rows, s.bounds, count)
+            count, _ = cut_broken(m, x, sun, u, own_side, 0.75 * length, 0.75 * speed, s.d, s.rows, s.bounds, count)
             if count == before:
                 break
     return bits, False
@@ -93,14 +103,14 @@ def _between(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, 
             if segment == 1:
                 u[axis] = desired[axis]
         size = math.sqrt(_squared(u, s.proposal))
-        low, high, plan = 0.0, 1.0, NO_PLAN
+        low, high, plan = 0.0, 1.0, STAY
         for _ in range(_HALVINGS):
             if size * (high - low) < _FINE:
                 break
             middle = 0.5 * (low + high)
             for axis in range(3):
                 s.trial[axis] = s.proposal[axis] + middle * (u[axis] - s.proposal[axis])
-            _, found = _verified(m, x, sun, s.trial, plan, s)
+            _, found = _verified(m, x, sun, s.trial, plan, 1, s)
             if found != NO_PLAN and _squared(s.trial, desired) < _squared(s.best, desired):
                 low, plan = middle, found
                 for axis in range(3):
@@ -132,13 +142,15 @@ def filter_rows(
             s.desired[axis] = min(max(desired[i, axis], -m.u_max), m.u_max)
             control[i, axis] = s.desired[axis]
         refused[i], unrecoverable[i] = 0, False
-        refused[i], done = _cut(m, x, sun, s.desired, control[i], s)
+        refused[i], done = _cut(m, x, sun, s.desired, False, control[i], s)
+        if not done and refused[i] & _NEAR:
+            _, done = _cut(m, x, sun, s.desired, True, control[i], s)
         if done:
             continue
-        plan = find_plan(m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, s.backup, s.work, s.cells, s.where)
+        plan = find_plan(m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, PLANS, s.backup, s.work, s.cells, s.where)
         if plan == NO_PLAN:
             plan = find_plan(
-                m, x, sun, 0.5 * LENGTH_MARGIN, 0.5 * SPEED_MARGIN, NO_PLAN, s.backup, s.work, s.cells, s.where
+                m, x, sun, 0.5 * LENGTH_MARGIN, 0.5 * SPEED_MARGIN, NO_PLAN, PLANS, s.backup, s.work, s.cells, s.where
             )  # fmt: skip
         if plan != NO_PLAN:
             _between(m, x, sun, s.desired, control[i], s)
@@ -159,7 +171,7 @@ def recoverable_rows(
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
         out[i] = NO_PLAN != find_plan(
-            m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, control[i], s.work, s.cells, s.where
+            m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, PLANS, control[i], s.work, s.cells, s.where
         )  # fmt: skip
         if not out[i]:
             control[i, :] = 0.0

@@ -68,6 +68,13 @@ def coasted(m: Model, x: State, u: FloatArray, k: int, j: int) -> tuple[float, f
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def _remains(dip: float, one: float, other: float) -> float:
+    """Return what remains of a dip below a chord that rises by something between the two numbers; see `lowest`."""
+    rise = min(abs(one), abs(other)) if one * other > 0.0 else 0.0
+    return 0.0 if rise >= 4.0 * dip else dip * (1.0 - 0.25 * rise / dip) ** 2
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def _coasting(m: Model, x: State, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
     """Is the range above the radius for every moment of the hold and every moment of coasting from it?
 
@@ -109,13 +116,12 @@ def _coasting(m: Model, x: State, u: FloatArray, length: float, work: IntArray, 
             size = math.sqrt(ex * ex + ey * ey + ez * ez)
             if size > 0.0:
                 ex, ey, ez = ex / size, ey / size, ez / size
-            least = min(
-                min(ex * p[0] + ey * p[1] + ez * p[2], ex * q[0] + ey * q[1] + ez * q[2]),
-                min(ex * f[0] + ey * f[1] + ez * f[2], ex * g[0] + ey * g[1] + ez * g[2]),
-            )
+            pe, qe = ex * p[0] + ey * p[1] + ez * p[2], ex * q[0] + ey * q[1] + ez * q[2]
+            fe, ge = ex * f[0] + ey * f[1] + ez * f[2], ex * g[0] + ey * g[1] + ez * g[2]
             dt, ds = (t1 - t0) * (m.dt / HOLD_PIECES), (s1 - s0) * m.coast_step
             dip_t, dip_s = 0.125 * dt * dt * bend_t, 0.125 * ds * ds * bend_s
-            if least - dip_t - dip_s >= reach:
+            bend = _remains(dip_t, fe - pe, ge - qe) + _remains(dip_s, qe - pe, ge - fe)
+            if min(min(pe, qe), min(fe, ge)) - bend >= reach:
                 continue
             where[0], where[1] = t1, s1
             if g[0] * g[0] + g[1] * g[1] + g[2] * g[2] < reach * reach:

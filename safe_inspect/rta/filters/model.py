@@ -19,6 +19,8 @@ COLLISION, REL_VEL, SUN, R_MAX, PSM, X_VEL, Y_VEL, Z_VEL = range(8)
 HOLD_PIECES = 256
 #: Cells into which an orbit is cut before any refinement.
 ORBIT_CELLS = 16
+#: Nodes of an orbit at which its slack is made linear.
+FINE_NODES = 64
 _COAST_ANGLE = 0.2
 _COAST_PIECES = 64
 
@@ -49,6 +51,7 @@ class Model(NamedTuple):
         coast: Position rows of the transition matrices over the horizon of passive safety, shape (L + 1, 3, 6).
         coast_step: Time between them [s].
         orbit: Cosine and sine of the first cells' ends of an orbit, shape (17, 2).
+        fine: The same of `FINE_NODES` nodes, shape (64, 2).
         plan: Control of a plan from (targets - free motion), shape (3, 3), with the row order x, y, z of the velocity.
     """
 
@@ -73,6 +76,7 @@ class Model(NamedTuple):
     coast: FloatArray
     coast_step: float
     orbit: FloatArray
+    fine: FloatArray
     plan: FloatArray
 
 
@@ -91,6 +95,7 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = KNOWN) 
     coasts = np.stack([transition(n, p.m, p.psm_horizon * k / pieces)[0] for k in range(pieces + 1)])
     turns = angle * np.arange(HOLD_PIECES + 1) / HOLD_PIECES
     circle = 2.0 * np.pi * np.arange(ORBIT_CELLS + 1) / ORBIT_CELLS
+    nodes = 2.0 * np.pi * np.arange(FINE_NODES) / FINE_NODES
     blocks = (coasts[:, :3, :3], coasts[:, :3, 3:], coasts[:, 3:, 3:], coasts[:, 3:, :3])
     # a hundredth more than the largest of the table bounds what lies between its entries
     stretch = np.array([1.01 * np.linalg.norm(block, ord=2, axis=(1, 2)).max() for block in blocks])
@@ -110,5 +115,6 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = KNOWN) 
         hold_sun=np.stack((np.cos(turns), np.sin(turns)), axis=-1),
         coast=np.ascontiguousarray(coasts[:, :3]), coast_step=float(p.psm_horizon / pieces),
         orbit=np.stack((np.cos(circle), np.sin(circle)), axis=-1),
+        fine=np.stack((np.cos(nodes), np.sin(nodes)), axis=-1),
         plan=np.linalg.inv(closing),
     )  # fmt: skip

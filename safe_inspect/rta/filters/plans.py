@@ -21,9 +21,19 @@ NO_PLAN = -1
 RADIAL = (0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
 CROSS = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
 _R, _C = len(RADIAL) + 1, len(CROSS) + 1
-#: How many plans there are. The first four pair the centred and the unchanged radial speed with no and the unchanged
-#: cross-track speed.
+#: How many plans there are.
 PLANS = _R * _C
+#: The plan that leaves the radial and the cross-track speed as they are: the one that stays on a closed motion.
+STAY = _C + 1
+#: How many plans a quick search tries; 97 % of the states that have a plan, visited under adversarial controls, have one
+#: of these.
+QUICK = 24
+#: The plans in the order in which they are tried: each is safe in the most such states that no earlier one is safe in.
+ORDER = (
+    4, 9, 3, 47, 55, 0, 72, 64, 2, 1, 61, 46, 73, 49, 39, 54, 44, 65, 14, 57, 5, 6, 15, 58, 68, 77, 24, 38, 7, 13, 78,
+    67, 74, 63, 8, 12, 79, 33, 53, 75, 76, 52, 62, 41, 59, 51, 56, 70, 10, 23, 27, 35, 48, 11, 40, 66, 30, 36, 22, 25,
+    60, 69, 16, 71, 17, 19, 21, 31, 42, 45, 50, 18, 29, 32, 37, 26, 20, 34, 43, 28,
+)  # fmt: skip
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
@@ -66,10 +76,10 @@ def try_plan(
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def find_plan(
-    m: Model, x: State, sun: tuple[float, float], length: float, speed: float, first: int,
+    m: Model, x: State, sun: tuple[float, float], length: float, speed: float, first: int, most: int,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
 ) -> int:  # fmt: skip
-    """Write the thrust of the first safe plan and return its index; NO_PLAN where there is none.
+    """Write the thrust of a safe plan and return its index; NO_PLAN where there is none.
 
     Args:
         m: The task.
@@ -78,6 +88,7 @@ def find_plan(
         length: Margin of the ranges and the sun cone [m].
         speed: Margin of the speeds [m/s].
         first: A plan to try before the others, or NO_PLAN.
+        most: How many plans of `ORDER` to try: PLANS for a search that finds a plan where there is one.
         u: Receives the thrust [N], shape (3,).
         work: Room for `closed_motion`.
         cells: Room for `hold`.
@@ -85,7 +96,8 @@ def find_plan(
     """
     if first != NO_PLAN and try_plan(m, x, sun, first, length, speed, u, work, cells, where):
         return first
-    for index in range(PLANS):
+    for place in range(most):
+        index = ORDER[place]
         if index != first and try_plan(m, x, sun, index, length, speed, u, work, cells, where):
             return index
     return NO_PLAN

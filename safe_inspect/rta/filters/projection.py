@@ -104,7 +104,7 @@ def box(a: FloatArray, c: FloatArray, limit: float) -> None:
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def nearest(
-    rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray,
+    rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, settle: bool,
     out: FloatArray, missed: BoolArray, a: FloatArray, c: FloatArray, size: FloatArray, work: FloatArray,
 ) -> bool:  # fmt: skip
     """Write the control nearest to `target` with rows u >= bounds in the box, else the least-violating one.
@@ -115,6 +115,7 @@ def nearest(
         count: How many of them count.
         limit: Bound of each component.
         target: The desired control, shape (3,).
+        settle: True: where not all rows can be met, find the least-violating control; False: leave `out` without meaning.
         out: Receives the control, shape (3,).
         missed: Receives the rows that are broken, shape (M,).
         a: Room for M + 6 normals.
@@ -140,6 +141,8 @@ def nearest(
         used += 1
     if not project(a, c, used, target, out, work):
         met = False
+        if not settle:
+            return False
         _least_violating(a, c, used, size, limit, target, out, work)
     if not met:
         for i in range(count):
@@ -189,5 +192,5 @@ def solve_rows(
     a, c, size, work = np.empty((count + 6, 3)), np.empty(count + 6), np.empty(count), np.empty(3)
     for i in range(desired.shape[0]):
         feasible[i] = nearest(
-            rows[i], bounds[i], count, limit, desired[i], control[i], missed[i], a, c, size, work
+            rows[i], bounds[i], count, limit, desired[i], True, control[i], missed[i], a, c, size, work
         )  # fmt: skip

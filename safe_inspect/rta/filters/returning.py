@@ -7,8 +7,7 @@ import math
 from numba import njit
 
 from safe_inspect.rta.filters.arcs import State, held, sun_gap, turned
-from safe_inspect.rta.filters.cuts import add, cut_coasting, support
-from safe_inspect.rta.filters.holds import coasted
+from safe_inspect.rta.filters.cuts import add, cut_near, support
 from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, SUN, X_VEL, Model
 from safe_inspect.rta.filters.projection import nearest
 from safe_inspect.rta.filters.scratch import Scratch
@@ -65,18 +64,13 @@ def return_control(
                 value -= s.d[j] * b[j]
             if value > 0.0 or code < X_VEL:
                 bits |= 1 << code
-        if m.near_psm > 0.0 and r > m.near_psm:
-            least, at = math.inf, 0
-            for j in range(0, m.coast.shape[0], 8):
-                px, py, pz = coasted(m, x, out, k, j)
-                square = px * px + py * py + pz * pz
-                if square < least:
-                    least, at = square, j
-            if least < (m.near_psm + INSIDE) ** 2:
-                count = cut_coasting(m, x, out, k, at, 0.0, s.d, s.rows, s.bounds, count)
+        if r > m.near_psm:
+            before = count
+            count = cut_near(m, x, out, False, False, 0.0, s.d, s.rows, s.bounds, count)
+            if count > before:
                 bits |= 1 << PSM
         _to_unit(s.rows, s.bounds, count)
-        nearest(s.rows, s.bounds, count, m.u_max, desired, s.proposal, s.missed, s.a, s.c, s.size, s.w)
+        nearest(s.rows, s.bounds, count, m.u_max, desired, True, s.proposal, s.missed, s.a, s.c, s.size, s.w)
         for axis in range(3):
             out[axis] = s.proposal[axis]
     return bits

@@ -1,0 +1,296 @@
+"""Speed of the environment: steps/s for several batch sizes, beside a plain loop over scikit-learn's K-means.
+
+    python benchmarks/environment.py [--envs 1 64 1024] [--seconds 2] [--json result.json]
+
+Everything counts: dynamics, points, clustering, sensors, rewards, dones, and the resets of the episodes that end. One
+BLAS thread. The measurements take turns over several rounds, so that a ratio compares what ran under the same load.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[_variable] = "1"  # before NumPy is imported
+
+import platform  # noqa: E402
+from unittest.mock import patch  # noqa: E402
+
+import numba  # noqa: E402
+import numpy as np  # noqa: E402
+
+from safe_inspect.config.spec import EnvironmentSpec  # noqa: E402
+from safe_inspect.environments import BatchedEnvironment, load_spec  # noqa: E402
+from safe_inspect.simulators import simulation  # noqa: E402
+from safe_inspect.version import __version__  # noqa: E402
+
+TASK = "safe_inspect/TranslationalInspection-v0"
+#: Random thrust as a share of the largest: episodes of a hundred steps and more, and of about thirty.
+THRUSTS = {"small": 0.02, "full": 1.0}
+SENSOR = "Sensor_UninspectedPoints"
+
+
+@dataclass
+class Case:
+    """One thing to measure: an environment, how it is driven, and the rates found so far."""
+
+    name: str
+    num_envs: int
+    thrust: str
+    environment: BatchedEnvironment
+    before_step: Callable[[BatchedEnvironment], None] | None = None
+    steps: int = 0
+    resets: int = 0
+    per_second: list[float] = field(default_factory=list)
+    per_cpu_second: list[float] = field(default_factory=list)
+
+    def run(self, seconds: float) -> None:
+        """Step for about so many seconds and note the rates."""
+        actions = self._actions()
+        steps, wall, cpu = 0, time.perf_counter(), time.process_time()
+        while (spent := time.perf_counter() - wall) < seconds or steps < 10:
+            for action in actions:
+                self.step(action)
+            steps += len(actions)
+        cpu = time.process_time() - cpu
+        self.steps += steps * self.num_envs
+        self.per_second.append(steps * self.num_envs / spent)
+        self.per_cpu_second.append(steps * self.num_envs / max(cpu, 1e-9))
+
+    def step(self, action: np.ndarray) -> None:
+        """Step once and reset what has ended."""
+        if self.before_step is not None:
+            self.before_step(self.environment)
+        transition = self.environment.step(action)
+        ended = transition.done[:, 0]
+        if np.count_nonzero(ended):
+            rows = np.flatnonzero(ended)
+            self.environment.reset(rows)
+            self.resets += len(rows)
+
+    def _actions(self) -> list[np.ndarray]:
+        size = THRUSTS[self.thrust]
+        draw = np.random.default_rng(0)
+        count = max(1, 64 // self.num_envs)
+        return [draw.uniform(-size, size, (self.num_envs, 1, 3)) for _ in range(count)]
+
+    def report(self) -> dict[str, Any]:
+        """Return what was measured."""
+        return {
+            "case": self.name,
+            "num_envs": self.num_envs,
+            "thrust": self.thrust,
+            "steps": self.steps,
+            "resets_per_1000_steps": 1000.0 * self.resets / self.steps,
+            "steps_per_second_median": float(np.median(self.per_second)),
+            "steps_per_second_best": max(self.per_second),
+            "steps_per_cpu_second_best": max(self.per_cpu_second),
+        }
+
+
+def with_sklearn(spec: EnvironmentSpec) -> EnvironmentSpec:
+    """Return the task with scikit-learn's K-means in its sensor."""
+    agent = spec.agents[0]
+    parts = {
+        name: part.model_copy(update={"backend": "sklearn"}) if part.registered_name == SENSOR else part
+        for name, part in agent.parts.items()
+    }
+    return replace(spec, agents=(replace(agent, parts=parts),))
+
+
+def forget_clusters(environment: BatchedEnvironment) -> None:
+    """Make the sensor cluster at this step, whether its candidates have changed or not."""
+    for name, array in environment.state.arrays.items():
+        if name.endswith("/settled"):
+            array[...] = False
+
+
+# ------------------------------------------------------------------ where the time goes
+
+
+class Stopwatch:
+    """Adds up the time of each section, without that of the sections inside it."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._inner = [0.0]
+
+    def wrap(self, section: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the function with its time on the watch."""
+
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            begin = time.perf_counter()
+            self._inner.append(0.0)
+            try:
+                return function(*args, **kwargs)
+            finally:
+                spent = time.perf_counter() - begin
+                self.seconds[section] = self.seconds.get(section, 0.0) + spent - self._inner.pop()
+                self._inner[-1] += spent
+
+        return timed
+
+
+@contextmanager
+def on_the_watch(watch: Stopwatch, environment: BatchedEnvironment) -> Iterator[None]:
+    """Put the parts of an environment's step on the watch."""
+    agent = environment.agent
+    places: dict[tuple[Any, str], str] = {
+        (simulation, "propagate"): "dynamics",
+        (simulation, "inspect_points"): "points",
+        (simulation.State, "copy_from"): "copy of the state",
+        (simulation.Simulation, "step"): "rest of the simulator",
+        (BatchedEnvironment, "reset"): "resets",
+        (BatchedEnvironment, "step"): "rest of the environment",
+    }
+    for sensor in agent.sensors.values():
+        if "remember" in vars(type(sensor)):
+            places[type(sensor), "remember"] = "clustering"
+    plugins = {
+        "control": agent.action_glues,
+        "sensors and glues": (*agent.observation_glues, *agent.sensors.values()),
+        "rewards": [named.functor for named in agent.rewards],
+        "dones": [named.functor for named in agent.dones],
+    }
+    for section, group in plugins.items():
+        for plugin in group:
+            places[type(plugin), "__call__"] = section
+    with ExitStack() as stack:
+        for (owner, name), section in places.items():
+            stack.enter_context(patch.object(owner, name, watch.wrap(section, getattr(owner, name))))
+        yield
+
+
+def profile(case: Case, seconds: float) -> dict[str, float]:
+    """Return the share of each section in the time of a step, resets included, largest first."""
+    watch = Stopwatch()
+    with on_the_watch(watch, case.environment):
+        case.run(seconds)
+    case.per_second.pop(), case.per_cpu_second.pop()  # the watch slows it
+    total = sum(watch.seconds.values())
+    return {name: spent / total for name, spent in sorted(watch.seconds.items(), key=lambda item: -item[1])}
+
+
+# ------------------------------------------------------------------ the run
+
+
+def machine() -> dict[str, Any]:
+    """Return what the figures were measured on."""
+    name = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        lines = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        name = lines[0].partition(":")[2].strip() if lines else name
+    return {
+        "cpu": name,
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "safe_inspect": __version__,
+    }
+
+
+def measure(envs: list[int], seconds: float, rounds: int, plain: bool) -> dict[str, Any]:
+    """Measure every case in turns and return the report."""
+    spec = load_spec(TASK)
+    cases = [
+        Case("batch", count, thrust, BatchedEnvironment(spec, count, seed=1)) for count in envs for thrust in THRUSTS
+    ]
+    if plain:
+        slow = with_sklearn(spec)
+        for thrust in THRUSTS:
+            every = Case("K-means at every step", 1, thrust, BatchedEnvironment(slow, 1, seed=1), forget_clusters)
+            cases += [every, Case("K-means when points change", 1, thrust, BatchedEnvironment(slow, 1, seed=1))]
+    for case in cases:
+        case.environment.reset()
+        case.run(min(0.3, seconds))  # compile, and let the episodes of a batch drift apart
+        case.steps = case.resets = 0
+        case.per_second.clear(), case.per_cpu_second.clear()
+    for _ in range(rounds):
+        for case in cases:
+            case.run(seconds / rounds)
+    rows = [case.report() for case in cases]
+    base = {row["thrust"]: row for row in rows if row["case"] == "K-means at every step"}
+    for row in rows:
+        if base:
+            row["ratio"] = row["steps_per_second_median"] / base[row["thrust"]]["steps_per_second_median"]
+    shares = [
+        {"num_envs": case.num_envs, "thrust": case.thrust, "shares": profile(case, seconds / 2.0)}
+        for case in cases
+        if case.name == "batch"
+    ]
+    return {"machine": machine(), "rates": rows, "profiles": shares}
+
+
+def show(report: dict[str, Any]) -> None:
+    """Print the report as tables."""
+    print("  ".join(f"{key} {value}" for key, value in report["machine"].items()))
+    head = ("case", "N", "thrust", "steps/s", "best", "per CPU s", "us/step", "resets/1000", "ratio")
+    rows = [
+        (
+            row["case"],
+            str(row["num_envs"]),
+            row["thrust"],
+            f"{row['steps_per_second_median']:,.0f}",
+            f"{row['steps_per_second_best']:,.0f}",
+            f"{row['steps_per_cpu_second_best']:,.0f}",
+            f"{1e6 * row['num_envs'] / row['steps_per_second_median']:,.0f}",
+            f"{row['resets_per_1000_steps']:.1f}",
+            f"{row['ratio']:,.1f}" if "ratio" in row else "-",
+        )
+        for row in report["rates"]
+    ]
+    print()
+    _table([head, *rows], left=3)
+    print("\nsteps/s: median of the rounds; us/step: of one step of all N; ratio: to K-means at every step\n")
+    columns = report["profiles"]
+    names = sorted(
+        {name for item in columns for name in item["shares"]}, key=lambda name: -columns[0]["shares"].get(name, 0)
+    )
+    head = ("share of the time", *(f"N={item['num_envs']} {item['thrust']}" for item in columns))
+    _table(
+        [head, *((name, *(f"{100 * item['shares'].get(name, 0.0):.1f} %" for item in columns)) for name in names)],
+        left=1,
+    )
+
+
+def _table(rows: list[tuple[str, ...]], left: int) -> None:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (
+            cell.ljust(width) if index < left else cell.rjust(width)
+            for index, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        print("  ".join(cells).rstrip())
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--envs", type=int, nargs="+", default=[1, 64, 1024], help="batch sizes N")
+    parser.add_argument("--seconds", type=float, default=3.0, help="time for each case")
+    parser.add_argument("--rounds", type=int, default=5, help="turns that the cases take")
+    parser.add_argument("--no-sklearn", action="store_true", help="leave the plain loop out")
+    parser.add_argument("--json", type=Path, help="write the report to this file")
+    arguments = parser.parse_args(argv)
+    if min(arguments.envs) < 1 or arguments.rounds < 1 or not arguments.seconds > 0.0:
+        parser.error("--envs, --rounds and --seconds are positive")
+    report = measure(arguments.envs, arguments.seconds, arguments.rounds, not arguments.no_sklearn)
+    show(report)
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

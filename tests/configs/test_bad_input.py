@@ -1,0 +1,154 @@
+"""Every mistake in a configuration gives one message: file and line, path of keys, what is wrong, what to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import yaml
+
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.errors import ConfigError
+
+FOLDER = "configs/translational-inspection"
+AGENT = "agent_config[0].config.config"
+ENVIRONMENT = "config.config.env_config"
+RESET = f"{ENVIRONMENT}.simulator_reset_parameters"
+POINTS = f"{ENVIRONMENT}.simulator.config.inspection_points_map"
+
+
+PATHS = {"AGENT": AGENT, "ENVIRONMENT": ENVIRONMENT, "RESET": RESET, "POINTS": POINTS}
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One entry of ``mistakes.yml``."""
+
+    name: str
+    file: str
+    right: str
+    wrong: str
+    words: list[str]
+    path: str = ""
+    at: str = ""
+    elsewhere: bool = False
+
+    @property
+    def full_path(self) -> str:
+        head = self.path.partition(".")[0].partition("[")[0]
+        return PATHS.get(head, head) + self.path.removeprefix(head)
+
+    def spoil(self, folder: Path) -> int:
+        """Write the mistake and return the number of the line that the message is to point at."""
+        path = folder / self.file
+        text = path.read_text()
+        assert self.right in text
+        text = text.replace(self.right, self.wrong, 1)
+        path.write_text(text)
+        return text[: text.index(self.at or self.wrong)].count("\n") + 1
+
+
+MISTAKES = [Mistake(**entry) for entry in yaml.safe_load((Path(__file__).parent / "mistakes.yml").read_text())]
+
+
+@pytest.mark.parametrize("mistake", [m for m in MISTAKES if not m.elsewhere], ids=lambda mistake: mistake.name)
+def test_one_mistake_gives_one_message(copied, mistake):
+    line = mistake.spoil(copied)
+    with pytest.raises(ConfigError) as caught:
+        load_experiment("configs/translational-inspection/experiment.yml")
+    (problem,) = caught.value.problems
+    text = str(caught.value)
+    assert text.startswith(f"{FOLDER}/{mistake.file}:{line} {mistake.full_path}: ")
+    for words in mistake.words:
+        assert words in text
+    assert problem.path == mistake.full_path
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize("mistake", [m for m in MISTAKES if m.elsewhere], ids=lambda mistake: mistake.name)
+def test_a_mistake_that_shows_elsewhere(copied, mistake):
+    mistake.spoil(copied)
+    with pytest.raises(ConfigError) as caught:
+        load_experiment("configs/translational-inspection/experiment.yml")
+    assert caught.value.problems
+    for problem in caught.value.problems:
+        assert problem.location is not None
+        assert problem.location.line > 0
+    for words in mistake.words:
+        assert words in str(caught.value)
+
+
+def test_all_mistakes_of_a_kind_are_told_together(copied):
+    names = ["a key of a reward", "a part", "a unit", "a negative radius", "a text for a number", "a done",
+             "a reference to nothing", "a key of the task"]  # fmt: skip
+    chosen = [mistake for mistake in MISTAKES if mistake.name in names]
+    assert len(chosen) == len(names)
+    places = {f"{FOLDER}/{mistake.file}:{mistake.spoil(copied)} {mistake.full_path}" for mistake in chosen}
+    with pytest.raises(ConfigError) as caught:
+        load_experiment("configs/translational-inspection/experiment.yml")
+    assert {f"{problem.location} {problem.path}" for problem in caught.value.problems} == places
+
+
+def test_all_wrong_names_are_told_together(copied):
+    names = ["a sensor in a glue", "a controller in a glue", "an entity in a sensor", "two rewards of one name",
+             "an accessor to no state", "an unused reset parameter", "a horizon among the dones"]  # fmt: skip
+    chosen = [mistake for mistake in MISTAKES if mistake.name in names]
+    assert len(chosen) == len(names)
+    places = {f"{FOLDER}/{mistake.file} {mistake.full_path}" for mistake in chosen if mistake.spoil(copied)}
+    with pytest.raises(ConfigError) as caught:
+        load_experiment("configs/translational-inspection/experiment.yml")
+    assert {f"{problem.location.file} {problem.path}" for problem in caught.value.problems} == places
+
+
+def test_a_missing_include(copied):
+    experiment = copied / "experiment.yml"
+    experiment.write_text(experiment.read_text().replace("./agent.yml", "./agnet.yml"))
+    with pytest.raises(ConfigError, match=r"experiment\.yml:\d+.*agnet\.yml.*did you mean `\./agent\.yml`"):
+        load_experiment(experiment)
+
+
+def test_a_circle_of_includes(copied):
+    (copied / "parameters.yml").write_text("collision_radius: !include ./agent.yml\n")
+    with pytest.raises(ConfigError) as caught:
+        load_experiment("configs/translational-inspection/experiment.yml")
+    text = str(caught.value)
+    assert "in a circle" in text
+    assert "agent.yml -> " in text
+    assert text.startswith(f"{FOLDER}/agent.yml:")
+    assert "remove one `!include`" in text
+
+
+def test_no_experiment_at_all(copied):
+    with pytest.raises(ConfigError, match=r"no file 'configs/nothing\.yml'"):
+        load_experiment("configs/nothing.yml")
+    with pytest.raises(ConfigError, match=r"not an experiment.*give the experiment file, not 'agent\.yml'"):
+        load_experiment(copied / "agent.yml")
+    with pytest.raises(ConfigError, match=r"did you mean `configs/translational-inspection/experiment\.yml`"):
+        load_experiment("configs/translational-inspection/experimnt.yml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "empty"),
+        ("- 1\n- 2\n", "not an experiment"),
+        ("config: [1, 2\n", "experiment.yml:"),
+        ("config: 5\nplatform_config: []\nagent_config: []\n", "config"),
+        ("config: !include ./task.yml\nplatform_config: []\nagent_config: []\n", "platform_config: the list is empty"),
+        ("config: {}\nplatform_config: 3\nagent_config: nothing\n", "agent_config"),
+    ],
+)
+def test_files_that_are_hardly_experiments(copied, text, words):
+    (copied / "experiment.yml").write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_experiment("configs/translational-inspection/experiment.yml")
+    assert words in str(caught.value)
+
+
+def test_a_mistake_of_the_command_line_names_it(copied):
+    with pytest.raises(ConfigError) as caught:
+        load_experiment(copied / "experiment.yml", ["chief.radius=-3", "ObservedPointsReward.config.scael=1"])
+    text = str(caught.value)
+    assert text.startswith("command line: ")
+    assert "ObservedPointsReward.config.scael=1" in text

@@ -1,0 +1,129 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_inspect.dones import DoneStatus
+from safe_inspect.environments import BatchedEnvironment, load_spec
+from safe_inspect.evaluation import Flight, random_policy, rollout, zero_thrust
+
+FIGURES = ("returns", "length", "status", "inspected_fraction", "delta_v")
+
+
+def test_the_episodes_do_not_depend_on_the_size_of_the_batch(spec):
+    whole = rollout(spec, random_policy(5), episodes=11, seed=7, num_envs=11, record=11)
+    parts = rollout(spec, random_policy(5), episodes=11, seed=7, num_envs=4, record=11)
+    assert len(set(whole.length)) > 1  # so that rows end at different times
+    for name in FIGURES:
+        np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))
+    for name, values in whole.terms.items():
+        np.testing.assert_array_equal(values, parts.terms[name])
+    for one, other in zip(whole.trajectories, parts.trajectories, strict=True):
+        assert (one.slot, one.status) == (other.slot, other.status)
+        for name in ("time", "position", "velocity", "control", "delta_v", "sun_angle", "inspected_at"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_fewer_episodes_are_the_first_of_more(spec):
+    more, fewer = (rollout(spec, random_policy(1), episodes=count, seed=2, num_envs=8) for count in (6, 3))
+    np.testing.assert_array_equal(fewer.returns, more.returns[:3])
+
+
+def test_an_episode_is_that_of_the_environment_stepped_by_hand(spec):
+    flown = rollout(spec, lambda observation: np.full((len(observation), 3), 0.4), episodes=3, seed=9, record=3)
+    environment = BatchedEnvironment(spec, 1, seed=9, first_slot=2)
+    environment.reset()
+    total, spent, steps, terms = 0.0, 0.0, 0, dict.fromkeys(flown.terms, 0.0)
+    while True:
+        transition = environment.step(np.full((1, 1, 3), 0.4))
+        total, steps = total + transition.reward[0, 0], steps + 1
+        spent += float(transition.step.delta_v[0])
+        for name in terms:
+            terms[name] += transition.terms[name][0, 0]
+        if transition.done[0, 0]:
+            break
+    assert (flown.returns[2], flown.length[2], flown.status[2]) == (total, steps, transition.status[0, 0])
+    assert {name: values[2] for name, values in flown.terms.items()} == terms
+    assert flown.delta_v[2] == pytest.approx(spent, rel=1e-12)
+    np.testing.assert_array_equal(flown.trajectories[2].position[-1, 0], environment.state.position[0, 0])
+
+
+def test_a_recording_agrees_with_the_figures_of_its_episode(spec):
+    flown = rollout(spec, random_policy(3), episodes=4, seed=1, record=2)
+    assert len(flown.trajectories) == 2
+    for index, one in enumerate(flown.trajectories):
+        steps = flown.length[index]
+        assert one.slot == index
+        assert one.status == flown.status[index]
+        assert one.position.shape == (steps + 1, 1, 3)
+        assert one.control.shape == (steps, 1, 3)
+        np.testing.assert_allclose(one.time, 10.0 * np.arange(steps + 1))
+        assert one.coverage[-1] == flown.inspected_fraction[index]
+        assert np.isfinite(one.inspected_at).mean() == flown.inspected_fraction[index]
+        spent = np.abs(one.control[:, 0]).sum(axis=-1).cumsum() * 10.0 / 12.0
+        np.testing.assert_allclose(one.delta_v[1:, 0], spent)
+        np.testing.assert_allclose(np.diff(one.sun_angle), 0.01027)
+
+
+def test_a_recording_cut_short_is_one_that_still_runs(spec):
+    whole = rollout(spec, zero_thrust(), episodes=1, seed=1, record=1).trajectories[0]
+    part = whole.until(205.0)
+    assert part.time[-1] == 200.0
+    assert part.status is DoneStatus.RUNNING
+    assert len(part.control) == 20
+    assert part.coverage[-1] == whole.coverage[20]
+    assert whole.until(1e9) is whole
+
+
+def test_the_sums_of_the_terms_are_the_return(spec):
+    flown = rollout(spec, random_policy(8), episodes=20, seed=4)
+    np.testing.assert_allclose(sum(flown.terms.values()), flown.returns, rtol=1e-12)
+    np.testing.assert_allclose(flown.terms["ObservedPointsReward"], flown.inspected_fraction, rtol=1e-12)
+
+
+def test_statuses_tell_losses_from_draws():
+    spec = load_spec("safe_inspect/TranslationalInspection-v0", ["config.config.env_config.horizon=3"])
+    drawn = rollout(spec, zero_thrust(), episodes=5, seed=0)
+    assert drawn.status.tolist() == [DoneStatus.DRAW] * 5
+    assert drawn.length.tolist() == [3] * 5
+    assert not drawn.success.any()
+    spec = load_spec("safe_inspect/TranslationalInspection-v0")
+    lost = rollout(spec, lambda observation: np.ones((len(observation), 3)), episodes=5, seed=0)
+    assert lost.status.tolist() == [DoneStatus.LOSE] * 5
+
+
+def test_the_policy_sees_each_row_from_its_first_observation_on(spec):
+    seen = []
+
+    class Note:
+        def begin(self, flight: Flight) -> None:
+            seen.append(flight.slots.tolist())
+            assert flight.action.names == ("X Thrust", "Y Thrust", "Z Thrust")
+            assert flight.step_size == 10.0
+
+        def __call__(self, observation):
+            assert observation.dtype == np.float32
+            assert observation.shape == (len(seen[-1]), 11)
+            return np.ones((len(observation), 3))
+
+    rollout(spec, Note(), episodes=5, num_envs=2)
+    assert seen == [[0, 1], [2, 3], [4]]
+
+
+def test_progress_grows_to_the_number_of_episodes(spec):
+    told = []
+    rollout(spec, random_policy(), episodes=9, num_envs=4, progress=lambda done, total: told.append((done, total)))
+    counts = [done for done, _ in told]
+    assert counts == sorted(set(counts))
+    assert told[-1] == (9, 9)
+
+
+@pytest.mark.parametrize("wrong", [{"episodes": 0}, {"num_envs": 0}, {"record": -1}])
+def test_numbers_out_of_range_are_refused(spec, wrong):
+    with pytest.raises(ValueError, match="at least 1"):
+        rollout(spec, zero_thrust(), **wrong)
+
+
+def test_actions_of_another_shape_are_refused(spec):
+    with pytest.raises(ValueError, match=r"shape \(2, 4\); \(2, 3\) is wanted"):
+        rollout(spec, lambda observation: np.zeros((2, 4)), episodes=2)
