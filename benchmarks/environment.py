@@ -156,7 +156,7 @@ def on_the_watch(watch: Stopwatch, environment: BatchedEnvironment) -> Iterator[
         if "remember" in vars(type(sensor)):
             places[type(sensor), "remember"] = "clustering"
     plugins = {
-        "control": agent.action_glues,
+        "control": [leaf for glue in agent.action_glues for leaf in (glue, *glue.leaves())],
         "sensors and glues": (*agent.observation_glues, *agent.sensors.values()),
         "rewards": [named.functor for named in agent.rewards],
         "dones": [named.functor for named in agent.dones],
@@ -278,8 +278,8 @@ def _table(rows: list[tuple[str, ...]], left: int) -> None:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--envs", type=int, nargs="+", default=[1, 64, 1024], help="batch sizes N")
-    parser.add_argument("--seconds", type=float, default=3.0, help="time for each case")
-    parser.add_argument("--rounds", type=int, default=5, help="turns that the cases take")
+    parser.add_argument("--seconds", type=float, default=5.0, help="time for each case")
+    parser.add_argument("--rounds", type=int, default=10, help="turns that the cases take")
     parser.add_argument("--no-sklearn", action="store_true", help="leave the plain loop out")
     parser.add_argument("--json", type=Path, help="write the report to this file")
     arguments = parser.parse_args(argv)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ USER_ERROR = 2
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, or 2 for a mistake of the user's."""
+    sys.path.insert(0, os.getcwd())  # as `python -m` does, so that a module beside the configuration can hold plugins
     parser = argparse.ArgumentParser(prog="safe-inspect", description=__doc__)
     parser.add_argument("--version", action="version", version=f"safe_inspect {__version__}")
     commands = parser.add_subparsers(dest="command", required=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -18,7 +19,9 @@ from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugin import Plugin
+from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.simulators.inspection_simulator import InspectionSimulator
+from safe_inspect.simulators.reset import ResetPlan
 
 Path = tuple[Any, ...]
 Report = Callable[[Path, str], None]
@@ -72,6 +75,7 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
         for index, entry in enumerate(config.agent_config)
         if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, tell)) is not None
     ]
+    _constants_agree(config, platforms, reset, tell)
     if mistakes:
         return None
     frame_rate = config.agent_config[0].config.config.frame_rate
@@ -95,6 +99,31 @@ def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
                     told = f"unknown key `{key}`; {did_you_mean(key, CWHPlatform.model_fields)}"
                 report((*where, "config", "config", *problem["loc"]), told)
     return platforms
+
+
+def _constants_agree(
+    config: ExperimentConfig, platforms: Mapping[str, Platform], reset: ResetPlan, report: Report
+) -> None:
+    """Check that what a plugin is told of the step, the mass and the orbit is what the simulation has."""
+    simulator = config.config.config.env_config.simulator
+    orbit = {"n": (getattr(simulator, "mean_motion", None), "the simulator's `mean_motion`")}
+    for index, entry in enumerate(config.agent_config):
+        base = ("agent_config", index, "config", "config")
+        step_size = 1.0 / entry.config.config.frame_rate
+        true = {**orbit, "step_size": (step_size, "1 / `frame_rate`")}
+        if entry.platforms and entry.platforms[0] in platforms:
+            true["mass"] = (platforms[entry.platforms[0]].mass, "the platform's `mass`")
+        told = list(_plugins(entry, base))
+        for name, parameter in reset.parameters.items():
+            if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
+                where = (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
+                told.append((where, parameter.rta.glue))
+        for path, plugin in told:
+            for field, (value, source) in true.items():
+                given = getattr(plugin, field, None) if field in type(plugin).model_fields else None
+                if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
+                    message = f"`{field}` is {given:g} here, but {source} is {value:g}; make them agree"
+                    report((*path, "config", field), message)
 
 
 def _agent(

@@ -31,6 +31,9 @@ from safe_inspect.version import __version__
 
 _MISSING = "nothing"
 
+#: Keys of an experiment that do not decide what is learnt, or are compared apart.
+_APART = frozenset({"rllib_configs", "tune_config", "ray_config", "output_path", "TrialName"})
+
 
 @dataclass(frozen=True)
 class RunFolder:
@@ -168,10 +171,12 @@ def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str =
 def learning_configuration(experiment: Mapping[str, Any], rllib: Mapping[str, Any]) -> dict[str, Any]:
     """Return what decides the result of a training: the experiment and the settings of the algorithm.
 
-    What only says where and how fast the run computes is left out: a resumed run may change it.
+    What only says where, how fast and how long the run computes is left out: a resumed run may change it.
+    The experiment's own `rllib_configs` are left out too, as `rllib` holds them translated.
     """
     settings = {key: value for key, value in rllib.items() if key not in PLACE_KEYS}
-    plain: dict[str, Any] = json.loads(json.dumps({"experiment": experiment, "rllib_configs": settings}, default=str))
+    learning = {"experiment": _without(experiment, _APART), "rllib_configs": settings}
+    plain: dict[str, Any] = json.loads(json.dumps(learning, default=str))
     return plain
 
 
@@ -260,6 +265,12 @@ def _write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def _file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name).strip(".-") or "run"
+
+
+def _without(value: Any, names: frozenset[str]) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without(item, names) for key, item in value.items() if key not in names}
+    return [_without(item, names) for item in value] if isinstance(value, list) else value
 
 
 def _short(value: Any) -> str:

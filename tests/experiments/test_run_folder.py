@@ -60,13 +60,18 @@ def test_another_configuration_is_refused_with_the_difference(tmp_path):
     assert "rllib_configs.lr: 0.0001 in the run, nothing now" in message
 
 
-def test_only_the_place_of_computing_may_change():
-    def learning(**more):
-        return run_folder.learning_configuration({"a": 1}, {"lr": 1.0, "num_env_runners": 0, **more})
+def test_only_the_place_and_the_length_of_computing_may_change():
+    def learning(radius=1, stop=10, **more):
+        task = {"tune_config": {"stop": stop}, "ray_config": {"num_cpus": stop}, "env_config": {"radius": radius}}
+        experiment = {"config": {"config": task}}
+        return run_folder.digest(
+            run_folder.learning_configuration(experiment, {"lr": 1.0, "num_env_runners": 0, **more})
+        )
 
-    base = run_folder.digest(learning())
-    assert run_folder.digest(learning(num_env_runners=8, num_gpus_per_learner=1, torch_num_threads=4)) == base
-    assert run_folder.digest(learning(lr=2.0)) != base
+    base = learning()
+    assert learning(stop=20, num_env_runners=8, num_gpus_per_learner=1, torch_num_threads=4) == base
+    assert learning(lr=2.0) != base
+    assert learning(radius=2) != base
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):

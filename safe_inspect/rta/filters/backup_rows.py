@@ -22,15 +22,17 @@ LENGTH_MARGIN, SPEED_MARGIN = 1e-3, 1e-5
 _NEAR = 1 << COLLISION | 1 << PSM
 #: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
 _EXTRA = 2.0
-_ROUNDS = 8
+_ROUNDS = 6
 #: Rounds that may end in a state without a plan.
-_RECOVERIES = 3
+_RECOVERIES = 2
 #: Slack that a plan is asked for at the nodes of its orbit [m], for what lies between them.
 _NODE_MARGIN = 0.05
 _POLISH = 4
 #: A proposal that moves less than this [N] has settled.
 _STILL = 1e-7
-_HALVINGS = 7
+_HALVINGS = 6
+#: Plans that the search along a line tries, beside the last that was safe.
+_FEW = 6
 #: Distance of a control from the best one at which the search along a line ends [N].
 _FINE = 2e-3
 
@@ -94,29 +96,24 @@ def _cut(
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def _between(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> None:
-    """Write into u the best verified control on the segments from the backup to u, then from there to the desired one."""
+    """Write into u a verified control on the segment from the verified backup to u, as near to the desired as it finds."""
     for axis in range(3):
-        s.best[axis] = s.backup[axis]
-    for segment in range(2):
+        s.best[axis], s.proposal[axis] = s.backup[axis], s.backup[axis]
+    size = math.sqrt(_squared(u, s.proposal))
+    low, high, plan = 0.0, 1.0, STAY
+    for _ in range(_HALVINGS):
+        if size * (high - low) < _FINE:
+            break
+        middle = 0.5 * (low + high)
         for axis in range(3):
-            s.proposal[axis] = s.best[axis]
-            if segment == 1:
-                u[axis] = desired[axis]
-        size = math.sqrt(_squared(u, s.proposal))
-        low, high, plan = 0.0, 1.0, STAY
-        for _ in range(_HALVINGS):
-            if size * (high - low) < _FINE:
-                break
-            middle = 0.5 * (low + high)
+            s.trial[axis] = s.proposal[axis] + middle * (u[axis] - s.proposal[axis])
+        _, found = _verified(m, x, sun, s.trial, plan, _FEW, s)
+        if found != NO_PLAN and _squared(s.trial, desired) < _squared(s.best, desired):
+            low, plan = middle, found
             for axis in range(3):
-                s.trial[axis] = s.proposal[axis] + middle * (u[axis] - s.proposal[axis])
-            _, found = _verified(m, x, sun, s.trial, plan, 1, s)
-            if found != NO_PLAN and _squared(s.trial, desired) < _squared(s.best, desired):
-                low, plan = middle, found
-                for axis in range(3):
-                    s.best[axis] = s.trial[axis]
-            else:
-                high = middle
+                s.best[axis] = s.trial[axis]
+        else:
+            high = middle
     for axis in range(3):
         u[axis] = s.best[axis]
 
