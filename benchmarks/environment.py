@@ -37,6 +37,12 @@ TASK = "safe_inspect/TranslationalInspection-v0"
 #: Random thrust as a share of the largest: episodes of a hundred steps and more, and of about thirty.
 THRUSTS = {"small": 0.02, "full": 1.0}
 SENSOR = "Sensor_UninspectedPoints"
+LEGEND = """
+steps/s    environment steps by the clock, median of the rounds (best: the best round)
+per CPU s  the same for a second of processor time, which other work on the machine changes little
+us/step    of one step of all N environments, resets included
+ratio      of `per CPU s`, to K-means at every step with the same thrust
+"""
 
 
 @dataclass
@@ -93,7 +99,7 @@ class Case:
             "resets_per_1000_steps": 1000.0 * self.resets / self.steps,
             "steps_per_second_median": float(np.median(self.per_second)),
             "steps_per_second_best": max(self.per_second),
-            "steps_per_cpu_second_best": max(self.per_cpu_second),
+            "steps_per_cpu_second": float(np.median(self.per_cpu_second)),
         }
 
 
@@ -224,7 +230,7 @@ def measure(envs: list[int], seconds: float, rounds: int, plain: bool) -> dict[s
     base = {row["thrust"]: row for row in rows if row["case"] == "K-means at every step"}
     for row in rows:
         if base:
-            row["ratio"] = row["steps_per_second_median"] / base[row["thrust"]]["steps_per_second_median"]
+            row["ratio"] = row["steps_per_cpu_second"] / base[row["thrust"]]["steps_per_cpu_second"]
     shares = [
         {"num_envs": case.num_envs, "thrust": case.thrust, "shares": profile(case, seconds / 2.0)}
         for case in cases
@@ -244,7 +250,7 @@ def show(report: dict[str, Any]) -> None:
             row["thrust"],
             f"{row['steps_per_second_median']:,.0f}",
             f"{row['steps_per_second_best']:,.0f}",
-            f"{row['steps_per_cpu_second_best']:,.0f}",
+            f"{row['steps_per_cpu_second']:,.0f}",
             f"{1e6 * row['num_envs'] / row['steps_per_second_median']:,.0f}",
             f"{row['resets_per_1000_steps']:.1f}",
             f"{row['ratio']:,.1f}" if "ratio" in row else "-",
@@ -253,7 +259,7 @@ def show(report: dict[str, Any]) -> None:
     ]
     print()
     _table([head, *rows], left=3)
-    print("\nsteps/s: median of the rounds; us/step: of one step of all N; ratio: to K-means at every step\n")
+    print(LEGEND)
     columns = report["profiles"]
     names = sorted(
         {name for item in columns for name in item["shares"]}, key=lambda name: -columns[0]["shares"].get(name, 0)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from safe_inspect.cli import add_experiment_arguments, guarded
-from safe_inspect.errors import ConfigError
+from safe_inspect.errors import ConfigError, SafeInspectError
 
 if TYPE_CHECKING:
     from safe_inspect.config.experiment import Experiment
@@ -100,11 +100,27 @@ def _closing(result: Any) -> str:
     state = "interrupted" if result.interrupted else "finished"
     lines = [f"{state} after {result.iteration} iterations, {result.steps} steps, {result.seconds:.0f} s"]
     if result.checkpoint is not None:
-        lines.append(f"checkpoint: {result.checkpoint}")
-    lines.append(f"curves:     tensorboard --logdir {shlex.quote(str(result.folder))}")
+        lines.append(f"checkpoint:  {result.checkpoint}")
+    drawn = _draw_curve(result.folder)
+    if drawn:
+        lines.append(f"curves:      {drawn}")
+    lines.append(f"TensorBoard: tensorboard --logdir {shlex.quote(str(result.folder))}")
     if result.interrupted:
-        lines.append(f"go on:      python -m safe_inspect.train_rl --resume {shlex.quote(str(result.folder))}")
+        lines.append(f"go on:       python -m safe_inspect.train_rl --resume {shlex.quote(str(result.folder))}")
     return "\n".join(lines)
+
+
+def _draw_curve(folder: Path) -> Path | None:
+    """Draw the learning curve, unless matplotlib or a first iteration is missing."""
+    from safe_inspect.evaluation.drawing import save
+    from safe_inspect.evaluation.learning_curve import learning_curve_figure
+
+    target = folder / "learning_curve.png"
+    try:
+        save(learning_curve_figure(folder / "progress.csv"), target)
+    except SafeInspectError:
+        return None
+    return target
 
 
 if __name__ == "__main__":

@@ -51,6 +51,8 @@ def run_attempt(
     config = _config(run, settings, folder, number, start)
     monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
+    where = f"goes on after iteration {start.iteration}" if start else "starts"
+    print(f"{folder.path}: the training {where}; Ray takes some seconds to begin", file=stream, flush=True)
     processors = claimed_processors(config, settings.rllib.settings)
     with cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor):
         _quiet()  # starting Ray sets its logs anew

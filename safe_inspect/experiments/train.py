@@ -134,6 +134,9 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
     attempt.check(settings)  # names of keys that only the loaded Ray knows, before anything is written
     with ExitStack() as stack:
         folder, start = _open(run, settings, learning, stack, stream)
+        if start is not None and _is_over(start, settings.tune.settings["stop"]):
+            print(f"the run has reached its limits at iteration {start.iteration}; raise `stop` to go on", file=stream)
+            return TrainingResult(folder.path, start.path, start.iteration, start.steps, 0.0, {}, False, settings.notes)
         try:
             monitor = attempt.run_attempt(run, settings, folder, run_folder.digest(learning), start, stream)
         except ConfigError:
@@ -175,6 +178,16 @@ def _open(
             raise CheckpointError(f"{folder.path}: the run has no complete checkpoint of this configuration")
         print(f"{folder.path}: the run has no checkpoint yet; it starts again", file=stream)
     return folder, found.newest
+
+
+def _is_over(start: Checkpoint, stop: Mapping[str, float]) -> bool:
+    """Return whether a checkpoint is past the limits; else a finished run would grow by one iteration each time."""
+    reached = {
+        "training_iteration": start.iteration,
+        "num_env_steps_sampled_lifetime": start.steps,
+        "time_total_s": start.seconds,
+    }
+    return any(reached[key] >= limit for key, limit in stop.items() if key in reached)
 
 
 def raise_failure(failure: Mapping[str, str], error: BaseException | None) -> None:

@@ -52,7 +52,8 @@ def test_a_training_ends_at_its_limit(trained):
 
 def test_its_progress_is_one_line_for_each_iteration(trained):
     _, printed, _ = trained
-    lines = printed.splitlines()
+    first, *lines = printed.splitlines()
+    assert first.endswith("the training starts; Ray takes some seconds to begin")
     assert [line.split("  steps")[0] for line in lines] == ["iteration    1/2", "iteration    2/2"]
     assert all("success" in line and "m/s  left 0:" in line for line in lines)
 
@@ -103,7 +104,9 @@ def test_a_finished_run_goes_on_with_a_later_limit(trained):
     result, _, run = trained
     stream = io.StringIO()
     more = train(resumed(run, result, tune={"stop": {"training_iteration": 3}}), stream)
-    assert stream.getvalue().startswith("iteration    3/3")
+    first, second = stream.getvalue().splitlines()
+    assert "the training goes on after iteration 2" in first
+    assert second.startswith("iteration    3/3")
     assert more.iteration == 3
     assert more.folder == result.folder
     assert more.steps > result.steps
@@ -111,6 +114,10 @@ def test_a_finished_run_goes_on_with_a_later_limit(trained):
     record = json.loads((result.folder / "run.json").read_text())
     assert record["attempts"][1]["iteration"] == 2
     assert find_newest(result.folder / "tune").newest.iteration == 3
+    stream = io.StringIO()
+    again = train(resumed(run, result), stream)  # its limit is two iterations
+    assert again.iteration == 3
+    assert stream.getvalue().startswith("the run has reached its limits at iteration 3; raise `stop`")
 
 
 def test_another_configuration_is_not_resumed(trained):
@@ -154,13 +161,13 @@ def test_a_search_trains_each_value_and_can_be_resumed(ray_session, tmp_path, qu
         maker=maker,
     )
     result = train(run, stream)
-    assert {line.split()[0] for line in stream.getvalue().splitlines()} == {"trial_00000", "trial_00001"}
+    assert {line.split()[0] for line in stream.getvalue().splitlines()[1:]} == {"trial_00000", "trial_00001"}
     for name in ("trial_00000", "trial_00001"):
         rows = read_progress(result.folder / "trials" / name / "progress.csv")
         assert [row["iteration"] for row in rows] == [1, 2]
     again = io.StringIO()
     train(resumed(run, result), again)  # both trials have ended; nothing is trained twice
-    assert not again.getvalue()
+    assert len(again.getvalue().splitlines()) == 1
 
 
 def test_what_does_not_fit_is_refused_and_leaves_no_folder(ray_session, tmp_path, quick, maker):

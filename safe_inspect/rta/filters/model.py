@@ -18,7 +18,7 @@ COLLISION, REL_VEL, SUN, R_MAX, PSM, X_VEL, Y_VEL, Z_VEL = range(8)
 #: Finest pieces of a hold.
 HOLD_PIECES = 256
 #: Cells into which an orbit is cut before any refinement.
-ORBIT_CELLS = 12
+ORBIT_CELLS = 16
 #: Nodes of an orbit at which its slack is made linear.
 FINE_NODES = 64
 _COAST_ANGLE = 0.2
