@@ -120,9 +120,6 @@ def forget_clusters(environment: BatchedEnvironment) -> None:
             array[...] = False
 
 
-# ------------------------------------------------------------------ where the time goes
-
-
 class Stopwatch:
     """Adds up the time of each section, without that of the sections inside it."""
 
@@ -151,7 +148,7 @@ def on_the_watch(watch: Stopwatch, environment: BatchedEnvironment) -> Iterator[
     """Put the parts of an environment's step on the watch."""
     agent = environment.agent
     places: dict[tuple[Any, str], str] = {
-        (simulation, "propagate"): "dynamics",
+        (simulation, "advance"): "dynamics",
         (simulation, "inspect_points"): "points",
         (simulation.State, "copy_from"): "copy of the state",
         (simulation.Simulation, "step"): "rest of the simulator",
@@ -184,9 +181,6 @@ def profile(case: Case, seconds: float) -> dict[str, float]:
     case.per_second.pop(), case.per_cpu_second.pop()  # the watch slows it
     total = sum(watch.seconds.values())
     return {name: spent / total for name, spent in sorted(watch.seconds.items(), key=lambda item: -item[1])}
-
-
-# ------------------------------------------------------------------ the run
 
 
 def machine() -> dict[str, Any]:

@@ -5,7 +5,7 @@ carries a state. So a result depends neither on the size of the batch, nor on th
 number of workers, nor on the order in which quantities are drawn.
 
 The bijection is Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as
-1, 2, 3", SC 2011), here over whole arrays of counters at once.
+1, 2, 3", SC 2011), see `safe_inspect.philox`.
 """
 
 from __future__ import annotations
@@ -18,34 +18,7 @@ from numpy.typing import NDArray
 
 from safe_inspect.types import FloatArray, IntArray
 
-_WORD = np.uint64(0xFFFFFFFF)
-_SHIFT = np.uint64(32)
-_MULTIPLIERS = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
-_WEYL = (0x9E3779B9, 0xBB67AE85)
-_ROUNDS = 10
-
 Words = NDArray[np.uint64]
-
-
-def philox4x32(counter: tuple[Words, Words, Words, Words], key: tuple[int, int]) -> tuple[Words, Words, Words, Words]:
-    """Return the four 32-bit words of Philox4x32-10 for each counter.
-
-    Args:
-        counter: Four words, least significant first, each an array of one shape (values below 2**32).
-        key: Two 32-bit words.
-    """
-    c0, c1, c2, c3 = counter
-    k0, k1 = key
-    for _ in range(_ROUNDS):
-        p0, p1 = _MULTIPLIERS[0] * c0, _MULTIPLIERS[1] * c2
-        c0, c1, c2, c3 = (
-            (p1 >> _SHIFT) ^ c1 ^ np.uint64(k0),
-            p1 & _WORD,
-            (p0 >> _SHIFT) ^ c3 ^ np.uint64(k1),
-            p0 & _WORD,
-        )
-        k0, k1 = (k0 + _WEYL[0]) & 0xFFFFFFFF, (k1 + _WEYL[1]) & 0xFFFFFFFF
-    return c0, c1, c2, c3
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +50,17 @@ class Streams:
             count: How many words a row.
             index: Number of the draw, for repeated draws of one purpose (below 2**20).
         """
-        blocks = -(-count // 2)
-        block = np.arange(blocks, dtype=np.uint64) + np.uint64(index << 12)
-        shape = (len(self), blocks)
-        rows = (np.asarray(part).astype(np.uint64)[:, None] & _WORD for part in (self.episode, self.slot))
-        episode, slot = (np.broadcast_to(part, shape) for part in rows)
-        name = np.full(shape, zlib.crc32(purpose.encode()), dtype=np.uint64)
-        key = (self.seed & 0xFFFFFFFF, (self.seed >> 32) & 0xFFFFFFFF)
-        w0, w1, w2, w3 = philox4x32((np.broadcast_to(block, shape), name, episode, slot), key)
-        return np.stack(((w0 << _SHIFT) | w1, (w2 << _SHIFT) | w3), axis=-1).reshape(len(self), 2 * blocks)[:, :count]
+        from safe_inspect.philox import draw_bits  # compiled: not when a configuration is only validated
+
+        words: Words = draw_bits(
+            np.uint64(self.seed),
+            self.slot.astype(np.uint64),
+            self.episode.astype(np.uint64),
+            np.uint64(zlib.crc32(purpose.encode())),
+            np.uint64(index),
+            count,
+        )
+        return words
 
     def uniform(self, purpose: str, count: int = 1, index: int = 0) -> FloatArray:
         """Return uniform numbers in [0, 1) with 53 random bits, shape (R, count)."""

@@ -83,8 +83,9 @@ class BatchedEnvironment:
             last = first + len(glue.names(parts))
             self._commands.append((glue, slice(first, last)))
             first = last
-        self._sizes = [len(glue.names(parts)) for glue in self.agent.observation_glues]
-        observed = {getattr(glue, "sensor", None) for glue in self.agent.observation_glues}
+        self._glues = self.agent.observation_glues
+        self._sizes = [len(glue.names(parts)) for glue in self._glues]
+        observed = {getattr(glue, "sensor", None) for glue in self._glues}
         self._unobserved = [name for name in self.agent.sensors if name not in observed]
         # A status that is written later stands: lose before win before draw.
         order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
@@ -184,7 +185,7 @@ class BatchedEnvironment:
         return control
 
     def _observe(self, view: View) -> AnyArray:
-        glues = self.agent.observation_glues
+        glues = self._glues
         parts = [glue(view) for glue in glues]
         for glue, part, size in zip(glues, parts, self._sizes, strict=True):
             if part.shape != (view.num_rows, size):

@@ -143,6 +143,27 @@ def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, 
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def lit_and_uninspected(
+    viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light, inspector: NDArray[np.int8]
+) -> BoolArray:
+    """Return which points are lit, as `lit` does, and have no inspector yet, shape (R, P).
+
+    Args:
+        viewer: As in `lit`.
+        sun: As in `lit`.
+        points: As in `lit`.
+        radius: As in `lit`.
+        light: As in `lit`.
+        inspector: Who inspected each point, -1 for nobody, shape (R, P).
+    """
+    found = lit(viewer, sun, points, radius, light)
+    for row in range(found.shape[0]):
+        for p in range(found.shape[1]):
+            found[row, p] = found[row, p] and inspector[row, p] < 0
+    return found
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def inspect_points(
     viewer: FloatArray,
     sun: FloatArray,

@@ -67,7 +67,12 @@ class ObserveSensor(ObservationGlue):
         return normalizer(values, *_limits(sensor.limits, sensor.size, scale))
 
     def _scale(self, symbol: str) -> float:
-        return 1.0 if self.output_units is None or symbol == "" else 1.0 / factor(self.output_units, symbol)
+        return 1.0 if self.output_units is None or symbol == "" else _per_unit(self.output_units, symbol)
+
+
+@functools.lru_cache(maxsize=256)
+def _per_unit(units: str, symbol: str) -> float:
+    return 1.0 / factor(units, symbol)
 
 
 @functools.lru_cache(maxsize=256)

@@ -78,7 +78,7 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
         run = cluster if self.backend == "native" else cluster_sklearn
         run(
             points.model.points,
-            ~points.inspected & points.lit,
+            points.candidates,
             view.memory(name, "centres"),
             view.memory(name, "count"),
             view.per_environment(view.state.key),

@@ -30,8 +30,6 @@ class InspectionDeltaVReward(Reward):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return scale times the velocity change, shape (R,)."""
-        delta_v = step.delta_v
-        if self.step_size is not None or self.mass is not None:
-            dt, mass = self.step_size or step.dt, self.mass or step.before.mass
-            delta_v = np.abs(step.control).sum(axis=-1) * (dt / mass)
-        return delta_v * (step.before.delta_v_scale if self.mode == "scale" else self.scale)
+        dt, mass = self.step_size or step.dt, self.mass or step.before.mass
+        scale = step.before.delta_v_scale if self.mode == "scale" else self.scale
+        return np.asarray(scale * (step.total_thrust * (dt / mass)))

@@ -8,18 +8,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.geometry.light import Light, full_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import inspect_points, lit
+from safe_inspect.geometry.visibility import inspect_points, lit, lit_and_uninspected
 from safe_inspect.randomness import Streams
+from safe_inspect.simulators.advance import advance, point_sun
 from safe_inspect.simulators.delta_v_scale import DeltaVScale
 from safe_inspect.simulators.inspection_simulator import InspectionPoints, InspectionSimulator
 from safe_inspect.simulators.reset import ResetPlan
 from safe_inspect.simulators.state import ArraySpec, State, base_specs
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import PointsModel, World
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
 class Simulation:
@@ -72,7 +72,6 @@ class Simulation:
         self._specs = self._declare()
         self.state = State(num_envs, self._specs)
         self.before = State(num_envs, self._specs, self.state)
-        self._acceleration = np.zeros((num_envs, len(bodies), 3))
         self._active = np.ones((num_envs, len(platforms)), dtype=np.bool_)
         self._scale = DeltaVScale(config.schedule, num_envs)
         self.running = np.zeros(num_envs, dtype=np.bool_)
@@ -111,6 +110,7 @@ class Simulation:
             fresh.position[:, index] = states[name]["position"]
             fresh.velocity[:, index] = states[name]["velocity"]
         fresh.sun_angle[:] = sun_angle
+        point_sun(fresh.sun_angle, fresh.sun_direction)
         fresh.key[:] = streams.bits("step")[:, 0]
         fresh.delta_v_scale[:] = self._scale.scale[rows]
         self._weigh(fresh, values)
@@ -127,24 +127,24 @@ class Simulation:
             control: Thrust of each deputy [N], Hill frame, shape (N, D, 3).
         """
         self.before, self.state = self.state, self.before
-        before, after, world = self.before, self.state, self.world
-        after.copy_from(before)
-        acceleration = self._acceleration
-        np.divide(control, world.masses[:, None], out=acceleration[:, : world.num_deputies])
-        propagate(
-            before.position.reshape(-1, 3),
-            before.velocity.reshape(-1, 3),
-            acceleration.reshape(-1, 3),
+        after, world = self.state, self.world
+        after.copy_from(self.before)
+        advance(
+            control,
+            world.masses,
             self._phi,
             self._gamma,
-            after.position.reshape(-1, 3),
-            after.velocity.reshape(-1, 3),
+            world.step_size,
+            self._sun_rate,
+            after.position,
+            after.velocity,
+            after.delta_v,
+            after.time,
+            after.step,
+            after.sun_angle,
+            after.sun_direction,
         )
         after.control[...] = control
-        after.delta_v += np.abs(acceleration[:, : world.num_deputies]).sum(axis=-1) * world.step_size
-        after.time += world.step_size
-        after.step += 1
-        after.sun_angle += self._sun_rate * world.step_size
         self._scale.advance(self.running)
         after.delta_v_scale[:] = self._scale.scale
         self.views = self._look(after)
@@ -165,16 +165,13 @@ class Simulation:
 
     def _look(self, state: State) -> tuple[View, ...]:
         """Inspect what is in view and lit, then let the sensors remember; return the views of what they see."""
-        sun = state.sun_direction
-        np.cos(state.sun_angle, out=sun[:, 0])
-        np.negative(np.sin(state.sun_angle), out=sun[:, 1])
         deputies = self.world.num_deputies
         for name, model in self._points.items():
             points = state.points[name]
             viewers = state.position[:, :deputies] - state.position[:, model.body, None]
             inspect_points(
                 viewers,
-                sun,
+                state.sun_direction,
                 model.points,
                 model.radius,
                 self._cos_half_fov,
@@ -226,4 +223,9 @@ def _points_model(name: str, body: int, points: InspectionPoints, light: Light) 
         found: BoolArray = lit(np.ascontiguousarray(viewer), sun, positions, points.radius, light)
         return found
 
-    return PointsModel(name, body, positions, points.radius, is_lit)
+    def candidates(viewer: FloatArray, sun: FloatArray, inspector: AnyArray) -> BoolArray:
+        viewer = np.ascontiguousarray(viewer)
+        found: BoolArray = lit_and_uninspected(viewer, sun, positions, points.radius, light, inspector)
+        return found
+
+    return PointsModel(name, body, positions, points.radius, is_lit, candidates)

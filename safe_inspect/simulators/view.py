@@ -55,7 +55,7 @@ class PointsView:
         """Number of points, P."""
         return self.model.num_points
 
-    @cached_property
+    @property
     def inspector(self) -> AnyArray:
         """Index of the deputy that first inspected each point, -1 for none, shape (R, P)."""
         return self._view.per_environment(self._state.inspector)
@@ -94,8 +94,16 @@ class PointsView:
     @cached_property
     def lit(self) -> BoolArray:
         """Points that the sun lights well enough for an inspection from the own position, shape (R, P)."""
-        view = self._view
-        return self.model.lit(view.position - view.entity_position(self.model.entity), view.sun_direction)
+        return self.model.lit(self._viewer, self._view.sun_direction)
+
+    @property
+    def candidates(self) -> BoolArray:
+        """Points that are lit, seen from the own position, and that no deputy has inspected, shape (R, P)."""
+        return self.model.candidates(self._viewer, self._view.sun_direction, self.inspector)
+
+    @property
+    def _viewer(self) -> FloatArray:
+        return self._view.position - self._view.entity_position(self.model.entity)
 
 
 class View:
@@ -254,9 +262,15 @@ class Step:
         return np.asarray(self.before.step == 0)
 
     @cached_property
+    def total_thrust(self) -> FloatArray:
+        """Sum of abs(u_i) over the axes [N], shape (R,)."""
+        size = np.abs(self.control)
+        return np.asarray(size[:, 0] + size[:, 1] + size[:, 2])
+
+    @property
     def delta_v(self) -> FloatArray:
         """Velocity change of this step, sum of abs(u_i) dt / m [m/s], shape (R,)."""
-        return np.asarray(np.abs(self.control).sum(axis=-1) * (self.dt / self.before.mass))
+        return np.asarray(self.total_thrust * (self.dt / self.before.mass))
 
     def new_points(self, entity: str) -> IntArray:
         """Return the number of points that the team first inspected in this step, shape (R,).

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from safe_inspect.types import BoolArray, FloatArray
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,8 @@ class PointsModel:
         radius: Radius of the sphere that carries them [m].
         lit: Function of viewer position relative to the centre [m] (R, 3) and sun direction (R, 3); it returns which
             points are lit well enough to be inspected from there, shape (R, P).
+        candidates: Function of the same and of the points' inspectors (R, P); it returns which points are lit and not
+            inspected, shape (R, P).
     """
 
     entity: str
@@ -26,6 +28,7 @@ class PointsModel:
     points: FloatArray
     radius: float
     lit: Callable[[FloatArray, FloatArray], BoolArray]
+    candidates: Callable[[FloatArray, FloatArray, AnyArray], BoolArray]
 
     @property
     def num_points(self) -> int:

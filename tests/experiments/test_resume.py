@@ -68,7 +68,8 @@ def killed(tmp_path_factory):
     (run,) = output.iterdir()
     temporary = (run / ".ray").read_text()
     assert temporary.startswith("/tmp/si-") or len(temporary) <= 40
-    return run, temporary
+    yield run, temporary
+    shutil.rmtree(temporary, ignore_errors=True)
 
 
 def test_a_killed_training_goes_on(killed, tmp_path):

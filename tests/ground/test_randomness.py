@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from safe_inspect.randomness import Streams, philox4x32
+from safe_inspect.philox import draw_bits, philox4x32
+from safe_inspect.randomness import Streams
 from safe_inspect.simulators import Draw, TruncatedNormalParameter
 
 _ONES = 0xFFFFFFFF
@@ -26,19 +27,26 @@ _ONES = 0xFFFFFFFF
     ],
 )
 def test_philox_known_answers(counter: tuple[int, ...], key: tuple[int, int], words: tuple[int, ...]) -> None:
-    alone = philox4x32(tuple(np.array([word], dtype=np.uint64) for word in counter), key)
-    assert tuple(int(word[0]) for word in alone) == words
-    table = philox4x32(tuple(np.full((3, 2), word, dtype=np.uint64) for word in counter), key)
-    assert all((array == word).all() for array, word in zip(table, words, strict=True))
+    assert tuple(int(word) for word in philox4x32(*(np.uint64(word) for word in (*counter, *key)))) == words
 
 
 def test_philox_gives_every_counter_words_of_its_own() -> None:
-    counters = np.arange(4096, dtype=np.uint64)
-    zero = np.zeros_like(counters)
-    words = np.stack(philox4x32((counters, zero, zero, zero), (1, 2)))
-    assert words.max() < 2**32
-    blocks = {tuple(column) for column in words.T.tolist()}
-    assert len(blocks) == 4096
+    words = {tuple(map(int, philox4x32(*map(np.uint64, (counter, 0, 0, 0, 1, 2))))) for counter in range(4096)}
+    assert len(words) == 4096
+    assert max(map(max, words)) < 2**32
+
+
+def test_a_stream_is_the_counter_of_block_name_episode_and_slot() -> None:
+    rows = np.array([7, 2**32 - 1], dtype=np.uint64)
+    seed, name, index = 0x0123456789ABCDEF, 0xCAFE, 3
+    drawn = draw_bits(np.uint64(seed), rows, rows + np.uint64(1), np.uint64(name), np.uint64(index), 3)
+    for row, slot in zip(drawn, (7, 2**32 - 1), strict=True):
+        words = []
+        for block in (0, 1):
+            counter = (block + (index << 12), name, (slot + 1) % 2**32, slot, seed % 2**32, seed >> 32)
+            words += [int(word) for word in philox4x32(*map(np.uint64, counter))]
+        pairs = [(high << 32) | low for high, low in zip(words[::2], words[1::2], strict=True)]
+        assert [int(word) for word in row] == pairs[:3]
 
 
 def streams(seed: int, rows: int, first_slot: int = 0, episode: int = 0) -> Streams:

@@ -11,9 +11,9 @@ certify all of it, or the cell is halved. Each constraint is put as such an f:
 * largest range and speeds: a norm is convex, so that of a smooth vector exceeds the chord of its ends by no more than
   the vector's own departure from its chord.
 
-The derivatives obey the Clohessy-Wiltshire equations: with S a bound of |v| + |a| / n over the cell, the jerk is at most
-3 n^2 S and the fourth derivative of the position at most 6 n^3 S. For k = (n D)^2 / 8 the ends' values bound S by
-(largest |v| + largest |a| / n) / (1 - 9 k).
+The derivatives obey the Clohessy-Wiltshire equations: with S a bound of |v| + |a| / n over the cell, the jerk is at
+most 3 n^2 S and the fourth derivative of the position at most 6 n^3 S. For k = (n D)^2 / 8 the ends' values bound S
+by (largest |v| + largest |a| / n) / (1 - 9 k).
 """
 
 from __future__ import annotations
@@ -157,7 +157,8 @@ def uncertain(
     if m.sun:
         ca, sa = sun_a
         cb, sb = sun_b
-        qca, qka, qcb, qkb = sa * a[1] - ca * a[0], -sa * a[0] - ca * a[1], sb * b[1] - cb * b[0], -sb * b[0] - cb * b[1]
+        qca, qka = sa * a[1] - ca * a[0], -sa * a[0] - ca * a[1]
+        qcb, qkb = sb * b[1] - cb * b[0], -sb * b[0] - cb * b[1]
         ek, ez = qka + qkb, a[2] + b[2]
         size = math.sqrt(ek * ek + ez * ez)
         if size > 0.0:
@@ -167,7 +168,8 @@ def uncertain(
         nk, nz = m.cos_b * ek, m.cos_b * ez
         ga, gb = nk * qka + nz * a[2] - m.sin_b * qca, nk * qkb + nz * b[2] - m.sin_b * qcb
         # accelerations in the frame that turns with the sun
-        vca, vka, vcb, vkb = sa * a[4] - ca * a[3], -sa * a[3] - ca * a[4], sb * b[4] - cb * b[3], -sb * b[3] - cb * b[4]
+        vca, vka = sa * a[4] - ca * a[3], -sa * a[3] - ca * a[4]
+        vcb, vkb = sb * b[4] - cb * b[3], -sb * b[3] - cb * b[4]
         aca, aka = sa * ay - ca * ax - n * (2.0 * vka + n * qca), -sa * ax - ca * ay + n * (2.0 * vca - n * qka)
         acb, akb = sb * by - cb * bx - n * (2.0 * vkb + n * qcb), -sb * bx - cb * by + n * (2.0 * vcb - n * qkb)
         curve = max(nk * aka + nz * az - m.sin_b * aca, nk * akb + nz * bz - m.sin_b * acb)

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
-from safe_inspect.rta.filters.cuts import MOST, cut_broken, cut_hold, cut_recovery
+from safe_inspect.rta.filters.cuts import MOST, cut_broken, cut_hold
 from safe_inspect.rta.filters.holds import hold
 from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, Model
+from safe_inspect.rta.filters.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.plans import NO_PLAN, PLANS, QUICK, STAY, find_plan
 from safe_inspect.rta.filters.projection import nearest
 from safe_inspect.rta.filters.returning import return_control
 from safe_inspect.rta.filters.scratch import Scratch, scratch
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
+#: Where a row's control comes from: it is the desired one, the nearest safe one that cutting planes lead to, one
+#: between the backup and that, or the way back from a state without a backup.
+DESIRED, NEAREST, BACKUP, RETURN = range(4)
 #: Margins that a control must leave to be taken [m], [m/s]; a backup is still one with half of them.
 LENGTH_MARGIN, SPEED_MARGIN = 1e-3, 1e-5
 _NEAR = 1 << COLLISION | 1 << PSM
@@ -41,7 +44,7 @@ _FINE = 2e-3
 def _verified(
     m: Model, x: State, sun: tuple[float, float], u: FloatArray, first: int, most: int, s: Scratch
 ) -> tuple[int, int]:  # fmt: skip
-    """Return (SAFE, plan after the hold), (constraint, NO_PLAN) where the hold is refused, (SAFE, NO_PLAN) where no plan is."""
+    """Return the constraint that refuses the hold of u, or SAFE, and a plan for the state after it, or NO_PLAN."""
     code = hold(m, x, sun, u, LENGTH_MARGIN, SPEED_MARGIN, s.cells, s.where)
     if code != SAFE:
         return code, NO_PLAN
@@ -80,7 +83,9 @@ def _cut(
         if attempt == 0:
             bits = broken | 1 << code
         for _ in range(_POLISH):
-            if not nearest(s.rows, s.bounds, count, m.u_max, desired, False, s.proposal, s.missed, s.a, s.c, s.size, s.w):
+            if not nearest(
+                s.rows, s.bounds, count, m.u_max, desired, False, s.proposal, s.missed, s.a, s.c, s.size, s.w
+            ):  # fmt: skip
                 return bits, False
             moved = math.sqrt(_squared(s.proposal, u))
             for axis in range(3):
@@ -96,7 +101,7 @@ def _cut(
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def _between(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> None:
-    """Write into u a verified control on the segment from the verified backup to u, as near to the desired as it finds."""
+    """Write into u a verified control on the segment from the backup to u, as near to the desired as it finds."""
     for axis in range(3):
         s.best[axis], s.proposal[axis] = s.backup[axis], s.backup[axis]
     size = math.sqrt(_squared(u, s.proposal))
@@ -120,15 +125,15 @@ def _between(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def _squared(a: FloatArray, b: FloatArray) -> float:
-    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+    return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def filter_rows(
     m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
-    control: FloatArray, refused: IntArray, unrecoverable: BoolArray,
+    control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
-    """Write each row's control, the bits of the constraints that refused the desired one, and whether no plan exists."""
+    """Write each row's control, the bits of the constraints that refused the desired one, and where it comes from."""
     s = scratch(MOST)
     for i in range(position.shape[0]):
         x = (
@@ -137,23 +142,45 @@ def filter_rows(
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
         for axis in range(3):
             s.desired[axis] = min(max(desired[i, axis], -m.u_max), m.u_max)
-            control[i, axis] = s.desired[axis]
-        refused[i], unrecoverable[i] = 0, False
         refused[i], done = _cut(m, x, sun, s.desired, False, control[i], s)
         if not done and refused[i] & _NEAR:
             _, done = _cut(m, x, sun, s.desired, True, control[i], s)
+        stage[i] = NEAREST if refused[i] else DESIRED
         if done:
             continue
-        plan = find_plan(m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, PLANS, s.backup, s.work, s.cells, s.where)
-        if plan == NO_PLAN:
+        stage[i] = BACKUP
+        # what was taken with the whole margins is still safe with half of them, whatever the rounding since
+        for half in range(2):
+            share = 1.0 - 0.5 * half
             plan = find_plan(
-                m, x, sun, 0.5 * LENGTH_MARGIN, 0.5 * SPEED_MARGIN, NO_PLAN, PLANS, s.backup, s.work, s.cells, s.where
+                m, x, sun, share * LENGTH_MARGIN, share * SPEED_MARGIN, NO_PLAN, PLANS,
+                s.backup, s.work, s.cells, s.where,
             )  # fmt: skip
+            if plan != NO_PLAN:
+                break
         if plan != NO_PLAN:
             _between(m, x, sun, s.desired, control[i], s)
         else:
-            unrecoverable[i] = True
+            stage[i] = RETURN
             refused[i] = return_control(m, x, sun, s.desired, control[i], s)
+
+
+@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+def admissible_rows(
+    m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, control: FloatArray, out: BoolArray
+) -> None:  # fmt: skip
+    """Write whether each row's control is within the thrusters, safe over the hold, and leaves a backup plan."""
+    s = scratch(1)
+    for i in range(position.shape[0]):
+        x = (
+            position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        )  # fmt: skip
+        u = control[i]
+        if max(abs(u[0]), max(abs(u[1]), abs(u[2]))) <= m.u_max:
+            sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
+            out[i] = _verified(m, x, sun, u, NO_PLAN, PLANS, s)[1] != NO_PLAN
+        else:
+            out[i] = False
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
@@ -167,8 +194,9 @@ def recoverable_rows(
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        out[i] = NO_PLAN != find_plan(
+        plan = find_plan(
             m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, PLANS, control[i], s.work, s.cells, s.where
         )  # fmt: skip
+        out[i] = plan != NO_PLAN
         if not out[i]:
             control[i, :] = 0.0

@@ -18,8 +18,8 @@ from safe_inspect.types import FloatArray
 
 #: Cells of an orbit after the last halving; what they leave uncertain is far less than the margins.
 FINEST = ORBIT_CELLS * 2**10
-#: Columns of a node: angle in finest cells, x, y, z, range, speed / n, the position along and across the sun cone's axis,
-#: cosine and sine of the sun angle.
+#: Columns of a node: angle in finest cells, x, y, z, range, speed / n, the position along and across the sun cone's
+#: axis, cosine and sine of the sun angle.
 _COLUMNS = 10
 #: Room that `closed_motion` needs.
 ROOM = (ORBIT_CELLS + 1 + 16, _COLUMNS)

@@ -99,8 +99,8 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = KNOWN) 
     blocks = (coasts[:, :3, :3], coasts[:, :3, 3:], coasts[:, 3:, 3:], coasts[:, 3:, :3])
     # a hundredth more than the largest of the table bounds what lies between its entries
     stretch = np.array([1.01 * np.linalg.norm(block, ord=2, axis=(1, 2)).max() for block in blocks])
-    phi, gamma = holds[-1]
-    closing = gamma[3:].copy()
+    gamma = holds[-1][1]
+    closing = np.array(gamma[3:], dtype=np.float64)
     closing[1] += 2.0 * n * gamma[0]  # the drift v_y + 2 n x after the hold
     return Model(
         n=n, mass=float(p.m), u_max=float(p.u_max), dt=dt,
@@ -116,5 +116,5 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = KNOWN) 
         coast=np.ascontiguousarray(coasts[:, :3]), coast_step=float(p.psm_horizon / pieces),
         orbit=np.stack((np.cos(circle), np.sin(circle)), axis=-1),
         fine=np.stack((np.cos(nodes), np.sin(nodes)), axis=-1),
-        plan=np.linalg.inv(closing),
+        plan=np.asarray(np.linalg.inv(closing), dtype=np.float64),
     )  # fmt: skip

@@ -17,7 +17,7 @@ from safe_inspect.rta.filters.model import HOLD_PIECES, Model
 from safe_inspect.types import FloatArray, IntArray
 
 NO_PLAN = -1
-#: Radial and cross-track speeds of a plan, the radial one from that of the ellipse centred at the chief, in units of n r.
+#: Radial and cross-track speeds of a plan in units of n r; the radial one is counted from that of the centred ellipse.
 RADIAL = (0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
 CROSS = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
 _R, _C = len(RADIAL) + 1, len(CROSS) + 1
@@ -25,8 +25,8 @@ _R, _C = len(RADIAL) + 1, len(CROSS) + 1
 PLANS = _R * _C
 #: The plan that leaves the radial and the cross-track speed as they are: the one that stays on a closed motion.
 STAY = _C + 1
-#: How many plans a quick search tries; 97 % of the states that have a plan, visited under adversarial controls, have one
-#: of these.
+#: How many plans a quick search tries; 97 % of the states that have a plan, visited under adversarial controls, have
+#: one of these.
 QUICK = 24
 #: The plans in the order in which they are tried: each is safe in the most such states that no earlier one is safe in.
 ORDER = (

@@ -115,7 +115,7 @@ def nearest(
         count: How many of them count.
         limit: Bound of each component.
         target: The desired control, shape (3,).
-        settle: True: where not all rows can be met, find the least-violating control; False: leave `out` without meaning.
+        settle: True: where not all rows can be met, find the least-violating control; False: `out` has no meaning then.
         out: Receives the control, shape (3,).
         missed: Receives the rows that are broken, shape (M,).
         a: Room for M + 6 normals.

@@ -23,7 +23,7 @@ def _allowed(m: Model, x: State) -> float:
     """Return half of the speed that is allowed at a position [m/s]."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     slowest = min(m.limit[0], min(m.limit[1], m.limit[2]))
-    return 0.5 * max(0.0, min(slowest, min(m.v0 + m.v1 * (r - m.d0), m.u_max / m.mass * m.dt)))
+    return float(0.5 * max(0.0, min(slowest, min(m.v0 + m.v1 * (r - m.d0), m.u_max / m.mass * m.dt))))
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
@@ -84,4 +84,3 @@ def _to_unit(rows: FloatArray, bounds: FloatArray, count: int) -> None:
             bounds[i] /= size
             for axis in range(3):
                 rows[i, axis] /= size
-

@@ -1,0 +1,113 @@
+"""The filter that holds: every control it lets through leaves a way to be safe for ever."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.errors import did_you_mean
+from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import NAMES
+from safe_inspect.rta.filters.base import FilterResult, SafetyFilter, checked, compiled, differs
+from safe_inspect.rta.filters.model import COLLISION, KNOWN, PSM, build_model
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: A hold turns the orbit by at most this angle [rad]; the bounds between grid points need it to be small.
+_LARGEST_TURN = 0.5
+
+
+class BackupFilter(SafetyFilter):
+    """Nearest control that is safe over the whole hold and leaves a backup plan after it.
+
+    A *backup plan* of a state is one hold of admissible thrust, safe at every moment, into a closed natural motion
+    (no drift, v_y = -2 n x) on which every constraint is met for one orbit, and so, for the sun's direction has
+    the same period, for ever. A state with a plan of the family of `plans` is *recoverable*. The desired control is
+    flown if the hold is safe at every moment and the state after it is recoverable. Else cutting planes look for the
+    nearest such control: each round makes linear what the last proposal broke and solves the programme exactly. A
+    proposal is taken only if it passes the exact test. If none does, the search goes on along the segment from the
+    backup plan's thrust, which passes by induction, to the last proposal.
+
+    "At every moment" is certified, not sampled: see `arcs`, `holds` and `closed_motion`. The filter needs no memory:
+    the plan is found again from the state. It holds for an exact model; the margins that every control must leave
+    (1 mm, 0.01 mm/s, halved for a backup) absorb rounding, not disturbances.
+
+    From a state without a plan the control of the way back is flown and the row is marked infeasible: among the
+    admissible controls it minimises the largest violation of the demands that speeds be within their limits and that
+    each distance below 5 m (from the chief, the largest range, the sun cone) grow at half the allowed speed; see
+    `returning`.
+    """
+
+    def __init__(
+        self, parameters: Mapping[str, Any] | ConstraintParameters | None = None, names: Iterable[str] = NAMES
+    ) -> None:  # fmt: skip
+        """Build the filter; see `SafetyFilter` for the arguments.
+
+        Raises:
+            ValueError: An argument is wrong, a constraint is not one of the eight of the inspection task, or the hold
+                is too long a part of the orbit.
+        """
+        super().__init__(parameters, names)
+        codes = {KNOWN.index(c.registered_name): j for j, c in enumerate(self.constraints.values())
+                 if c.registered_name in KNOWN}  # fmt: skip
+        for name, constraint in self.constraints.items():
+            if constraint.registered_name not in KNOWN:
+                raise ValueError(
+                    f"the backup filter cannot keep {name!r}; {did_you_mean(name, KNOWN)} "
+                    f"For other constraints use the continuous filter"
+                )
+        if self.parameters.n * self.parameters.step_size > _LARGEST_TURN:
+            raise ValueError(
+                f"a hold of {self.parameters.step_size} s is too long a part of the orbit: "
+                f"n step_size must be at most {_LARGEST_TURN} rad"
+            )
+        if COLLISION not in codes and PSM in codes:
+            codes[COLLISION] = codes[PSM]  # a plan that comes too near breaks passive safety then
+        self._codes = codes
+        self._model = build_model(self.parameters, (KNOWN[code] for code in codes))
+
+    def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
+        """Return the controls to fly; see `SafetyFilter`."""
+        desired = checked(state, desired)
+        count = len(state)
+        control, refused, stage = np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
+        rows = compiled("backup_rows")
+        rows.filter_rows(
+            self._model, state.position, state.velocity, state.sun_angle, desired, control, refused, stage
+        )  # fmt: skip
+        active: IntArray = np.zeros(count, np.int64)
+        for code, j in self._codes.items():
+            active |= (refused >> code & 1) << j
+        return FilterResult(
+            control=control,
+            intervening=differs(control, desired),
+            infeasible=stage == rows.RETURN,
+            backup=stage == rows.BACKUP,
+            active=active,
+            phi=self.phi(state),
+            names=self.names,
+        )
+
+    def recoverable(self, state: RelativeState) -> BoolArray:
+        """Return the rows that have a backup plan, shape (R,): from there the filter holds."""
+        return self.plans(state)[0]
+
+    def plans(self, state: RelativeState) -> tuple[BoolArray, FloatArray]:
+        """Return the rows that have a backup plan, shape (R,), and its thrust [N], shape (R, 3); zero without one."""
+        checked(state, np.zeros((len(state), 3)))
+        found, control = np.empty(len(state), np.bool_), np.empty((len(state), 3))
+        compiled("backup_rows").recoverable_rows(
+            self._model, state.position, state.velocity, state.sun_angle, found, control
+        )  # fmt: skip
+        return found, control
+
+    def admissible(self, state: RelativeState, control: FloatArray) -> BoolArray:
+        """Return the rows whose control would be flown as it is, shape (R,)."""
+        control = checked(state, control)
+        out = np.empty(len(state), np.bool_)
+        compiled("backup_rows").admissible_rows(
+            self._model, state.position, state.velocity, state.sun_angle, control, out
+        )  # fmt: skip
+        return out

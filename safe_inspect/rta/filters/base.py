@@ -1,0 +1,127 @@
+"""What every filter of the run-time assurance takes and returns."""
+
+from __future__ import annotations
+
+import importlib
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import NAMES, constraint_set
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: A control that differs from the desired one by more than this counts as an intervention [N].
+INTERVENTION = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class FilterResult:
+    """What a filter did to R desired controls.
+
+    Attributes:
+        control: The admissible control [N], Hill frame, shape (R, 3).
+        intervening: True where |control - desired| > 0.01 N, shape (R,).
+        infeasible: True where the filter can promise nothing, shape (R,): no control meets all conditions of the
+            continuous filter; no backup plan is known to the others.
+        backup: True where a backup shaped the control, shape (R,).
+        active: Bits of the constraints that refused the desired control, bit j for the j-th name, shape (R,).
+        phi: The constraints' plain safety quantities before the hold, in the order of the names, shape (R, C).
+        names: The names of the constraints, C of them.
+    """
+
+    control: FloatArray
+    intervening: BoolArray
+    infeasible: BoolArray
+    backup: BoolArray
+    active: IntArray
+    phi: FloatArray
+    names: tuple[str, ...]
+
+    def active_names(self, row: int) -> tuple[str, ...]:
+        """Return the names of the constraints that refused a row's desired control."""
+        return tuple(name for j, name in enumerate(self.names) if self.active[row] >> j & 1)
+
+
+class SafetyFilter(ABC):
+    """Base of the filters: a frozen function of the state and the desired control, row by row.
+
+    Attributes:
+        parameters: The task's parameters.
+        names: The names of the constraints.
+        constraints: The constraints by name.
+    """
+
+    def __init__(
+        self, parameters: Mapping[str, Any] | ConstraintParameters | None = None, names: Iterable[str] = NAMES
+    ) -> None:  # fmt: skip
+        """Build the constraints.
+
+        Args:
+            parameters: The peer's argument names and their values; see `ConstraintParameters`.
+            names: Registered names of constraints.
+
+        Raises:
+            ValueError: A name or a parameter is wrong; see `constraint_set`.
+        """
+        self.parameters = ConstraintParameters.of({} if parameters is None else parameters)
+        self.constraints: dict[str, Constraint] = constraint_set(self.parameters, names)
+        self.names = tuple(self.constraints)
+
+    @abstractmethod
+    def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
+        """Return the controls to fly.
+
+        Args:
+            state: The states of R deputies.
+            desired: Desired controls [N], Hill frame, shape (R, 3).
+
+        Raises:
+            ValueError: The shapes differ, or a number is not finite; the message names the first such row.
+        """
+
+    def phi(self, state: RelativeState) -> FloatArray:
+        """Return the plain safety quantity of every constraint, >= 0 where safe, shape (R, C)."""
+        return columns([constraint.phi(state) for constraint in self.constraints.values()], len(state))
+
+
+def columns(parts: list[FloatArray], rows: int) -> FloatArray:
+    """Return arrays of shape (R,) as the columns of one, shape (R, C)."""
+    return np.stack(parts, axis=1) if parts else np.empty((rows, 0))
+
+
+def checked(state: RelativeState, desired: FloatArray) -> FloatArray:
+    """Return the desired controls as an array that compiled rows take.
+
+    Raises:
+        ValueError: The shapes differ, or a number is not finite.
+    """
+    desired = np.ascontiguousarray(desired, dtype=np.float64)
+    if desired.shape != (len(state), 3):
+        raise ValueError(f"{len(state)} states need desired controls of shape ({len(state)}, 3), not {desired.shape}")
+    whole = np.concatenate((desired, state.position, state.velocity, state.sun_angle[:, None]), axis=1)
+    finite = np.isfinite(whole)
+    if not finite.all():
+        row = int(np.argmin(finite.all(axis=1)))
+        what = "desired control" if not finite[row, :3].all() else "state"
+        values = whole[row, :3] if what == "desired control" else whole[row, 3:]
+        raise ValueError(f"the {what} of row {row} is not finite: {values.tolist()}; check what computed it")
+    return desired
+
+
+def differs(control: FloatArray, desired: FloatArray) -> BoolArray:
+    """Return the rows that a filter changed by more than `INTERVENTION`, shape (R,)."""
+    away = control - desired
+    changed: BoolArray = away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2 > INTERVENTION**2
+    return changed
+
+
+@cache
+def compiled(module: str) -> Any:
+    """Return a module of compiled rows of this package, imported when it is first called."""
+    return importlib.import_module(f"safe_inspect.rta.filters.{module}")

@@ -1,0 +1,110 @@
+"""The active-set invariance filter in its continuous-time form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import NAMES
+from safe_inspect.rta.filters.base import FilterResult, SafetyFilter, checked, columns, differs
+from safe_inspect.rta.filters.qp import solve_qp
+from safe_inspect.types import FloatArray, IntArray
+
+#: Outside the safe set alpha is this many times as strong ...
+RETURN_GAIN = 10.0
+#: ... and the bias is this [units of h].
+RETURN_BIAS = -0.01
+_SHORTEST = 1e-12
+
+
+class ContinuousFilter(SafetyFilter):
+    """Nearest control that meets a condition on the derivative of every h now.
+
+    min |u - u_des|^2 subject to gradient . (drift + input u) + rate + alpha(h + bias) >= 0 for every constraint and
+    |u_i| <= u_max; where h < 0, with 10 alpha and a bias of -0.01. If the condition held at every moment, h >= 0 would
+    be kept. It is met at the beginning of a hold only: **over a hold of 10 s it keeps none of the constraints**. It is
+    here to be compared with; use `BackupFilter`.
+
+    Where no control meets all conditions, `infeasible` says what is flown: ``"least_violating"``, the admissible
+    control that minimises the largest violation, measured in newtons (as the distance of the control from each
+    condition's half-space), and of those the nearest to the desired; or ``"pass"``, the desired control clipped to the
+    thrusters.
+
+    Source:
+        Gurriet et al., "Towards a framework for realizable safety critical control through active set invariance",
+        ICCPS 2018.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Any] | ConstraintParameters | None = None,
+        names: Iterable[str] = NAMES,
+        infeasible: Literal["least_violating", "pass"] = "least_violating",
+    ) -> None:
+        """Build the filter; see `SafetyFilter` for the arguments.
+
+        Raises:
+            ValueError: An argument is wrong.
+        """
+        super().__init__(parameters, names)
+        if infeasible not in ("least_violating", "pass"):
+            raise ValueError(f"`infeasible` is 'least_violating' or 'pass', not {infeasible!r}")
+        self.infeasible = infeasible
+
+    def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
+        """Return the controls to fly; see `SafetyFilter`. `active` names the conditions that the desired ones break."""
+        desired = checked(state, desired)
+        evaluations = [constraint.evaluate(state) for constraint in self.constraints.values()]
+        rows, bounds = self.conditions(state, evaluations)
+        limit = float(self.parameters.u_max)
+        clipped = np.clip(desired, -limit, limit)
+        solution = solve_qp(clipped, rows, bounds, limit)
+        control = solution.control
+        if self.infeasible == "pass":
+            control = np.where(solution.feasible[:, None], control, clipped)
+        value = np.zeros(bounds.shape)
+        for axis in range(3):
+            value += rows[..., axis] * clipped[:, None, axis]
+        active: IntArray = np.zeros(len(state), np.int64)
+        for j in range(len(self.names)):
+            active |= (value[:, j] < bounds[:, j] - 1e-9).astype(np.int64) << j
+        return FilterResult(
+            control=control,
+            intervening=differs(control, desired),
+            infeasible=~solution.feasible,
+            backup=np.zeros(len(state), np.bool_),
+            active=active,
+            phi=columns([evaluation.phi for evaluation in evaluations], len(state)),
+            names=self.names,
+        )
+
+    def conditions(self, state: RelativeState, evaluations: list[Evaluation]) -> tuple[FloatArray, FloatArray]:
+        """Return the half-spaces rows . u >= bounds of the constraints [N], shapes (R, C, 3) and (R, C).
+
+        The normals have unit length, but where a condition does not depend on the control.
+        """
+        count = len(self.constraints)
+        rows, bounds = np.zeros((len(state), count, 3)), np.zeros((len(state), count))
+        n, mass = float(self.parameters.n), float(self.parameters.m)
+        x, z = state.position[:, 0], state.position[:, 2]
+        vx, vy, vz = state.velocity[:, 0], state.velocity[:, 1], state.velocity[:, 2]
+        drift = (vx, vy, vz, 3.0 * n * n * x + 2.0 * n * vy, -2.0 * n * vx, -n * n * z)
+        for j, (constraint, value) in enumerate(zip(self.constraints.values(), evaluations, strict=True)):
+            total = value.rate + allowed_descent(constraint, value.h)
+            for i, part in enumerate(drift):
+                total = total + value.gradient[:, i] * part
+            normal = value.gradient[:, 3:] / mass
+            length = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
+            length = np.where(length > _SHORTEST, length, 1.0)
+            rows[:, j], bounds[:, j] = normal / length[:, None], -total / length
+        return rows, bounds
+
+
+def allowed_descent(constraint: Constraint, h: FloatArray) -> FloatArray:
+    """Return alpha(h + bias), or where h < 0 the return 10 alpha(h - 0.01), shape (R,)."""
+    inside, outside = constraint.alpha(h + constraint.bias), RETURN_GAIN * constraint.alpha(h + RETURN_BIAS)
+    return np.where(h < 0.0, outside, inside)

@@ -1,0 +1,158 @@
+"""The switching filter: the desired control as long as that is safe, else a controller that flies a safe ellipse."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import NAMES
+from safe_inspect.rta.filters.backup import BackupFilter
+from safe_inspect.rta.filters.base import FilterResult, checked, differs
+from safe_inspect.types import BoolArray, FloatArray
+
+#: An ellipse whose angle about the chief leads or lags the sun cone's axis by this much stays out of a cone of 60 deg:
+#: the direction on a 2:1 ellipse strays from a steady turn by at most 19.5 deg.
+_STRAY = math.asin(1.0 / 3.0)
+_CLEAR = math.radians(5.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SimplexMemory:
+    """What the switching filter carries from step to step, reset to zero with the episode.
+
+    Attributes:
+        delta_v: Delta-v flown so far, sum of |u_i| dt / m over steps and axes [m/s], shape (R,).
+        latched: True where the limit was reached: the backup flies until the episode ends, shape (R,).
+    """
+
+    delta_v: FloatArray
+    latched: BoolArray
+
+    @classmethod
+    def zeros(cls, rows: int) -> SimplexMemory:
+        """Return the memory of R fresh episodes."""
+        return cls(np.zeros(rows), np.zeros(rows, np.bool_))
+
+
+class SimplexFilter:
+    """Switch between the desired control and a backup controller.
+
+    The desired control is flown where `BackupFilter` would fly it unchanged. Elsewhere, and for good once the
+    delta-v limit is reached, the backup flies: a linear-quadratic regulator on the discrete dynamics tracks the
+    closed 2:1 ellipse about the chief that is nearest to the present position in size and phase, within bounds that
+    keep it safe; its control is passed through `BackupFilter` too, so the switching filter holds as that does.
+
+    The control that would exceed the limit is not flown: at that very step the backup's is.
+
+    Attributes:
+        parameters: The task's parameters.
+        names: The names of the constraints.
+        delta_v_limit: Delta-v of desired controls and backup at which the backup is latched [m/s].
+        gain: Gain of the regulator from (position, velocity) errors [N/m, N s/m], shape (3, 6).
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Any] | ConstraintParameters | None = None,
+        names: Iterable[str] = NAMES,
+        delta_v_limit: float = math.inf,
+        position_weight: float = 1e-6,
+        velocity_weight: float = 1.0,
+    ) -> None:
+        """Build the filter.
+
+        Args:
+            parameters: The peer's argument names and their values; see `ConstraintParameters`.
+            names: Registered names of constraints, of the eight of the inspection task.
+            delta_v_limit: Delta-v at which the backup is latched [m/s].
+            position_weight: Weight of the squared position error [1/m^2], that of the squared thrust being 1 [1/N^2].
+            velocity_weight: Weight of the squared velocity error [s^2/m^2].
+
+        Raises:
+            ValueError: An argument is wrong.
+        """
+        if not (delta_v_limit > 0.0 and position_weight > 0.0 and velocity_weight > 0.0):
+            raise ValueError("the delta-v limit and the weights must be positive")
+        self._safe = BackupFilter(parameters, names)
+        self.parameters, self.names, self.delta_v_limit = self._safe.parameters, self._safe.names, delta_v_limit
+        self.gain = regulator(self.parameters, position_weight, velocity_weight)
+
+    def __call__(
+        self, state: RelativeState, desired: FloatArray, memory: SimplexMemory
+    ) -> tuple[FilterResult, SimplexMemory]:  # fmt: skip
+        """Return the controls to fly, and the memory after the step; `memory` itself stays as it is.
+
+        Raises:
+            ValueError: The shapes differ, or a number is not finite; the message names the first such row.
+        """
+        desired = checked(state, desired)
+        limit = float(self.parameters.u_max)
+        clipped = np.clip(desired, -limit, limit)
+        latched = memory.latched | (memory.delta_v + self._delta_v(clipped) > self.delta_v_limit)
+        refusal = self._safe(state, clipped)
+        switched = latched | refusal.backup | refusal.infeasible | (refusal.active != 0)
+        control, infeasible = clipped.copy(), np.zeros(len(state), np.bool_)
+        if switched.any():
+            backup = self._safe(state[switched], self.tracking(state[switched]))
+            control[switched], infeasible[switched] = backup.control, backup.infeasible
+        result = FilterResult(
+            control, differs(control, desired), infeasible, switched, refusal.active, refusal.phi, self.names
+        )  # fmt: skip
+        return result, SimplexMemory(memory.delta_v + self._delta_v(control), latched)
+
+    def _delta_v(self, control: FloatArray) -> FloatArray:
+        thrust = np.abs(control)
+        return (thrust[:, 0] + thrust[:, 1] + thrust[:, 2]) * float(self.parameters.step_size / self.parameters.m)
+
+    def tracking(self, state: RelativeState) -> FloatArray:
+        """Return the regulator's thrust towards the safe ellipse, within the thrusters [N], shape (R, 3)."""
+        position, velocity = self.ellipse(state)
+        errors = np.concatenate((state.position - position, state.velocity - velocity), axis=1)
+        control = np.zeros((len(state), 3))
+        for axis in range(3):
+            for j in range(6):
+                control[:, axis] -= self.gain[axis, j] * errors[:, j]
+        limit = float(self.parameters.u_max)
+        return np.clip(control, -limit, limit)
+
+    def ellipse(self, state: RelativeState) -> tuple[FloatArray, FloatArray]:
+        """Return where on its safe ellipse each deputy should be: position [m] and velocity [m/s], shape (R, 3) each.
+
+        The ellipse is x = A sin tau, y = 2 A cos tau, z = 0 with tau turning at n. A is that of the ellipse through
+        the present position, kept between 1.5 collision radii and 0.45 times the largest range and what the axis
+        speeds allow; tau is that of the present position, kept away from the sun cone's axis.
+        """
+        p, n = self.parameters, float(self.parameters.n)
+        x, y = state.position[:, 0], state.position[:, 1]
+        smallest = 1.5 * float(p.collision_radius)
+        largest = max(smallest, min(0.45 * float(p.r_max), 0.45 * float(p.vel_limit) / n))
+        size = np.clip(np.sqrt(x * x + 0.25 * y * y), smallest, largest)
+        tau = np.arctan2(x, 0.5 * y)
+        # the cone's axis (-cos theta, sin theta) is at the angle theta - pi/2 in the same sense
+        axis = state.sun_angle - 0.5 * math.pi
+        lead = np.mod(tau - axis + math.pi, 2.0 * math.pi) - math.pi
+        away = min(0.5 * float(p.fov) + _STRAY + _CLEAR, math.pi)
+        lead = np.where(np.abs(lead) < away, np.where(lead < 0.0, -away, away), lead)
+        sine, cosine = np.sin(axis + lead), np.cos(axis + lead)
+        rest = np.zeros(len(state))
+        position = np.stack((size * sine, 2.0 * size * cosine, rest), axis=1)
+        velocity = np.stack((size * n * cosine, -2.0 * size * n * sine, rest), axis=1)
+        return position, velocity
+
+
+def regulator(p: ConstraintParameters, position_weight: float, velocity_weight: float) -> FloatArray:
+    """Return the gain K of u = -K e that minimises the sum of e'Qe + u'u over steps of one hold, shape (3, 6)."""
+    from scipy.linalg import solve_discrete_are
+
+    phi, gamma = transition(float(p.n), float(p.m), float(p.step_size))
+    weights = np.diag([position_weight] * 3 + [velocity_weight] * 3)
+    cost = solve_discrete_are(phi, gamma, weights, np.eye(3))
+    gain = np.linalg.solve(np.eye(3) + gamma.T @ cost @ gamma, gamma.T @ cost @ phi)
+    return np.asarray(gain, dtype=np.float64)
