@@ -40,7 +40,7 @@ def starts(rows: int, seed: int) -> RelativeState:
     environment.reset()
     state = environment.state
     return RelativeState(
-        state.position[:, 1] - state.position[:, 0], state.velocity[:, 1] - state.velocity[:, 0], state.sun_angle.copy()
+        state.position[:, 0] - state.position[:, 1], state.velocity[:, 0] - state.velocity[:, 1], state.sun_angle.copy()
     )
 
 

@@ -34,9 +34,10 @@ class BackupFilter(SafetyFilter):
     the plan is found again from the state. It holds for an exact model; the margins that every control must leave
     (1 mm, 0.01 mm/s, halved for a backup) absorb rounding, not disturbances.
 
-    From a state without a plan the control of the way back is flown and the row is marked infeasible: among the
-    admissible controls it minimises the largest violation of the demands that speeds be within their limits and that
-    each distance below 5 m (from the chief, the largest range, the sun cone) grow at half the allowed speed; see
+    From a state without a plan, inside the safe set or outside it, the way back is flown, the desired control has no
+    say, and the row is marked infeasible. Of the admissible controls the way back is the smallest that minimises the
+    largest violation, in newtons, of these demands on the state after the hold: speeds within their limits, and each
+    distance below 5 m (from the chief, the largest range, the sun cone) growing at half the allowed speed. See
     `returning`.
     """
 

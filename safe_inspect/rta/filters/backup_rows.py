@@ -162,7 +162,7 @@ def filter_rows(
             _between(m, x, sun, s.desired, control[i], s)
         else:
             stage[i] = RETURN
-            refused[i] = return_control(m, x, sun, s.desired, control[i], s)
+            refused[i] = return_control(m, x, sun, control[i], s)
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]

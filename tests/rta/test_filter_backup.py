@@ -1,0 +1,285 @@
+"""The filter that holds: what it certifies against dense samples, and that nothing is broken under adversaries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.rta.constraints import NAMES, RelativeState
+from safe_inspect.rta.filters import BackupFilter
+
+N, MASS, DT = 0.001027, 12.0, 10.0
+PERIOD = 2.0 * np.pi / N
+KINDS = 6
+
+
+@pytest.fixture(scope="module")
+def run():
+    return BackupFilter()
+
+
+def safe_starts(run, seed, rows, nearest=50.0, farthest=100.0, fastest=0.3):
+    """Draw states in which every constraint is safe and from which there is a plan."""
+    generator = np.random.default_rng(seed)
+    directions = generator.normal(size=(2, 8 * rows, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    state = RelativeState(
+        directions[0] * generator.uniform(nearest, farthest, (8 * rows, 1)),
+        directions[1] * generator.uniform(0.0, fastest, (8 * rows, 1)),
+        generator.uniform(0.0, 2.0 * np.pi, 8 * rows),
+    )
+    good = (run.phi(state) >= 0.0).all(axis=1) & run.recoverable(state)
+    return state[np.flatnonzero(good)[:rows]]
+
+
+def flown(state, control, time):
+    """Return the states after holding the control for a while."""
+    p, v = state.position.copy(), state.velocity.copy()
+    propagate(p, v, np.ascontiguousarray(control), *transition(N, MASS, time), p, v)
+    return RelativeState(p, v, state.sun_angle + N * time)
+
+
+def adversaries(state, step, generator):
+    kind = np.arange(len(state)) % KINDS
+    r = np.linalg.norm(state.position, axis=1, keepdims=True)
+    axis = np.stack((-np.cos(state.sun_angle), np.sin(state.sun_angle), np.zeros(len(state))), axis=1)
+    to_axis = r * axis - state.position
+    to_axis /= np.linalg.norm(to_axis, axis=1, keepdims=True)
+    bang = np.sign(state.velocity) * (1.0 if step // 7 % 2 else -1.0)
+    corners = generator.choice([-1.0, 1.0], state.position.shape)
+    out = state.position / r
+    choices = np.stack((-2.0 * out, 2.0 * to_axis, 2.0 * out, corners, bang, 0.0 * out))
+    return choices[kind, np.arange(len(state))]
+
+
+def least_phi_under_adversaries(run, state, steps, dense, seed=0):
+    """Return the least phi of every constraint at steps, and on a grid of 1 s in every `dense`-th hold."""
+    generator = np.random.default_rng(seed)
+    least = run.phi(state).min(axis=0)
+    infeasible = 0
+    for step in range(steps):
+        result = run(state, adversaries(state, step, generator))
+        infeasible += result.infeasible.sum()
+        if step % dense == 0:
+            for second in range(1, 10):
+                least = np.minimum(least, run.phi(flown(state, result.control, float(second))).min(axis=0))
+        state = flown(state, result.control, DT)
+        least = np.minimum(least, run.phi(state).min(axis=0))
+    return least, infeasible
+
+
+def test_nothing_is_broken_under_adversaries(run):
+    least, infeasible = least_phi_under_adversaries(run, safe_starts(run, 1, 48), 60, 1)
+    assert infeasible == 0
+    assert least.min() > 0.0, dict(zip(run.names, least, strict=True))
+    assert least[NAMES.index("rel_vel")] < 1e-3  # the adversaries do reach the limits
+
+
+@pytest.mark.slow
+def test_nothing_is_broken_in_a_million_steps(run):
+    least, infeasible = least_phi_under_adversaries(run, safe_starts(run, 2, 1024), 1000, 20)
+    assert infeasible == 0
+    assert least.min() > 0.0, dict(zip(run.names, least, strict=True))
+    tight = least < [3.0, 1e-3, 1e-3, 0.1, 0.1, 1e-3, 1e-3, 1e-3]
+    assert tight.all(), dict(zip(run.names, least, strict=True))
+
+
+def test_a_plan_is_safe_for_an_orbit(run):
+    """The induction's base: fly the plan's hold, then coast; sampled every second of the hold and every 10 s after."""
+    state = safe_starts(run, 3, 300, nearest=11.0, farthest=400.0, fastest=0.6)
+    found, thrust = run.plans(state)
+    assert found.all()
+    assert np.abs(thrust).max() <= 1.0
+    for second in range(1, 11):
+        assert (run.phi(flown(state, thrust, float(second))) >= 0.0).all()
+    state = flown(state, thrust, DT)
+    assert np.abs(state.velocity[:, 1] + 2.0 * N * state.position[:, 0]).max() < 1e-12
+    rest = np.zeros((len(state), 3))
+    for time in np.arange(0.0, PERIOD, 10.0):
+        assert (run.phi(flown(state, rest, time)) >= 0.0).all(), time
+    last = flown(state, rest, PERIOD)
+    np.testing.assert_allclose(last.position, state.position, atol=1e-7)
+    assert run.recoverable(last).all()
+
+
+def test_a_state_stays_recoverable_while_it_flies_its_plans(run):
+    state = safe_starts(run, 4, 200, nearest=11.0, farthest=300.0)
+    for _ in range(30):
+        found, thrust = run.plans(state)
+        assert found.all()
+        state = flown(state, thrust, DT)
+
+
+def closed_motions(seed, rows):
+    generator = np.random.default_rng(seed)
+    position = generator.normal(size=(rows, 3)) * generator.uniform(10.0, 300.0, (rows, 1))
+    velocity = generator.normal(size=(rows, 3)) * N * np.linalg.norm(position, axis=1, keepdims=True) * 0.7
+    velocity[:, 1] = -2.0 * N * position[:, 0]
+    return RelativeState(position, velocity, generator.uniform(0.0, 2.0 * np.pi, rows))
+
+
+def test_closed_motions_are_certified_as_dense_samples_say(run):
+    """Certified: no sample is unsafe. Refused: a sample is unsafe but for the margins of 1 mm and 0.01 mm/s."""
+    from safe_inspect.rta.filters.arcs import SAFE
+    from safe_inspect.rta.filters.closed_motion import ROOM, closed_motion
+
+    state = closed_motions(5, 600)
+    least = np.full((len(state), len(run.names)), np.inf)
+    for time in np.linspace(0.0, PERIOD, 2001):
+        least = np.minimum(least, run.phi(flown(state, np.zeros((len(state), 3)), time)))
+    work = np.empty(ROOM)
+    safe = np.array(
+        [
+            closed_motion(
+                run._model, (*state.position[i], *state.velocity[i]),
+                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), 1e-3, 1e-5, work,
+            ) == SAFE
+            for i in range(len(state))
+        ]
+    )  # fmt: skip
+    assert 30 < safe.sum() < 570
+    assert (least[safe] >= 0.0).all()
+    # phi of the sun is an angle: 1 mm is less than 1e-4 rad beyond 10 m; samples 3 s apart miss the least by little
+    roomy = (least > [0.05, 1e-3, 5e-3, 0.05, 0.05, 1e-3, 1e-3, 1e-3]).all(axis=1)
+    assert safe[roomy].all()
+
+
+def test_holds_are_certified_as_dense_samples_say(run):
+    from safe_inspect.rta.filters.arcs import SAFE
+    from safe_inspect.rta.filters.holds import hold
+
+    generator = np.random.default_rng(6)
+    directions = generator.normal(size=(2, 3000, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    state = RelativeState(
+        directions[0] * generator.choice([11.0, 14.0, 25.0, 60.0, 797.0], (3000, 1)),
+        directions[1] * generator.uniform(0.0, 0.3, (3000, 1)), generator.uniform(0.0, 2.0 * np.pi, 3000),
+    )  # fmt: skip
+    control = generator.uniform(-0.3, 0.3, (3000, 3))
+    least = np.full((3000, len(run.names)), np.inf)
+    for time in np.linspace(0.0, DT, 81):
+        least = np.minimum(least, run.phi(flown(state, control, time)))
+    cells, where = np.empty((64, 4), np.int64), np.empty(2, np.int64)
+    safe = np.array(
+        [
+            hold(
+                run._model, (*state.position[i], *state.velocity[i]),
+                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), control[i], 1e-3, 1e-5, cells, where,
+            ) == SAFE
+            for i in range(3000)
+        ]
+    )  # fmt: skip
+    assert 300 < safe.sum() < 2700
+    assert (least[safe] >= 0.0).all()
+    roomy = (least > [0.05, 5e-3, 5e-3, 0.05, 0.1, 5e-3, 5e-3, 5e-3]).all(axis=1)
+    assert roomy.sum() > 300
+    assert safe[roomy].all()
+
+
+def test_a_safe_control_is_flown_unchanged(run):
+    state = safe_starts(run, 7, 200)
+    desired = np.random.default_rng(7).uniform(-0.05, 0.05, (200, 3))
+    result = run(state, desired)
+    safe = run.admissible(state, desired)
+    assert safe.mean() > 0.5
+    np.testing.assert_array_equal(result.control[safe], desired[safe])
+    assert not result.intervening[safe].any()
+    assert (result.active[safe] == 0).all()
+    assert (result.active[~safe] != 0).all()
+    np.testing.assert_array_equal(result.phi, run.phi(state))
+
+
+def test_every_answer_is_admissible_and_near_the_best_of_many(run):
+    """No control of a thousand near the answer, and nearer to the desired one, passes the test with room to spare."""
+    state = safe_starts(run, 8, 24)
+    generator = np.random.default_rng(8)
+    desired = generator.uniform(-1.0, 1.0, (24, 3))
+    result = run(state, desired)
+    assert run.admissible(state, result.control).all()
+    away = np.linalg.norm(result.control - desired, axis=1)
+    better = 0
+    for _ in range(1000):
+        trial = np.clip(result.control + generator.normal(size=(24, 3)) * 0.1, -1.0, 1.0)
+        nearer = away - np.linalg.norm(trial - desired, axis=1) > 0.01
+        better += (run.admissible(state, trial) & nearer).any()
+    assert better < 20
+
+
+def test_the_refusing_constraints_are_named(run):
+    state = RelativeState(np.array([[0.0, 60.0, 0.0]]), np.array([[0.0, 0.0, 0.0]]), np.array([-0.5 * np.pi]))
+    outcome = run(state, np.array([[0.0, 1.0, 0.0]]))
+    assert outcome.intervening.all()
+    assert outcome.active_names(0) == ("rel_vel",)
+    assert run(state, np.zeros((1, 3))).active_names(0) == ()
+
+
+def test_a_row_does_not_depend_on_its_batch(run):
+    state = safe_starts(run, 9, 30)
+    desired = adversaries(state, 0, np.random.default_rng(9))
+    whole = run(state, desired)
+    for i in range(30):
+        alone = run(state[i : i + 1], desired[i : i + 1])
+        np.testing.assert_array_equal(alone.control[0], whole.control[i])
+        assert alone.active[0] == whole.active[i]
+
+
+def outside():
+    """Return states that break the range, the sun cone, the largest range, and the speed limits."""
+    position = [[8.0, 3.0, 0.0], [40.0, 0.0, 5.0], [820.0, 0.0, 0.0], [60.0, 10.0, 0.0], [6.0, 0.0, 0.0]]
+    velocity = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.9, 1.2, -0.3], [-0.05, 0.0, 0.0]]
+    # the cone opens towards (-cos theta, sin theta): along +x at theta = pi
+    return RelativeState(np.array(position), np.array(velocity), np.array([2.0, np.pi, 0.0, 1.0, 2.0]))
+
+
+def test_from_outside_the_safe_set_it_returns(run):
+    state = outside()
+    assert (run.phi(state) < 0.0).any(axis=1).all()
+    assert not run.recoverable(state).any()
+    first = run(state, np.zeros((len(state), 3)))
+    assert first.infeasible.all()
+    assert (first.active != 0).all()
+    back = np.zeros(len(state), bool)
+    for _ in range(120):
+        result = run(state, np.zeros((len(state), 3)))
+        assert np.abs(result.control).max() <= 1.0
+        assert not (back & result.infeasible).any(), "a state that has a plan keeps one"
+        back |= ~result.infeasible
+        state = flown(state, result.control, DT)
+        assert (run.phi(state)[back] >= 0.0).all()
+    assert back.all()
+
+
+def test_a_part_of_the_constraints():
+    run = BackupFilter(names=["y_vel", "r_max", "PSM"])
+    assert run.names == ("y_vel", "r_max", "PSM")
+    least, infeasible = least_phi_under_adversaries(run, safe_starts(run, 10, 24, fastest=0.8), 60, 5)
+    assert infeasible == 0
+    assert least.min() > 0.0
+
+
+def test_a_longer_horizon_and_step():
+    parameters = {"psm_horizon": PERIOD, "step_size": 20.0, "collision_radius": 15.0}
+    run = BackupFilter(parameters)
+    state = safe_starts(run, 11, 24)
+    generator = np.random.default_rng(11)
+    for step in range(30):
+        result = run(state, adversaries(state, step, generator))
+        assert not result.infeasible.any()
+        state = flown(state, result.control, 20.0)
+        assert (run.phi(state) >= 0.0).all()
+
+
+def test_bad_input_is_named(run):
+    state = safe_starts(run, 12, 4)
+    desired = np.zeros((4, 3))
+    desired[2, 0] = np.inf
+    with pytest.raises(ValueError, match="desired control of row 2 is not finite"):
+        run(state, desired)
+    velocity = state.velocity.copy()
+    velocity[1] = np.nan
+    with pytest.raises(ValueError, match="state of row 1 is not finite"):
+        run(RelativeState(state.position, velocity, state.sun_angle), np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="too long a part of the orbit"):
+        BackupFilter({"step_size": 600.0})

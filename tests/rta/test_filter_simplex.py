@@ -1,0 +1,128 @@
+"""The switching filter: it holds, its ellipse is safe, and the delta-v limit latches the backup at the step itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.rta.constraints import RelativeState
+from safe_inspect.rta.filters import BackupFilter, SimplexFilter, SimplexMemory
+
+N, MASS, DT = 0.001027, 12.0, 10.0
+
+
+@pytest.fixture(scope="module")
+def safe():
+    return BackupFilter()
+
+
+def starts(safe, seed, rows):
+    generator = np.random.default_rng(seed)
+    directions = generator.normal(size=(2, 8 * rows, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    state = RelativeState(
+        directions[0] * generator.uniform(40.0, 120.0, (8 * rows, 1)),
+        directions[1] * generator.uniform(0.0, 0.2, (8 * rows, 1)), generator.uniform(0.0, 2.0 * np.pi, 8 * rows),
+    )  # fmt: skip
+    good = (safe.phi(state) >= 0.0).all(axis=1) & safe.recoverable(state)
+    return state[np.flatnonzero(good)[:rows]]
+
+
+def flown(state, control):
+    p, v = state.position.copy(), state.velocity.copy()
+    propagate(p, v, np.ascontiguousarray(control), *transition(N, MASS, DT), p, v)
+    return RelativeState(p, v, state.sun_angle + N * DT)
+
+
+def test_its_ellipse_is_safe_for_ever(safe):
+    simplex = SimplexFilter()
+    position, velocity = simplex.ellipse(starts(safe, 1, 500))
+    # where the deputy should be is on a closed natural motion without drift
+    np.testing.assert_allclose(velocity[:, 1], -2.0 * N * position[:, 0], atol=1e-12)
+    np.testing.assert_allclose(velocity[:, 0], 0.5 * N * position[:, 1], atol=1e-12)
+    target = RelativeState(position, velocity, starts(safe, 1, 500).sun_angle)
+    assert (safe.phi(target) >= 0.0).all()
+    assert safe.admissible(target, np.zeros((500, 3))).all()
+
+
+def test_the_regulator_reaches_the_ellipse(safe):
+    simplex = SimplexFilter()
+    state = starts(safe, 2, 60)
+    memory = SimplexMemory(np.zeros(60), np.ones(60, bool))  # latched: the backup flies
+    for _ in range(1200):
+        result, memory = simplex(state, np.zeros((60, 3)), memory)
+        assert result.backup.all()
+        assert not result.infeasible.any()
+        state = flown(state, result.control)
+        assert (safe.phi(state) >= 0.0).all()
+    position, velocity = simplex.ellipse(state)
+    assert np.linalg.norm(state.position - position, axis=1).max() < 2.0
+    assert np.linalg.norm(state.velocity - velocity, axis=1).max() < 0.01
+
+
+def test_it_switches_only_where_the_desired_control_is_refused(safe):
+    simplex = SimplexFilter()
+    state = starts(safe, 3, 100)
+    desired = np.random.default_rng(3).uniform(-0.3, 0.3, (100, 3))
+    result, memory = simplex(state, desired, SimplexMemory.zeros(100))
+    passed = safe.admissible(state, desired)
+    assert 0.05 < passed.mean() < 0.95
+    np.testing.assert_array_equal(result.backup, ~passed)
+    np.testing.assert_array_equal(result.control[passed], desired[passed])
+    assert (result.active[~passed] != 0).all()
+    np.testing.assert_allclose(memory.delta_v, np.abs(result.control).sum(axis=1) * DT / MASS)
+
+
+def test_it_holds_under_random_thrust(safe):
+    simplex = SimplexFilter()
+    state, memory = starts(safe, 4, 40), SimplexMemory.zeros(40)
+    generator = np.random.default_rng(4)
+    for _ in range(100):
+        result, memory = simplex(state, generator.uniform(-1.0, 1.0, (40, 3)), memory)
+        state = flown(state, result.control)
+        assert (safe.phi(state) >= 0.0).all()
+        assert not result.infeasible.any()
+
+
+def test_the_limit_latches_the_backup_at_the_step_that_would_exceed_it(safe):
+    simplex = SimplexFilter(delta_v_limit=0.05)
+    state, memory = starts(safe, 5, 20), SimplexMemory.zeros(20)
+    desired = np.tile([0.012, 0.0, 0.0], (20, 1))  # 0.01 m/s a step
+    flew = np.zeros(20)
+    for _ in range(8):
+        expected = memory.latched | (memory.delta_v + 0.01 > 0.05)
+        before = memory
+        result, memory = simplex(state, desired, memory)
+        np.testing.assert_array_equal(memory.latched, expected)
+        assert result.backup[expected].all()
+        # at the latching step already, the desired control is not flown
+        fresh = memory.latched & ~before.latched
+        assert (np.abs(result.control[fresh] - desired[fresh]).max(axis=1) > 0).all()
+        flew += (result.control == desired).all(axis=1)
+        state = flown(state, result.control)
+    assert memory.latched.all()
+    assert (flew <= 5).all()
+
+
+def test_a_row_does_not_depend_on_its_batch_and_the_memory_is_not_changed(safe):
+    simplex = SimplexFilter(delta_v_limit=1.0)
+    state = starts(safe, 6, 12)
+    desired = np.random.default_rng(6).uniform(-1.0, 1.0, (12, 3))
+    memory = SimplexMemory(np.linspace(0.0, 2.0, 12), np.arange(12) % 5 == 0)
+    kept = memory.delta_v.copy()
+    whole, _ = simplex(state, desired, memory)
+    np.testing.assert_array_equal(memory.delta_v, kept)
+    for i in range(12):
+        part = SimplexMemory(memory.delta_v[i : i + 1], memory.latched[i : i + 1])
+        alone, _ = simplex(state[i : i + 1], desired[i : i + 1], part)
+        np.testing.assert_array_equal(alone.control[0], whole.control[i])
+
+
+def test_bad_input_is_named(safe):
+    state = starts(safe, 7, 3)
+    with pytest.raises(ValueError, match="row 1 is not finite"):
+        SimplexFilter()(state, np.array([[0.0] * 3, [np.nan] * 3, [0.0] * 3]), SimplexMemory.zeros(3))
+    with pytest.raises(ValueError, match="positive"):
+        SimplexFilter(delta_v_limit=-1.0)
