@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from pydantic import ValidationError
@@ -19,6 +20,7 @@ from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugin import Plugin
+from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.simulators.inspection_simulator import InspectionSimulator
 from safe_inspect.simulators.reset import ResetPlan
@@ -78,6 +80,9 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
     _constants_agree(config, platforms, reset, tell)
     if mistakes:
         return None
+    guards = [glue for agent in agents for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
+    if any(guard.for_starts() is not guard for guard in guards):
+        reset = _guarded_starts(reset)
     frame_rate = config.agent_config[0].config.config.frame_rate
     return EnvironmentSpec(environment.simulator, platforms, tuple(agents), reset, 1.0 / frame_rate, seed)
 
@@ -99,6 +104,17 @@ def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
                     told = f"unknown key `{key}`; {did_you_mean(key, CWHPlatform.model_fields)}"
                 report((*where, "config", "config", *problem["loc"]), told)
     return platforms
+
+
+def _guarded_starts(reset: ResetPlan) -> ResetPlan:
+    """Return the plan whose samplers refuse every state from which a filter could not stay safe."""
+    parameters = {
+        name: parameter.model_copy(update={"rta": parameter.rta.for_filtered()})
+        if isinstance(parameter, RejectionSampler) and parameter.rta is not None
+        else parameter
+        for name, parameter in reset.parameters.items()
+    }
+    return replace(reset, parameters=parameters)
 
 
 def _constants_agree(

@@ -13,7 +13,8 @@ from safe_inspect.environments.guard import all_finite, require_finite, require_
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.glues.base import ActionGlue, Glue, Parts
 from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import Group, Step, View
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.simulators.view import GUARD, Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
@@ -63,7 +64,9 @@ class BatchedEnvironment:
             raise ValueError(f"num_envs is at least 1, not {num_envs}")
         self.spec = spec
         self.agent = spec.agents[0]
-        self.group = Group(self.agent.name, 0, 1, self.agent.sensors)
+        guards = [glue for glue in self.agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
+        self._guard = guards[0] if guards else None
+        self.group = Group(self.agent.name, 0, 1, self.agent.sensors, self._guard)
         self.observation_layout: Layout = observation_layout(self.agent)
         self.action_layout: Layout = action_layout(self.agent)
         self.simulation = spec.simulator(
@@ -145,10 +148,21 @@ class BatchedEnvironment:
                 require_finite(
                     _title(glue, self.agent.parts), glue(action[:, columns], self.agent.parts), simulation.state
                 )
-        before = simulation.views[0]
+        before, desired, filtered = simulation.views[0], control, None
+        if self._guard is not None:
+            filtered = self._guard.filter(desired, before)
+            control = filtered.result.control
         simulation.step(control.reshape(self.num_envs, group.size, 3))
-        step_size = simulation.world.step_size
-        step = Step(before, simulation.views[0], action, control, control, self._no_intervention, step_size)
+        after, step_size = simulation.views[0], simulation.world.step_size
+        if filtered is None:
+            step = Step(before, after, action, control, desired, self._no_intervention, step_size)
+        else:
+            intervening = filtered.result.intervening
+            first = group.first
+            simulation.state.interventions[:, first : first + group.size] += intervening.reshape(-1, group.size)
+            for name, array in filtered.memory.items():
+                after.memory(GUARD, name)[...] = array
+            step = Step(before, after, action, control, desired, intervening, step_size, filtered.result)
         shape = (self.num_envs, group.size)
         observation = self._observe(step.after)
         terms: dict[str, FloatArray] = {}

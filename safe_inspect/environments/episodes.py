@@ -29,9 +29,21 @@ def facts(view: View, status: AnyArray | None = None) -> dict[str, AnyArray]:
 
 
 def step_facts(environment: BatchedEnvironment, transition: Transition) -> dict[str, AnyArray]:
-    """Return the facts of a step: those of its last state, and ``reward/NAME`` for every term."""
+    """Return the facts of a step: those of its last state, and ``reward/NAME`` for every term.
+
+    With a safety filter also ``interventions`` in the episode, and of this step ``rta/intervening``,
+    ``rta/infeasible``, ``rta/active`` (bit j: the j-th constraint refused the desired thrust) and ``rta/phi_min``, the
+    smallest plain safety quantity at the beginning of the step.
+    """
     told = facts(transition.step.after, transition.status)
     told |= {f"reward/{name}": value.reshape(-1) for name, value in transition.terms.items()}
+    filtered = transition.step.filtered
+    if filtered is not None:
+        told["interventions"] = transition.step.after.interventions.copy()
+        told["rta/intervening"] = filtered.intervening
+        told["rta/infeasible"] = filtered.infeasible
+        told["rta/active"] = filtered.active
+        told["rta/phi_min"] = filtered.phi.min(axis=1, initial=np.inf)
     return told
 
 

@@ -22,7 +22,8 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
     """One environment.
 
     The info of every step holds ``inspected_count``, ``inspected_fraction``, ``delta_v`` (of the episode [m/s]),
-    ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every term.
+    ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every term. With a safety filter it
+    also holds what `step_facts` lists, ``rta/active`` as names, and ``desired_control`` and ``control`` [N].
 
     Args:
         spec: The task.
@@ -61,6 +62,10 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
         terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
         self._running = not (terminated or truncated)
         info = _named(row(step_facts(self.core, transition), 0))
+        filtered = transition.step.filtered
+        if filtered is not None:
+            info["rta/active"] = filtered.active_names(0)
+            info["desired_control"], info["control"] = transition.step.desired_control[0], transition.step.control[0]
         return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info
 
 

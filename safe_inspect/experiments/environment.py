@@ -33,7 +33,7 @@ EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], Vecto
 DEFAULT_MAKER = "safe_inspect.experiments.environment:make_environment"
 
 _TERM = "reward/"
-_FACTS = ("delta_v", "inspected_count", "inspected_fraction")
+_FACTS = ("delta_v", "inspected_count", "inspected_fraction", "interventions")
 _WIN, _LOSE = 1, 2
 
 

@@ -4,15 +4,33 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from safe_inspect.functor import functor_field
 from safe_inspect.glues.base import ActionGlue
-from safe_inspect.types import BoolArray, FloatArray
+from safe_inspect.rta.filters.base import FilterResult
+from safe_inspect.simulators.state import ArraySpec
+from safe_inspect.simulators.view import View
+from safe_inspect.simulators.world import World
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """What a safety glue does to the thrust of a step.
+
+    Attributes:
+        result: The filter's result for the R rows.
+        memory: New values of the arrays that the glue has declared, each of shape (R, ...).
+    """
+
+    result: FilterResult
+    memory: Mapping[str, AnyArray] = field(default_factory=dict)
 
 
 class SafetyGlue(ActionGlue):
-    """Wraps the glues of the controllers and knows which states are safe.
+    """Wraps the glues of the controllers, knows which states are safe and keeps the deputy in them.
 
     Class attributes:
         tests: Names of the states that `refusals` reads.
@@ -38,3 +56,20 @@ class SafetyGlue(ActionGlue):
         Args:
             states: Named states, such as ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3), ``sun_angle`` [rad] (R,).
         """
+
+    @abstractmethod
+    def filter(self, desired: FloatArray, view: View) -> Filtered:
+        """Return the thrust to hold in the next step.
+
+        Args:
+            desired: Desired thrust [N], Hill frame, shape (R, 3).
+            view: The state at the beginning of the step.
+        """
+
+    def memory(self, world: World) -> Mapping[str, ArraySpec]:
+        """Declare the arrays that the filter remembers, each with its shape for one agent. None by default."""
+        return {}
+
+    def for_starts(self) -> SafetyGlue:
+        """Return the glue that tests initial states when this one is enabled."""
+        return self

@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Any
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, model_validator
 
 from safe_inspect.glues.base import Bounds, Parts
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
+from safe_inspect.rta.filters import BackupFilter, ContinuousFilter, SimplexFilter, SimplexMemory
+from safe_inspect.simulators.state import ArraySpec
+from safe_inspect.simulators.view import GUARD, View
+from safe_inspect.simulators.world import World
 from safe_inspect.types import BoolArray, FloatArray
-from safe_inspect.units import NonNegativeSpeed, PositiveAngularRate, PositiveDuration, PositiveLength
+from safe_inspect.units import (
+    Angle,
+    NonNegativeSpeed,
+    PositiveAngularRate,
+    PositiveDuration,
+    PositiveForce,
+    PositiveLength,
+    PositiveMass,
+    PositiveSpeed,
+)
 
 CONSTRAINTS = ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel")
+
+
+#: Fields that are the constraints' and the filters' parameters, by their names there.
+_PARAMETERS = (
+    "step_size", "collision_radius", "v0", "v0_distance", "v1_coef", "n", "r_max", "u_max", "m", "fov", "vel_limit",
+    "psm_horizon",
+)  # fmt: skip
 
 
 class RTAGlueCWHInspection1v1(SafetyGlue):
@@ -29,7 +51,18 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         v1_coef: Slope of the speed limit over range, in units of `n` [-].
         n: Mean motion [rad/s].
         r_max: Largest range [m].
+        u_max: Largest thrust along each axis [N].
+        m: Mass of the deputy [kg].
+        fov: Full angle of the camera's cone, and so of the sun's keep-out cone [rad].
+        vel_limit: Largest speed along each axis [m/s].
+        psm_horizon: How long a coasting deputy must stay clear of the chief [s].
         constraints: Names of the constraints.
+        method: ``backup`` keeps every constraint over the whole hold; ``continuous`` is the peer's condition on the
+            derivative at the beginning of the hold, which does not; ``simplex`` switches to a backup controller.
+        infeasible: What the method ``continuous`` does where no thrust meets all conditions: ``least_violating``, or
+            ``pass`` the desired thrust as the peer does.
+        delta_v_limit: Delta-v at which the method ``simplex`` latches its backup controller [m/s]; None: never.
+        recoverable: Whether `refusals` also refuses states without a backup plan.
     """
 
     state_observation_names: tuple[str, ...] = ()
@@ -40,21 +73,44 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
     v1_coef: float = Field(default=2.0, ge=0)
     n: PositiveAngularRate = 0.001027
     r_max: PositiveLength = 800.0
+    u_max: PositiveForce = 1.0
+    m: PositiveMass = 12.0
+    fov: Angle = math.pi / 3
+    vel_limit: PositiveSpeed = 1.0
+    psm_horizon: PositiveDuration = 100.0
     constraints: tuple[str, ...] = CONSTRAINTS
-    _constraints: dict[str, Constraint] = PrivateAttr()
-
-    def model_post_init(self, context: Any) -> None:
-        """Build the constraints."""
-        names = ("step_size", "collision_radius", "v0", "v0_distance", "v1_coef", "n", "r_max")
-        self._constraints = constraint_set({name: getattr(self, name) for name in names}, self.constraints)
+    method: Literal["backup", "continuous", "simplex"] = "backup"
+    infeasible: Literal["least_violating", "pass"] = "least_violating"
+    delta_v_limit: PositiveSpeed | None = None
+    recoverable: bool = False
 
     @model_validator(mode="after")
-    def _no_filter_yet(self) -> RTAGlueCWHInspection1v1:
-        if self.enabled:
-            raise ValueError(
-                "`enabled: True` asks for the safety filter, which this version does not have; set it to False"
-            )
+    def _check_constraints(self) -> RTAGlueCWHInspection1v1:
+        assert self._constraints is not None  # wrong parameters are found now, not at the first step
+        if (self.enabled and self.method != "continuous") or self.recoverable:
+            assert self._guard is not None
         return self
+
+    @cached_property
+    def _given(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in _PARAMETERS}
+
+    @cached_property
+    def _constraints(self) -> dict[str, Constraint]:
+        return constraint_set(self._given, self.constraints)
+
+    @cached_property
+    def _guard(self) -> BackupFilter:
+        return BackupFilter(self._given, self.constraints)
+
+    @cached_property
+    def _continuous(self) -> ContinuousFilter:
+        return ContinuousFilter(self._given, self.constraints, self.infeasible)
+
+    @cached_property
+    def _simplex(self) -> SimplexFilter:
+        limit = math.inf if self.delta_v_limit is None else self.delta_v_limit
+        return SimplexFilter(self._given, self.constraints, limit)
 
     def names(self, parts: Parts) -> tuple[str, ...]:
         """Return the names of the wrapped glues' elements."""
@@ -80,4 +136,29 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         """Return for each constraint the rows that it refuses: not (h >= 0 and phi >= 0), NaN included, shape (R,)."""
         state = RelativeState(states["position"], states["velocity"], states["sun_angle"])
         evaluations = {name: constraint.evaluate(state) for name, constraint in self._constraints.items()}
-        return {name: ~((value.h >= 0.0) & (value.phi >= 0.0)) for name, value in evaluations.items()}
+        refused = {name: ~((value.h >= 0.0) & (value.phi >= 0.0)) for name, value in evaluations.items()}
+        if self.recoverable:
+            finite = np.isfinite(state.position).all(axis=1) & np.isfinite(state.velocity).all(axis=1)
+            finite &= np.isfinite(state.sun_angle)
+            refused["recoverable"] = ~finite
+            refused["recoverable"][finite] = ~self._guard.recoverable(state[finite])
+        return refused
+
+    def filter(self, desired: FloatArray, view: View) -> Filtered:
+        """Return the thrust to hold in the next step."""
+        state = RelativeState(view.position, view.velocity, view.sun_angle)
+        if self.method == "continuous":
+            return Filtered(self._continuous(state, desired))
+        if self.method == "backup":
+            return Filtered(self._guard(state, desired))
+        before = SimplexMemory(view.delta_v, view.memory(GUARD, "latched"))
+        result, after = self._simplex(state, desired, before)
+        return Filtered(result, {"latched": after.latched})
+
+    def memory(self, world: World) -> Mapping[str, ArraySpec]:
+        """Declare whether the switching filter has latched its backup controller."""
+        return {"latched": ArraySpec((), np.bool_)} if self.method == "simplex" else {}
+
+    def for_starts(self) -> RTAGlueCWHInspection1v1:
+        """Return the glue that also refuses initial states from which the filter would know no way to stay safe."""
+        return self if self.method == "continuous" else self.model_copy(update={"recoverable": True})

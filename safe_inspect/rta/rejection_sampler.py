@@ -77,6 +77,12 @@ class SafetyTest(BaseModel):
             return {**problem, "loc": ("args", key, *loc[2:])}
         return problem
 
+    def for_filtered(self) -> SafetyTest:
+        """Return the test for a deputy whose thrust is filtered: the filter must know a way to stay safe, too."""
+        test = self.model_copy()
+        test._glue = self._glue.for_starts()
+        return test
+
     @property
     def glue(self) -> SafetyGlue:
         """The safety glue."""

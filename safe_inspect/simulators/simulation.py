@@ -17,7 +17,7 @@ from safe_inspect.simulators.delta_v_scale import DeltaVScale
 from safe_inspect.simulators.inspection_simulator import InspectionPoints, InspectionSimulator
 from safe_inspect.simulators.reset import ResetPlan
 from safe_inspect.simulators.state import ArraySpec, State, base_specs
-from safe_inspect.simulators.view import Group, View
+from safe_inspect.simulators.view import GUARD, Group, View
 from safe_inspect.simulators.world import PointsModel, World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -208,8 +208,11 @@ class Simulation:
         points = [(name, model.num_points) for name, model in world.points.items()]
         specs = base_specs(len(world.bodies), world.num_deputies, points)
         for group in self._groups:
-            for name, sensor in group.sensors.items():
-                for array, spec in sensor.memory(world).items():
+            declared = {name: sensor.memory(world) for name, sensor in group.sensors.items()}
+            if group.guard is not None:
+                declared[GUARD] = group.guard.memory(world)
+            for name, arrays in declared.items():
+                for array, spec in arrays.items():
                     specs[f"memory/{group.name}/{name}/{array}"] = ArraySpec(
                         (group.size, *spec.shape), spec.dtype, spec.fill
                     )

@@ -68,6 +68,7 @@ class State:
         velocity: Velocity of the bodies [m/s], shape (N, B, 3).
         control: Thrust held over the last step [N], shape (N, D, 3).
         delta_v: Velocity change spent in the episode, sum of abs(u_i) dt / m [m/s], shape (N, D).
+        interventions: Steps of the episode in which a safety filter changed the thrust, shape (N, D).
         sun_angle: Angle of the sun, not wrapped [rad], shape (N,).
         sun_direction: Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, shape (N, 3).
         delta_v_scale: Scale of the delta-v reward [1/(m/s)], shape (N,).
@@ -87,6 +88,7 @@ class State:
         self.velocity: FloatArray = arrays["velocity"]
         self.control: FloatArray = arrays["control"]
         self.delta_v: FloatArray = arrays["delta_v"]
+        self.interventions: IntArray = arrays["interventions"]
         self.sun_angle: FloatArray = arrays["sun_angle"]
         self.sun_direction: FloatArray = arrays["sun_direction"]
         self.delta_v_scale: FloatArray = arrays["delta_v_scale"]
@@ -138,6 +140,7 @@ def base_specs(num_bodies: int, num_deputies: int, points: Iterable[tuple[str, i
         "velocity": ArraySpec((num_bodies, 3)),
         "control": ArraySpec((num_deputies, 3)),
         "delta_v": ArraySpec((num_deputies,)),
+        "interventions": ArraySpec((num_deputies,), np.int64),
         "sun_angle": ArraySpec(()),
         "sun_direction": ArraySpec((3,)),
         "delta_v_scale": ArraySpec(()),

@@ -21,6 +21,11 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from safe_inspect.platforms.base import Sensor
+    from safe_inspect.rta.base import SafetyGlue
+    from safe_inspect.rta.filters.base import FilterResult
+
+#: Where the arrays that a group's safety filter remembers stand among those of the parts.
+GUARD = "safety filter"
 
 Array = TypeVar("Array", bound=NDArray[Any])
 
@@ -34,12 +39,14 @@ class Group:
         first: Index of the first deputy.
         size: Number of deputies, G.
         sensors: Sensors by part name.
+        guard: What filters the group's thrust and may declare memory, where there is one.
     """
 
     name: str
     first: int
     size: int
     sensors: Mapping[str, Sensor]
+    guard: SafetyGlue | None = None
 
 
 class PointsView:
@@ -163,6 +170,11 @@ class View:
         return self.per_agent(self.state.delta_v)
 
     @property
+    def interventions(self) -> IntArray:
+        """Steps of the episode in which a safety filter changed the own thrust, shape (R,)."""
+        return self.per_agent(self.state.interventions)
+
+    @property
     def mass(self) -> FloatArray:
         """Own mass [kg], shape (R,) or a scalar that broadcasts against it."""
         first, size = self.group.first, self.group.size
@@ -236,6 +248,7 @@ class Step:
         desired_control: Thrust that the policies asked for, before any safety filter [N], shape (R, 3).
         intervening: Rows in which a safety filter changed the thrust, shape (R,).
         dt: Length of the step [s].
+        filtered: What the safety filter told, where one is enabled.
     """
 
     def __init__(
@@ -247,6 +260,7 @@ class Step:
         desired_control: FloatArray,
         intervening: BoolArray,
         dt: float,
+        filtered: FilterResult | None = None,
     ) -> None:
         self.before = before
         self.after = after
@@ -255,6 +269,7 @@ class Step:
         self.desired_control = desired_control
         self.intervening = intervening
         self.dt = dt
+        self.filtered = filtered
 
     @cached_property
     def first(self) -> BoolArray:

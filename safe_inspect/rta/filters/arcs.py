@@ -29,7 +29,7 @@ State = tuple[float, float, float, float, float, float]
 SAFE = -1
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def held(m: Model, x: State, u: FloatArray, k: int) -> State:
     """Return the state k / 256 of a hold after x, under the thrust u; at k = 256 to the bit that of the simulator."""
     phi, g = m.hold_phi[k], m.hold_gamma[k]
@@ -43,7 +43,7 @@ def held(m: Model, x: State, u: FloatArray, k: int) -> State:
     )
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def closed(n: float, x: State, cos: float, sin: float) -> State:
     """Return the state of the drift-free motion from x, v_y = -2 n x, after the angle of that cosine and sine."""
     px = cos * x[0] + sin * x[3] / n
@@ -57,13 +57,13 @@ def closed(n: float, x: State, cos: float, sin: float) -> State:
     )
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def turned(sun: tuple[float, float], cos: float, sin: float) -> tuple[float, float]:
     """Return the cosine and sine of the sun angle after a turn."""
     return sun[0] * cos - sun[1] * sin, sun[1] * cos + sun[0] * sin
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def lowest(fa: float, fb: float, dip: float) -> float:
     """Return the least over 0 <= x <= 1 of the chord from fa to fb less dip 4 x (1 - x), dip >= 0."""
     rise = abs(fb - fa)
@@ -72,14 +72,14 @@ def lowest(fa: float, fb: float, dip: float) -> float:
     return min(fa, fb) - dip * (1.0 - 0.25 * rise / dip) ** 2
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def sun_gap(m: Model, x: State, sun: tuple[float, float]) -> float:
     """Return the signed distance from the sun cone [m]; not negative outside it."""
     pc, pk = sun[1] * x[1] - sun[0] * x[0], -sun[1] * x[0] - sun[0] * x[1]
     return m.cos_b * math.sqrt(pk * pk + x[2] * x[2]) - m.sin_b * pc
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def broken_at(m: Model, near: float, x: State, sun: tuple[float, float], length: float, speed: float) -> int:
     """Return the code of a constraint that is not met at a state with those margins [m], [m/s]; SAFE if all are."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -101,7 +101,7 @@ def broken_at(m: Model, near: float, x: State, sun: tuple[float, float], length:
     return SAFE
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def uncertain(
     m: Model, near: float, a: State, b: State, sun_a: tuple[float, float], sun_b: tuple[float, float],
     w: tuple[float, float, float], span: float, length: float, speed: float,

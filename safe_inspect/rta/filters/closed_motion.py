@@ -25,7 +25,7 @@ _COLUMNS = 10
 ROOM = (ORBIT_CELLS + 1 + 16, _COLUMNS)
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _node(
     m: Model, x: State, sun: tuple[float, float], cos: float, sin: float, near: float, length: float, speed: float,
     out: FloatArray,
@@ -51,7 +51,7 @@ def _node(
     return SAFE
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _uncertain(
     m: Model, a: FloatArray, b: FloatArray, centre: float, rho: float, span: float,
     near: float, length: float, speed: float,
@@ -92,7 +92,7 @@ def _uncertain(
     return SAFE
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _bend(m: Model, a: FloatArray, centre: float, nk: float, nz: float) -> float:
     """Return the second derivative of N.q at a node, q the position in the frame that turns with the sun."""
     ox, oy, ca, sa = a[1], a[2] - centre, a[8], a[9]
@@ -102,7 +102,7 @@ def _bend(m: Model, a: FloatArray, centre: float, nk: float, nz: float) -> float
     return float(nk * bend_k - nz * a[3] - m.sin_b * bend_c)
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def closed_motion(
     m: Model, x: State, sun: tuple[float, float], length: float, speed: float, work: FloatArray
 ) -> int:  # fmt: skip

@@ -20,13 +20,13 @@ from safe_inspect.types import FloatArray
 MOST = 48
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     size = math.sqrt(x * x + y * y + z * z)
     return (x / size, y / size, z / size) if size > 1e-9 else (1.0, 0.0, 0.0)
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def support(
     m: Model, code: int, b: State, sun: tuple[float, float], length: float, speed: float, d: FloatArray
 ) -> float:  # fmt: skip
@@ -61,7 +61,7 @@ def support(
     return m.near + length
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def add(
     m: Model, d: FloatArray, need: float, b: State, u: FloatArray, k: int,
     rows: FloatArray, bounds: FloatArray, count: int,
@@ -82,7 +82,7 @@ def add(
     return count + 1
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def cut_near(
     m: Model, x: State, u: FloatArray, own_side: bool, always: bool, length: float, d: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,
@@ -114,7 +114,7 @@ def cut_near(
     return int(add(m, d, near + length, held(m, x, u, at_k), u, at_k, rows, bounds, count))
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def cut_hold(
     m: Model, x: State, sun: tuple[float, float], u: FloatArray, code: int, k: int, own_side: bool,
     length: float, speed: float, d: FloatArray, rows: FloatArray, bounds: FloatArray, count: int,
@@ -127,7 +127,7 @@ def cut_hold(
     return int(add(m, d, need, b, u, k, rows, bounds, count))
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def cut_broken(
     m: Model, x: State, sun: tuple[float, float], u: FloatArray, own_side: bool, length: float, speed: float,
     d: FloatArray, rows: FloatArray, bounds: FloatArray, count: int,

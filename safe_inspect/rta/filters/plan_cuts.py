@@ -33,7 +33,7 @@ _METRES_PER_NEWTON = 100.0
 _STEP = 1e-4
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _slack(m: Model, x: State, sun: tuple[float, float], code: int) -> float:
     """Return how far a constraint is from broken, in metres; speeds count as the range of a motion that fast."""
     if code == SUN:
@@ -49,13 +49,13 @@ def _slack(m: Model, x: State, sun: tuple[float, float], code: int) -> float:
     return float((m.limit[code - X_VEL] - abs(x[3 + code - X_VEL])) / m.n)
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _excess(m: Model, w: FloatArray) -> float:
     """Return the slack of the thrusters, in metres, for a plan's thrust."""
     return float(_METRES_PER_NEWTON * (m.u_max - max(abs(w[0]), max(abs(w[1]), abs(w[2])))))
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _least_slack(m: Model, x: State, sun: tuple[float, float]) -> tuple[float, int]:
     """Return the least slack of all constraints [m], and whose it is."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -77,7 +77,7 @@ def _least_slack(m: Model, x: State, sun: tuple[float, float]) -> tuple[float, i
     return least, which
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _best_plan(m: Model, after: State, start: tuple[float, float], w: FloatArray) -> tuple[int, int]:
     """Return the plan with the largest least slack over the nodes of its orbit, and the constraint where that is."""
     best, best_plan, best_code = -math.inf, 0, COLLISION
@@ -103,7 +103,7 @@ def _best_plan(m: Model, after: State, start: tuple[float, float], w: FloatArray
     return best_plan, best_code
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def cut_recovery(
     m: Model, x: State, sun: tuple[float, float], u: FloatArray, margin: float, w: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,
@@ -158,7 +158,7 @@ def cut_recovery(
     return count, which
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _add_linear(
     here: float, s0: float, s1: float, s2: float, margin: float, u: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,

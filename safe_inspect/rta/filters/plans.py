@@ -36,7 +36,7 @@ ORDER = (
 )  # fmt: skip
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def plan_thrust(m: Model, x: State, index: int, u: FloatArray) -> bool:
     """Write the thrust of a plan from x; False where it exceeds the thrusters.
 
@@ -60,7 +60,7 @@ def plan_thrust(m: Model, x: State, index: int, u: FloatArray) -> bool:
     return fits
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def try_plan(
     m: Model, x: State, sun: tuple[float, float], index: int, length: float, speed: float,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
@@ -74,7 +74,7 @@ def try_plan(
     return bool(hold(m, x, sun, u, length, speed, cells, where) == SAFE)
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def find_plan(
     m: Model, x: State, sun: tuple[float, float], length: float, speed: float, first: int, most: int,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,

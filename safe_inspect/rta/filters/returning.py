@@ -8,14 +8,14 @@ from numba import njit
 
 from safe_inspect.rta.filters.arcs import State, held, sun_gap, turned
 from safe_inspect.rta.filters.cuts import add, cut_near, support
-from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, SUN, X_VEL, Model
+from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, SUN, Model
 from safe_inspect.rta.filters.projection import nearest
 from safe_inspect.rta.filters.scratch import Scratch
 from safe_inspect.types import FloatArray
 
 #: How far inside the limits the way back leads [m].
 INSIDE = 5.0
-#: Beyond this part of v / (2 n), v the largest along-track speed, closed motions are too fast: the way back leads inside.
+#: Beyond this part of v / (2 n), v the largest along-track speed, closed motions are too fast: the way leads inside.
 _CLOSABLE = 0.9
 _ROUNDS = 5
 #: Speed to spare [m/s].
@@ -24,7 +24,7 @@ _SPARE = 1e-5
 _MET = 1e-6
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _allowed(m: Model, x: State) -> float:
     """Return half of the speed that is allowed at a position [m/s]."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -32,7 +32,7 @@ def _allowed(m: Model, x: State) -> float:
     return float(0.5 * max(0.0, min(slowest, min(m.v0 + m.v1 * (r - m.d0), m.u_max / m.mass * m.dt))))
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _to_rate(m: Model, code: int, sun: tuple[float, float], d: FloatArray) -> None:
     """Replace a direction of positions by that of its rate of change; the sun cone's normal turns with the sun."""
     for j in range(3):
@@ -43,7 +43,7 @@ def _to_rate(m: Model, code: int, sun: tuple[float, float], d: FloatArray) -> No
         d[0], d[1] = m.n * (along * sa - across * ca), m.n * (along * ca + across * sa)
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _ask(m: Model, need: float, b: State, u: FloatArray, s: Scratch, count: int) -> tuple[int, bool]:
     """Append d.state >= need for the direction in `s.d` unless u meets it; return the count and whether it was."""
     short = need
@@ -54,7 +54,7 @@ def _ask(m: Model, need: float, b: State, u: FloatArray, s: Scratch, count: int)
     return add(m, s.d, need, b, u, HOLD_PIECES, s.rows, s.bounds, count), True
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def return_control(m: Model, x: State, sun: tuple[float, float], out: FloatArray, s: Scratch) -> int:
     """Write the least-violating control of the way back, and of such the smallest; return the bits of what shapes it.
 
@@ -103,7 +103,7 @@ def return_control(m: Model, x: State, sun: tuple[float, float], out: FloatArray
     return bits
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _to_unit(rows: FloatArray, bounds: FloatArray, count: int) -> None:
     for i in range(count):
         size = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)

@@ -48,7 +48,7 @@ class Scratch(NamedTuple):
     best: FloatArray
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def scratch(most: int) -> Scratch:
     """Return room for programmes of up to `most` half-spaces."""
     return Scratch(
