@@ -1,4 +1,4 @@
-"""The command ``safe-inspect``: list, validate, schema and train."""
+"""The command ``safe-inspect``: list, validate, schema, train, safety and acceptance."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.safety_commands import add_acceptance_arguments, add_safety_arguments, run_acceptance, run_safety
 from safe_inspect.version import __version__
 
 USER_ERROR = 2
@@ -42,8 +43,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_arguments(train)
     train.set_defaults(run=run)
 
-    arguments = parser.parse_args(argv)
+    safety = commands.add_parser("safety", help="fly adversaries under the safety filter and count violations")
+    add_experiment_arguments(safety, positional=True)
+    add_safety_arguments(safety)
+    safety.set_defaults(run=run_safety)
+
+    acceptance = commands.add_parser("acceptance", help="print which share of the drawn initial states is safe")
+    add_experiment_arguments(acceptance, positional=True)
+    add_acceptance_arguments(acceptance)
+    acceptance.set_defaults(run=run_acceptance)
+
+    arguments = parse(parser, argv)
     return guarded(arguments.run, arguments)
+
+
+def parse(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
+    """Parse a command line whose overrides may stand anywhere; argparse alone takes them before the options only."""
+    arguments, rest = parser.parse_known_args(argv)
+    unknown = [text for text in rest if text.startswith("-") or "=" not in text or not hasattr(arguments, "overrides")]
+    if unknown:
+        parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+    if rest:
+        arguments.overrides = [*arguments.overrides, *rest]
+    return arguments
 
 
 def add_experiment_arguments(parser: argparse.ArgumentParser, *, positional: bool) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from safe_inspect.cli import add_experiment_arguments, guarded
+from safe_inspect.cli import add_experiment_arguments, guarded, parse
 from safe_inspect.errors import ConfigError, SafeInspectError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, or 2 for a mistake of the user's."""
     parser = argparse.ArgumentParser(prog="python -m safe_inspect.train_rl", description=__doc__)
     add_arguments(parser)
-    return guarded(run, parser.parse_args(argv))
+    return guarded(run, parse(parser, argv))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

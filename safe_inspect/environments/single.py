@@ -48,7 +48,7 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
         super().reset(seed=seed)
         observation = self.core.reset(seed=seed)[0, 0]
         self._running = True
-        return observation, _named(row(facts(self.core.view()), 0))
+        return observation, _named(row(facts(self.core.view()) | self.core.simulation.reset_facts, 0))
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold an action over one step.

@@ -78,7 +78,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(np.flatnonzero(np.asarray(mask, dtype=np.bool_)))
-        return self._observation.copy(), facts(self.core.view())
+        drawn = {name: array.copy() for name, array in self.core.simulation.reset_facts.items()}
+        return self._observation.copy(), facts(self.core.view()) | drawn
 
     def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
         """Hold the actions over one step; ended environments begin again as `autoreset_mode` says.

@@ -58,6 +58,14 @@ class SafetyGlue(ActionGlue):
         """
 
     @abstractmethod
+    def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return for each constraint its plain safety quantity, at least 0 where the state is safe, shape (R,).
+
+        Args:
+            states: As in `refusals`.
+        """
+
+    @abstractmethod
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold in the next step.
 

@@ -144,6 +144,11 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
             refused["recoverable"][finite] = ~self._guard.recoverable(state[finite])
         return refused
 
+    def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return for each constraint phi, at least 0 where the state is safe, shape (R,)."""
+        state = RelativeState(states["position"], states["velocity"], states["sun_angle"])
+        return {name: constraint.phi(state) for name, constraint in self._constraints.items()}
+
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold in the next step."""
         state = RelativeState(view.position, view.velocity, view.sun_angle)

@@ -15,7 +15,11 @@ from safe_inspect.functor import build, functor_field
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.initializers import Initializer
 from safe_inspect.simulators.parameters import Draw, Parameter, Value
-from safe_inspect.types import FloatArray
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+
+#: Under this name and a slash stand the statistics of a sampler beside its states.
+REJECTIONS = "rejections"
 
 
 class SafetyTest(BaseModel):
@@ -114,34 +118,56 @@ class RejectionSampler(Parameter):
     def __call__(self, draw: Draw) -> dict[str, FloatArray]:
         """Return the first safe states of every row, each with R rows.
 
+        Beside the states stand ``rejections/draws`` and ``rejections/NAME`` for every constraint: how many draws the
+        row took, and how many of them the constraint refused.
+
         Raises:
             InitialStateError: A row refused `max_rejections` draws.
         """
         rows = np.arange(len(draw.streams))
         accepted: dict[str, FloatArray] = {}
-        refused: Counter[str] = Counter()
         for attempt in range(self.max_rejections):
-            states = self._draw(draw, rows, attempt)
+            states, refused = self.candidates(draw, rows, attempt)
             if not accepted:
                 accepted = {name: np.empty((len(draw.streams), *array.shape[1:])) for name, array in states.items()}
+                counts = {name: np.zeros(len(draw.streams)) for name in ("draws", *refused)}
             safe = np.ones(len(rows), dtype=np.bool_)
-            if self.rta is not None:
-                tested = {name: states[name] for name in self.rta.states}
-                for name, unsafe in self.rta.glue.refusals(tested).items():
-                    refused[name] += int(unsafe.sum())
-                    safe &= ~unsafe
+            counts["draws"][rows] += 1
+            for name, unsafe in refused.items():
+                counts[name][rows] += unsafe
+                safe &= ~unsafe
             for name, array in states.items():
                 accepted[name][rows[safe]] = array[safe]
             rows = rows[~safe]
             if not len(rows):
-                return accepted
-        counts = ", ".join(f"{name} {count}" for name, count in refused.most_common() if count)
+                return accepted | {f"{REJECTIONS}/{name}": count for name, count in counts.items()}
+        totals = Counter({name: int(count.sum()) for name, count in counts.items() if name != "draws"})
+        counted = ", ".join(f"{name} {count}" for name, count in totals.most_common() if count)
         raise InitialStateError(
             f"`{draw.purpose}`: no safe initial state in {self.max_rejections} draws for {len(rows)} environments; "
-            f"refused by {counts}; widen the limits or narrow the distributions"
+            f"refused by {counted}; widen the limits or narrow the distributions"
         )
 
-    def _draw(self, draw: Draw, rows: Any, attempt: int) -> dict[str, FloatArray]:
+    def candidates(
+        self, draw: Draw, rows: IntArray | None = None, attempt: int = 0
+    ) -> tuple[dict[str, FloatArray], dict[str, BoolArray]]:
+        """Draw states without accepting or refusing them.
+
+        Args:
+            draw: The draw.
+            rows: Indices of the rows to draw, shape (R,); all of them unless given.
+            attempt: Number of the try.
+
+        Returns:
+            The states, each with R rows, and for each constraint the rows that it refuses, shape (R,).
+        """
+        rows = np.arange(len(draw.streams)) if rows is None else rows
+        states = self._draw(draw, rows, attempt)
+        if self.rta is None:
+            return states, {}
+        return states, self.rta.glue.refusals({name: states[name] for name in self.rta.states})
+
+    def _draw(self, draw: Draw, rows: IntArray, attempt: int) -> dict[str, FloatArray]:
         streams = draw.streams[rows]
         drawn = {name: _take(value, rows) for name, value in draw.values.items()}
         values = {}

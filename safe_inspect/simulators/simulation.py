@@ -30,6 +30,8 @@ class Simulation:
         before: State at the beginning of the last step.
         state: The current state.
         views: The current state as each group of agents sees it.
+        sun_rate: Rate of the sun's angle [rad/s].
+        reset_facts: Statistics of the draws that began the current episodes, each of shape (N,).
         running: Environments whose episode runs, shape (N,); see `end`.
     """
 
@@ -65,7 +67,7 @@ class Simulation:
         self.world = World(
             platforms, bodies, np.asarray(masses, dtype=np.float64), step_size, config.mean_motion, self._points
         )
-        self._sun_rate = illumination.mean_motion if illumination else config.mean_motion
+        self.sun_rate = illumination.mean_motion if illumination else config.mean_motion
         self._cos_half_fov = -1.0 if config.field_of_view >= math.pi else math.cos(config.field_of_view / 2.0)
         # Thrust over mass drives every body alike, so one map for unit mass serves them all.
         self._phi, self._gamma = transition(config.mean_motion, 1.0, step_size)
@@ -74,6 +76,7 @@ class Simulation:
         self.before = State(num_envs, self._specs, self.state)
         self._active = np.ones((num_envs, len(platforms)), dtype=np.bool_)
         self._scale = DeltaVScale(config.schedule, num_envs)
+        self.reset_facts: dict[str, IntArray] = {}
         self.running = np.zeros(num_envs, dtype=np.bool_)
         self.views = self._views(self.state)
 
@@ -116,6 +119,10 @@ class Simulation:
         self._weigh(fresh, values)
         self._look(fresh)
         self.state.put(rows, fresh)
+        for value in values.values():
+            for name, array in value.items() if isinstance(value, dict) else ():
+                if "/" in name:  # statistics of the draw, not a state
+                    self.reset_facts.setdefault(name, np.zeros(self.num_envs, dtype=np.int64))[rows] = array
         self.running[rows] = True
         self.views = self._views(self.state)  # what the old ones have computed is out of date
         return fresh
@@ -135,7 +142,7 @@ class Simulation:
             self._phi,
             self._gamma,
             world.step_size,
-            self._sun_rate,
+            self.sun_rate,
             after.position,
             after.velocity,
             after.delta_v,

@@ -1,9 +1,13 @@
-"""The rows of the backup filter, compiled; `BackupFilter` documents the method."""
+"""The rows of the backup filter, compiled; `BackupFilter` documents the method.
+
+Constants are passed as np.int64(...), for the compiler would make a copy of a function for each literal.
+"""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
@@ -62,11 +66,11 @@ def _cut(
     Each round adds half-spaces for what the last proposal breaks and proposes the control of the programme.
     """
     length, speed = _EXTRA * LENGTH_MARGIN, _EXTRA * SPEED_MARGIN
-    count, bits, plan, unrecovered = 0, 0, NO_PLAN, 0
+    count, bits, plan, unrecovered = np.int64(0), np.int64(0), np.int64(NO_PLAN), 0
     for axis in range(3):
         u[axis] = desired[axis]
     for attempt in range(_ROUNDS):
-        code, plan = _verified(m, x, sun, u, plan, PLANS if attempt == 0 else QUICK, s)
+        code, plan = _verified(m, x, sun, u, plan, np.int64(PLANS) if attempt == 0 else np.int64(QUICK), s)
         if plan != NO_PLAN:
             return bits, True
         broken = 0
@@ -105,14 +109,14 @@ def _between(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, 
     for axis in range(3):
         s.best[axis], s.proposal[axis] = s.backup[axis], s.backup[axis]
     size = math.sqrt(_squared(u, s.proposal))
-    low, high, plan = 0.0, 1.0, STAY
+    low, high, plan = 0.0, 1.0, np.int64(STAY)
     for _ in range(_HALVINGS):
         if size * (high - low) < _FINE:
             break
         middle = 0.5 * (low + high)
         for axis in range(3):
             s.trial[axis] = s.proposal[axis] + middle * (u[axis] - s.proposal[axis])
-        _, found = _verified(m, x, sun, s.trial, plan, _FEW, s)
+        _, found = _verified(m, x, sun, s.trial, plan, np.int64(_FEW), s)
         if found != NO_PLAN and _squared(s.trial, desired) < _squared(s.best, desired):
             low, plan = middle, found
             for axis in range(3):
@@ -142,9 +146,13 @@ def filter_rows(
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
         for axis in range(3):
             s.desired[axis] = min(max(desired[i, axis], -m.u_max), m.u_max)
-        refused[i], done = _cut(m, x, sun, s.desired, False, control[i], s)
-        if not done and refused[i] & _NEAR:
-            _, done = _cut(m, x, sun, s.desired, True, control[i], s)
+        done = False
+        for side in range(2):
+            bits, done = _cut(m, x, sun, s.desired, side == 1, control[i], s)
+            if side == 0:
+                refused[i] = bits
+            if done or not bits & _NEAR:
+                break
         stage[i] = NEAREST if refused[i] else DESIRED
         if done:
             continue
@@ -153,7 +161,7 @@ def filter_rows(
         for half in range(2):
             share = 1.0 - 0.5 * half
             plan = find_plan(
-                m, x, sun, share * LENGTH_MARGIN, share * SPEED_MARGIN, NO_PLAN, PLANS,
+                m, x, sun, share * LENGTH_MARGIN, share * SPEED_MARGIN, np.int64(NO_PLAN), np.int64(PLANS),
                 s.backup, s.work, s.cells, s.where,
             )  # fmt: skip
             if plan != NO_PLAN:
@@ -178,7 +186,7 @@ def admissible_rows(
         u = control[i]
         if max(abs(u[0]), max(abs(u[1]), abs(u[2]))) <= m.u_max:
             sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-            out[i] = _verified(m, x, sun, u, NO_PLAN, PLANS, s)[1] != NO_PLAN
+            out[i] = _verified(m, x, sun, u, np.int64(NO_PLAN), np.int64(PLANS), s)[1] != NO_PLAN
         else:
             out[i] = False
 
@@ -195,8 +203,10 @@ def recoverable_rows(
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
         plan = find_plan(
-            m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, NO_PLAN, PLANS, control[i], s.work, s.cells, s.where
+            m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, np.int64(NO_PLAN), np.int64(PLANS),
+            control[i], s.work, s.cells, s.where,
         )  # fmt: skip
         out[i] = plan != NO_PLAN
         if not out[i]:
-            control[i, :] = 0.0
+            for axis in range(3):
+                control[i, axis] = 0.0

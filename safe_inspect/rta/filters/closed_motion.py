@@ -103,6 +103,12 @@ def _bend(m: Model, a: FloatArray, centre: float, nk: float, nz: float) -> float
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _copy(work: FloatArray, source: int, target: int) -> None:
+    for column in range(_COLUMNS):
+        work[target, column] = work[source, column]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def closed_motion(
     m: Model, x: State, sun: tuple[float, float], length: float, speed: float, work: FloatArray
 ) -> int:  # fmt: skip
@@ -132,7 +138,7 @@ def closed_motion(
             code = _node(m, x, sun, cos, sin, near, length, speed, work[node])
             if code != SAFE:
                 return code
-    work[ORBIT_CELLS, :] = work[0, :]
+    _copy(work, 0, ORBIT_CELLS)
     for node in range(ORBIT_CELLS):
         a, b, top = node, node + 1, ORBIT_CELLS
         work[a, 0], work[b, 0] = node * (FINEST // ORBIT_CELLS), (node + 1) * (FINEST // ORBIT_CELLS)
@@ -145,7 +151,7 @@ def closed_motion(
                 if b == node + 1:
                     break
                 # the right end of this cell is the left end of the next, whose right end lies below on the stack
-                work[node, :] = work[b, :]
+                _copy(work, b, node)
                 a, top = node, top - 1
                 b = top if top > ORBIT_CELLS else node + 1
                 continue

@@ -1,0 +1,73 @@
+"""Figures of run-time assurance: the constraints of the worst episode, and the accepted initial states."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from safe_inspect.evaluation.acceptance import Acceptance
+from safe_inspect.evaluation.drawing import BLUE, GREY, VERMILION, style
+from safe_inspect.evaluation.safety import SafetyReport
+from safe_inspect.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Unit of each constraint's plain safety quantity.
+_UNITS = {"chief_collision": "m", "PSM": "m", "r_max": "m", "sun": "rad"}
+
+
+def safety_figure(report: SafetyReport) -> Figure:
+    """Draw every constraint's plain safety quantity over time, for the environment that came nearest to a violation."""
+    with style():
+        from matplotlib.figure import Figure
+
+        rows = -(-len(report.names) // 2)
+        figure = Figure(figsize=(8.0, 1.35 * rows + 0.4), facecolor="white", layout="constrained")
+        panels = figure.subplots(rows, 2, sharex=True, squeeze=False)
+        hours = np.arange(len(report.worst)) * report.step_size / 3600.0
+        for axes, name, values in zip(panels.flat, report.names, report.worst.T, strict=False):
+            axes.axhline(0.0, color=VERMILION, linewidth=0.9)
+            axes.plot(hours, values, color=BLUE, linewidth=0.9)
+            axes.set_ylabel(f"{name}\n[{_UNITS.get(name, 'm/s')}]")
+        for axes in panels.flat[len(report.names) :]:
+            axes.set_axis_off()
+        for axes in panels[-1]:
+            axes.set_xlabel("time [h]")
+        figure.suptitle("safety quantities at the steps; unsafe below the red line", fontsize=9.5)
+    return figure
+
+
+def acceptance_figure(found: Acceptance) -> Figure:
+    """Draw the drawn and the accepted initial states: range, speed, elevation and the sun's side.
+
+    Raises:
+        KeyError: The sampler gives neither position, velocity nor sun angle.
+    """
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(8.0, 4.8), facecolor="white", layout="constrained")
+        panels = figure.subplots(2, 2)
+        for axes, (label, values) in zip(panels.flat, _marginals(found).items(), strict=True):
+            edges = np.linspace(values.min(), values.max(), 41)
+            axes.hist(values, edges, color=GREY, alpha=0.45, label="drawn")
+            axes.hist(values[found.accepted], edges, histtype="step", color=BLUE, linewidth=1.4, label="accepted")
+            axes.set_xlabel(label)
+            axes.set_ylabel("draws")
+        panels[0, 0].legend(loc="lower right")
+    return figure
+
+
+def _marginals(found: Acceptance) -> dict[str, FloatArray]:
+    position, velocity = found.states["position"], found.states["velocity"]
+    sun = np.stack((np.cos(found.states["sun_angle"]), -np.sin(found.states["sun_angle"])), axis=-1)
+    distance = np.sqrt(np.square(position).sum(axis=-1))
+    cosine = (position[:, :2] * sun).sum(axis=-1) / distance
+    return {
+        "range [m]": distance,
+        "speed [m/s]": np.sqrt(np.square(velocity).sum(axis=-1)),
+        "range rate [m/s]": (position * velocity).sum(axis=-1) / distance,
+        "angle between deputy and sun, from the chief [deg]": np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))),
+    }
