@@ -7,8 +7,9 @@ Source:
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from safe_inspect.compiled import njit
 
 Words = NDArray[np.uint64]
 

@@ -134,7 +134,13 @@ def _constants_agree(
             if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
                 where = (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
                 told.append((where, parameter.rta.glue))
+        spheres = getattr(simulator, "inspection_points_map", {})
         for path, plugin in told:
+            radius = plugin.collision_radius if "collision_radius" in type(plugin).model_fields else math.inf  # type: ignore[attr-defined]
+            for name, sphere in spheres.items():
+                if radius < sphere.radius:
+                    message = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({sphere.radius:g} m)"
+                    report((*path, "config", "collision_radius"), f"{message}; make it at least as large")
             for field, (value, source) in true.items():
                 given = getattr(plugin, field, None) if field in type(plugin).model_fields else None
                 if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from safe_inspect.compiled import njit
 from safe_inspect.types import FloatArray
 
 

@@ -12,8 +12,8 @@ from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.guard import all_finite, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.glues.base import ActionGlue, Glue, Parts
-from safe_inspect.simulators.state import State
 from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import GUARD, Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 

@@ -15,9 +15,11 @@ def facts(view: View, status: AnyArray | None = None) -> dict[str, AnyArray]:
     """Return the facts of a state, one array of R rows for each.
 
     ``inspected_count`` and ``inspected_fraction`` (by the team), ``delta_v`` spent in the episode [m/s] and the
-    `DoneStatus` as ``status``.
+    `DoneStatus` as ``status``; with a safety filter also ``interventions`` in the episode.
     """
     told: dict[str, AnyArray] = {"delta_v": view.delta_v.copy()}
+    if view.group.guard is not None:
+        told["interventions"] = view.interventions.copy()
     for name in view.world.points:
         points = view.points(name)
         told["inspected_count"] = told.get("inspected_count", 0) + points.count
@@ -31,15 +33,13 @@ def facts(view: View, status: AnyArray | None = None) -> dict[str, AnyArray]:
 def step_facts(environment: BatchedEnvironment, transition: Transition) -> dict[str, AnyArray]:
     """Return the facts of a step: those of its last state, and ``reward/NAME`` for every term.
 
-    With a safety filter also ``interventions`` in the episode, and of this step ``rta/intervening``,
-    ``rta/infeasible``, ``rta/active`` (bit j: the j-th constraint refused the desired thrust) and ``rta/phi_min``, the
-    smallest plain safety quantity at the beginning of the step.
+    With a safety filter also, of this step, ``rta/intervening``, ``rta/infeasible``, ``rta/active`` (bit j: the j-th
+    constraint refused the desired thrust) and ``rta/phi_min``, the smallest plain safety quantity at its beginning.
     """
     told = facts(transition.step.after, transition.status)
     told |= {f"reward/{name}": value.reshape(-1) for name, value in transition.terms.items()}
     filtered = transition.step.filtered
     if filtered is not None:
-        told["interventions"] = transition.step.after.interventions.copy()
         told["rta/intervening"] = filtered.intervening
         told["rta/infeasible"] = filtered.infeasible
         told["rta/active"] = filtered.active

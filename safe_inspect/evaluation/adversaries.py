@@ -33,4 +33,4 @@ def adversarial_thrust(view: View, step: int, slots: IntArray, seed: int) -> Flo
     along = np.sign(view.velocity + 1e-12) * (1.0 if step // 7 % 2 else -1.0)
     choices = np.stack((-1.8 * outward, 1.8 * axis, 1.8 * outward, corners, along, np.zeros_like(position)))
     kinds = slots % len(ADVERSARIES)
-    return np.clip(choices[kinds, np.arange(len(slots))], -1.0, 1.0)
+    return np.asarray(np.clip(choices[kinds, np.arange(len(slots))], -1.0, 1.0))

@@ -30,6 +30,7 @@ COLUMNS: dict[str, str] = {
 }
 
 _REWARD = "env_runners/reward/"
+_INTERVENTIONS = "env_runners/interventions"
 _LEARNERS = "learners/default_policy/"
 _LEARNER_VALUES = ("policy_loss", "vf_loss", "entropy", "mean_kl_loss", "vf_explained_var")
 _ENDLESS = 1e15  # the peer's way to say "no limit" is 9e18
@@ -59,6 +60,8 @@ def row_of(flat: Mapping[str, float]) -> dict[str, float]:
     for key in sorted(flat):
         if key.startswith(_REWARD):
             row[f"reward/{key.removeprefix(_REWARD)}"] = flat[key]
+    if _INTERVENTIONS in flat:  # a safety filter is enabled
+        row["interventions"] = flat[_INTERVENTIONS]
     for name in _LEARNER_VALUES:
         if _LEARNERS + name in flat:
             row[name] = flat[_LEARNERS + name]

@@ -6,9 +6,9 @@ Every row is computed by itself and in one fixed order, so its result is the sam
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from safe_inspect.compiled import njit
 from safe_inspect.geometry.nearest import nearest_centre
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 

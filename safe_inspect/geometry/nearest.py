@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from safe_inspect.compiled import njit
 from safe_inspect.types import FloatArray, IntArray
 
 # A centre nearer to the origin [m] is only rounding away from it and has no direction.

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from safe_inspect.compiled import njit
 from safe_inspect.geometry.light import Light
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 

@@ -17,7 +17,6 @@ from safe_inspect.simulators.initializers import Initializer
 from safe_inspect.simulators.parameters import Draw, Parameter, Value
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-
 #: Under this name and a slash stand the statistics of a sampler beside its states.
 REJECTIONS = "rejections"
 

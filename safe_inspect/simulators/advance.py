@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from safe_inspect.compiled import njit
 from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.types import FloatArray, IntArray
 

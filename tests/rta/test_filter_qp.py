@@ -30,7 +30,7 @@ def least_distance(desired, normals, bounds, limit=1.0):
     matrix = np.concatenate((a.T, (c - a @ desired)[None]))
     try:
         residual = matrix @ nnls(matrix, np.array([0.0, 0.0, 0.0, 1.0]))[0] - [0.0, 0.0, 0.0, 1.0]
-        answer = desired - residual[:3] / residual[3]
+        answer = desired - residual[:3] / residual[3] if residual[3] != 0.0 else np.full(3, np.nan)
     except RuntimeError:
         answer = np.full(3, np.nan)
     if not (a @ answer - c).min() >= -1e-9:

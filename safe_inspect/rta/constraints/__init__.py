@@ -3,6 +3,7 @@
 from safe_inspect.rta.constraints.axis_speed import AlongTrackSpeed, AxisSpeed, CrossTrackSpeed, RadialSpeed
 from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState
 from safe_inspect.rta.constraints.chief_collision import ChiefCollision
+from safe_inspect.rta.constraints.deputies import DeputyCollision, DeputyPassiveSafety, DeputySunKeepOut
 from safe_inspect.rta.constraints.maximum_range import MaximumRange
 from safe_inspect.rta.constraints.parameters import ConstraintParameters, braking_acceleration
 from safe_inspect.rta.constraints.passive_safety import PassivelySafeManoeuvre
@@ -18,6 +19,9 @@ __all__ = [
     "Constraint",
     "ConstraintParameters",
     "CrossTrackSpeed",
+    "DeputyCollision",
+    "DeputyPassiveSafety",
+    "DeputySunKeepOut",
     "Evaluation",
     "MaximumRange",
     "PassivelySafeManoeuvre",

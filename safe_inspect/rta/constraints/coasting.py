@@ -10,8 +10,8 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
+from safe_inspect.compiled import njit
 from safe_inspect.types import FloatArray
 
 #: Widest cell of the grid, as an angle of the orbit [rad]; the range squared holds no frequency above 2 n.

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.types import FloatArray
 
 #: Below this distance [m] a direction is not taken from the position: it would be rounding noise.

@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.model import COLLISION, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
 from safe_inspect.types import FloatArray
 

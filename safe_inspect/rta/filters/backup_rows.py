@@ -1,15 +1,10 @@
-"""The rows of the backup filter, compiled; `BackupFilter` documents the method.
-
-Constants are passed as np.int64(...), for the compiler would make a copy of a function for each literal.
-"""
+"""The rows of the backup filter, compiled; `BackupFilter` documents the method."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
 from safe_inspect.rta.filters.cuts import MOST, cut_broken, cut_hold
 from safe_inspect.rta.filters.holds import hold
@@ -18,7 +13,7 @@ from safe_inspect.rta.filters.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.plans import NO_PLAN, PLANS, QUICK, STAY, find_plan
 from safe_inspect.rta.filters.projection import nearest
 from safe_inspect.rta.filters.returning import return_control
-from safe_inspect.rta.filters.scratch import Scratch, scratch
+from safe_inspect.rta.filters.scratch import Scratch, plain, scratch
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Where a row's control comes from: it is the desired one, the nearest safe one that cutting planes lead to, one
@@ -66,11 +61,11 @@ def _cut(
     Each round adds half-spaces for what the last proposal breaks and proposes the control of the programme.
     """
     length, speed = _EXTRA * LENGTH_MARGIN, _EXTRA * SPEED_MARGIN
-    count, bits, plan, unrecovered = np.int64(0), np.int64(0), np.int64(NO_PLAN), 0
+    count, bits, plan, unrecovered = plain(0), plain(0), plain(NO_PLAN), 0
     for axis in range(3):
         u[axis] = desired[axis]
     for attempt in range(_ROUNDS):
-        code, plan = _verified(m, x, sun, u, plan, np.int64(PLANS) if attempt == 0 else np.int64(QUICK), s)
+        code, plan = _verified(m, x, sun, u, plan, plain(PLANS) if attempt == 0 else plain(QUICK), s)
         if plan != NO_PLAN:
             return bits, True
         broken = 0
@@ -109,14 +104,14 @@ def _between(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, 
     for axis in range(3):
         s.best[axis], s.proposal[axis] = s.backup[axis], s.backup[axis]
     size = math.sqrt(_squared(u, s.proposal))
-    low, high, plan = 0.0, 1.0, np.int64(STAY)
+    low, high, plan = 0.0, 1.0, plain(STAY)
     for _ in range(_HALVINGS):
         if size * (high - low) < _FINE:
             break
         middle = 0.5 * (low + high)
         for axis in range(3):
             s.trial[axis] = s.proposal[axis] + middle * (u[axis] - s.proposal[axis])
-        _, found = _verified(m, x, sun, s.trial, plan, np.int64(_FEW), s)
+        _, found = _verified(m, x, sun, s.trial, plan, plain(_FEW), s)
         if found != NO_PLAN and _squared(s.trial, desired) < _squared(s.best, desired):
             low, plan = middle, found
             for axis in range(3):
@@ -161,7 +156,7 @@ def filter_rows(
         for half in range(2):
             share = 1.0 - 0.5 * half
             plan = find_plan(
-                m, x, sun, share * LENGTH_MARGIN, share * SPEED_MARGIN, np.int64(NO_PLAN), np.int64(PLANS),
+                m, x, sun, share * LENGTH_MARGIN, share * SPEED_MARGIN, plain(NO_PLAN), plain(PLANS),
                 s.backup, s.work, s.cells, s.where,
             )  # fmt: skip
             if plan != NO_PLAN:
@@ -186,7 +181,7 @@ def admissible_rows(
         u = control[i]
         if max(abs(u[0]), max(abs(u[1]), abs(u[2]))) <= m.u_max:
             sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-            out[i] = _verified(m, x, sun, u, np.int64(NO_PLAN), np.int64(PLANS), s)[1] != NO_PLAN
+            out[i] = _verified(m, x, sun, u, plain(NO_PLAN), plain(PLANS), s)[1] != NO_PLAN
         else:
             out[i] = False
 
@@ -203,7 +198,7 @@ def recoverable_rows(
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
         plan = find_plan(
-            m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, np.int64(NO_PLAN), np.int64(PLANS),
+            m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, plain(NO_PLAN), plain(PLANS),
             control[i], s.work, s.cells, s.where,
         )  # fmt: skip
         out[i] = plan != NO_PLAN

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.arcs import SAFE, State, lowest, turned
 from safe_inspect.rta.filters.model import COLLISION, ORBIT_CELLS, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
 from safe_inspect.types import FloatArray

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.arcs import State, held, turned
 from safe_inspect.rta.filters.holds import coasted
 from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, REL_VEL, SUN, X_VEL, Model

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.arcs import SAFE, State, broken_at, held, turned, uncertain
 from safe_inspect.rta.filters.model import HOLD_PIECES, PSM, Model
 from safe_inspect.types import FloatArray, IntArray

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.arcs import State, closed, held, sun_gap, turned
 from safe_inspect.rta.filters.cuts import MOST
 from safe_inspect.rta.filters.model import (

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
 from safe_inspect.rta.filters.closed_motion import closed_motion
 from safe_inspect.rta.filters.holds import hold

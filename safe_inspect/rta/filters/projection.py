@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from safe_inspect.compiled import njit
 from safe_inspect.types import BoolArray, FloatArray
 
 #: A half-space counts as met within this distance.

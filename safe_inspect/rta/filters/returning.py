@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numba import njit
-
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.arcs import State, held, sun_gap, turned
 from safe_inspect.rta.filters.cuts import add, cut_near, support
 from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, SUN, Model
 from safe_inspect.rta.filters.projection import nearest
-from safe_inspect.rta.filters.scratch import Scratch
+from safe_inspect.rta.filters.scratch import Scratch, plain
 from safe_inspect.types import FloatArray
 
 #: How far inside the limits the way back leads [m].
@@ -64,7 +62,7 @@ def return_control(m: Model, x: State, sun: tuple[float, float], out: FloatArray
     negative; coasting on must miss the chief. The half-spaces have unit normals, so violations are in newtons. Each
     round adds those that the last control breaks. The desired control has no say.
     """
-    k, count, bits = HOLD_PIECES, np.int64(0), 0
+    k, count, bits = HOLD_PIECES, plain(0), 0
     rate = _allowed(m, x)
     sun_b = turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from safe_inspect.compiled import njit
 from safe_inspect.rta.filters.closed_motion import ROOM
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -57,3 +57,9 @@ def scratch(most: int) -> Scratch:
         np.empty((most + 6, 3)), np.empty(most + 6), np.empty(most),
         np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
     )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def plain(value: int) -> int:
+    """Return a constant as a number: passed as a literal, the compiler would make a copy of the callee for it."""
+    return int(np.int64(value))

@@ -1,0 +1,299 @@
+"""The commands as a user types them: what they print, their exit codes, and no traceback for a mistake."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from safe_inspect import train_rl
+from safe_inspect.cli import main
+from safe_inspect.version import __version__
+
+EXPERIMENT = "configs/translational-inspection/experiment.yml"
+REWARDS = ("InspectionCrashReward", "InspectionDeltaVReward", "InspectionRTAReward", "ObservedPointsReward")
+OBSERVATION = (
+    "Sensor_Position.x",
+    "Sensor_Position.y",
+    "Sensor_Position.z",
+    "Sensor_Velocity.v_x",
+    "Sensor_Velocity.v_y",
+    "Sensor_Velocity.v_z",
+    "Sensor_InspectedPoints.n_inspected",
+    "Sensor_UninspectedPoints.x_ups",
+    "Sensor_UninspectedPoints.y_ups",
+    "Sensor_UninspectedPoints.z_ups",
+    "Sensor_SunAngle.theta_sun",
+)
+
+
+@pytest.fixture(autouse=True)
+def here(shipped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Copy the shipped folder below a working directory of the test's own."""
+    shutil.copytree(shipped.parent, tmp_path / "configs" / "translational-inspection")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))  # the command puts the working directory on it
+    return tmp_path
+
+
+@pytest.fixture
+def typed(capsys):
+    """Return a function that runs a command: exit code, standard output, standard error."""
+
+    def run(*words, command=main):
+        try:
+            code = command([str(word) for word in words])
+        except SystemExit as stop:  # argparse
+            code = stop.code
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return code, captured.out, captured.err
+
+    return run
+
+
+def shell(*words: str) -> subprocess.CompletedProcess[str]:
+    script = Path(sys.executable).with_name("safe-inspect")
+    return subprocess.run([str(script), *words], capture_output=True, text=True, timeout=120, check=False)
+
+
+def spoil(file: str, right: str, wrong: str) -> int:
+    path = Path("configs/translational-inspection") / file
+    text = path.read_text()
+    assert right in text
+    path.write_text(text.replace(right, wrong, 1))
+    return path.read_text().partition(wrong)[0].count("\n") + 1
+
+
+def test_the_installed_command_tells_its_version():
+    done = shell("--version")
+    assert done.returncode == 0
+    assert done.stdout == f"safe_inspect {__version__}\n"
+
+
+def test_the_installed_command_refuses_a_misspelt_key_without_a_traceback():
+    line = spoil("agent.yml", "scale: 0.01", "scael: 0.01")
+    done = shell("validate", EXPERIMENT)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"error: configs/translational-inspection/agent.yml:{line} ")
+    assert "did you mean `scale`?" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_validating_the_shipped_experiment_is_quick():
+    begun = time.perf_counter()
+    done = shell("validate", EXPERIMENT)
+    assert time.perf_counter() - begun < 3.0
+    assert done.returncode == 0
+    assert done.stdout == f"{EXPERIMENT} is valid: PPO, blue0_ctrl on blue0\n"
+
+
+def test_validating_loads_neither_ray_nor_torch():
+    code = (
+        "import sys; from safe_inspect.cli import main; "
+        f"code = main(['validate', {EXPERIMENT!r}]); print(sorted({{'ray', 'torch'}} & set(sys.modules))); sys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_list_shows_every_kind(typed):
+    code, out, _ = typed("list")
+    assert code == 0
+    for word in ("\nreward\n", "\ndone\n", "\nglue\n", "RTAGlueCWHInspection1v1", "\nconstraint\n", *REWARDS):
+        assert word in f"\n{out}"
+
+
+def test_list_of_a_kind_and_of_a_name(typed):
+    code, out, _ = typed("list", "reward")
+    assert code == 0
+    assert out.startswith("reward\n")
+    assert all(name in out for name in REWARDS)
+    assert "CrashDoneFunction" not in out
+    code, out, _ = typed("list", "reward", "InspectionRTAReward")
+    assert code == 0
+    assert "scale = -0.01  Reward of an intervention" in out
+    assert "ObservedPointsReward" not in out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("rewrad",), ["unknown kind 'rewrad'", "did you mean `reward`?"]),
+        (("reward", "InspectionRTARewrd"), ["'InspectionRTARewrd'", "did you mean `InspectionRTAReward`?"]),
+        (("reward", "CrashDoneFunction"), ["unknown plugin 'CrashDoneFunction'"]),
+    ],
+)
+def test_list_of_what_is_not_there(typed, words, told):
+    code, out, err = typed("list", *words)
+    assert code == 2
+    assert out == ""
+    assert all(word in err for word in told)
+
+
+def test_validate_reports_all_mistakes_of_the_files(typed):
+    first = spoil("agent.yml", "scale: 0.01", "scael: 0.01")
+    second = spoil("environment.yml", "radius: 10 m", "radius: -10 m")
+    code, out, err = typed("validate", EXPERIMENT)
+    assert code == 2
+    assert out == ""
+    assert err.startswith("errors:\n")
+    assert f"agent.yml:{first} " in err
+    assert f"environment.yml:{second} " in err
+    assert len(err.splitlines()) == 3
+
+
+@pytest.mark.parametrize("file", ["configs/none.yml", "configs", ""])
+def test_validate_of_what_is_no_file(typed, file):
+    code, _, err = typed("validate", file)
+    assert code == 2
+    assert err.startswith("error: ")
+
+
+@pytest.mark.parametrize("file", ["experiment", "environment", "agent", "task", "platform", "policy"])
+def test_the_schema_is_printed(typed, file):
+    code, out, _ = typed("schema", file)
+    assert code == 0
+    schema = json.loads(out)
+    assert "properties" in schema or "$ref" in schema or "anyOf" in schema
+    assert typed("schema", file, "--output", "schema.json")[:2] == (0, "")
+    assert json.loads(Path("schema.json").read_text()) == schema
+
+
+def test_the_schema_of_nothing_or_into_nothing(typed):
+    code, _, err = typed("schema", "agnet")
+    assert code == 2
+    assert "did you mean `agent`?" in err
+    for target in ("missing/schema.json", "configs"):
+        code, out, err = typed("schema", "--output", target)
+        assert code == 2
+        assert out == ""
+        assert f"{target}: cannot be written" in err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("acceptance", EXPERIMENT, "max_distance=60", "--draws", "50"),
+        ("acceptance", EXPERIMENT, "--draws", "50", "max_distance=60"),
+        ("acceptance", "--draws", "50", EXPERIMENT, "max_distance=60"),
+        ("acceptance", EXPERIMENT, "seed=4", "--draws", "50", "max_distance=60", "--seed", "0"),
+    ],
+)
+def test_overrides_may_stand_before_and_after_options(typed, words):
+    code, out, err = typed(*words)
+    assert (code, err) == (0, "")
+    first, _, *rows = out.splitlines()
+    assert "of 50 draws are accepted" in first
+    (line,) = [row for row in rows if row.startswith("r_max")]
+    assert float(line.split()[1]) > 50.0  # of ranges from 50 to 100 m, most are above 60 m
+
+
+@pytest.mark.parametrize("words", [("horizn=10",), ("--draws", "9", "horizn=10")])
+def test_an_override_of_nothing_is_named(typed, words):
+    code, _, err = typed("acceptance", EXPERIMENT, *words)
+    assert code == 2
+    assert "command line: horizn=10" in err
+    assert "did you mean `horizon`?" in err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("validate", EXPERIMENT, "--nope"),
+        ("validate", EXPERIMENT, "nope"),
+        ("validate", EXPERIMENT, "--draws", "5"),
+        ("list", "reward", "InspectionRTAReward", "a=b"),
+        ("validate",),
+        ("validat", EXPERIMENT),
+        (),
+    ],
+)
+def test_what_is_no_command_line_is_refused(typed, words):
+    code, out, err = typed(*words)
+    assert code == 2
+    assert out == ""
+    assert "error: " in err
+
+
+def test_acceptance_prints_and_plots(typed):
+    code, out, _ = typed("acceptance", EXPERIMENT, "--draws", "50", "--plot", "drawn.png")
+    assert code == 0
+    assert "of 50 draws are accepted" in out
+    for name in ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel"):
+        assert f"\n{name} " in out
+    assert Path("drawn.png").stat().st_size > 1000
+
+
+def test_safety_enables_the_filter_and_finds_nothing(typed):
+    code, out, _ = typed("safety", EXPERIMENT, "--steps", "600", "--num-envs", "60", "--plot", "worst.png")
+    assert code == 0
+    assert out.startswith("600 filtered steps")
+    assert "interventions, to the chief: 0.0 %" not in out
+    assert Path("worst.png").stat().st_size > 1000
+
+
+def test_safety_off_counts_violations_and_says_so_by_its_exit_code(typed):
+    code, out, _ = typed("safety", EXPERIMENT, "--off", "--steps", "600", "--num-envs", "60")
+    assert code == 1
+    assert "interventions, to the chief: 0.0 %" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("safety", "--steps", "0"), "--steps: a whole number of at least 1 is wanted, not '0'"),
+        (("safety", "--steps", "many"), "--steps: a whole number of at least 1 is wanted, not 'many'"),
+        (("safety", "--num-envs", "-3"), "--num-envs: a whole number of at least 1"),
+        (("acceptance", "--draws", "1.5"), "--draws: a whole number of at least 1"),
+        (("safety", "--off", "--steps", "60", "--seed", "-1"), "--seed: a whole number from 0"),
+        (("acceptance", "--draws", "5", "--seed", str(2**64)), "--seed: a whole number from 0"),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(typed, words, told):
+    code, out, err = typed(words[0], EXPERIMENT, *words[1:])
+    assert code == 2  # not 1, which stands for violations
+    assert out == ""
+    assert told in err
+
+
+def test_a_plot_that_cannot_be_written_is_a_mistake_of_the_users(typed):
+    code, _, err = typed("acceptance", EXPERIMENT, "--draws", "50", "--plot", f"{EXPERIMENT}/drawn.png")
+    assert code == 2
+    assert "drawn.png" in err or EXPERIMENT in err
+
+
+@pytest.mark.parametrize("through", ["train_rl", "safe-inspect train"])
+def test_a_dry_run_prints_the_layout(typed, through):
+    words = ("--cfg", EXPERIMENT, "--dry-run", "horizon=30", "--output", "runs")
+    code, out, _ = typed(*words, command=train_rl.main) if through == "train_rl" else typed("train", *words)
+    assert code == 0
+    names = out.partition("observation, 11 elements:\n")[2].splitlines()[:11]
+    assert [line.split()[0] for line in names] == list(OBSERVATION)
+    assert "action, 3 elements:" in out
+    assert "one action for 10 s" in out
+    assert not os.path.exists("runs")
+
+
+def test_training_without_an_experiment_says_what_to_give(typed):
+    code, out, err = typed(command=train_rl.main)
+    assert (code, out) == (2, "")
+    assert "--cfg" in err
+    assert "--resume" in err
+
+
+def test_training_with_an_unknown_option_or_experiment(typed):
+    code, _, err = typed("--cfg", EXPERIMENT, "--dryrun", command=train_rl.main)
+    assert code == 2
+    assert "--dryrun" in err
+    code, _, err = typed("--cfg", "configs/translational-inspection/experimnt.yml", "--dry-run", command=train_rl.main)
+    assert code == 2
+    assert "did you mean `configs/translational-inspection/experiment.yml`?" in err

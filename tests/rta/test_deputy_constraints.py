@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.rta.constraints import DeputyCollision, DeputyPassiveSafety, DeputySunKeepOut, RelativeState
+
+N = 0.001027
+
+
+def pair(position, velocity, sun_angle=0.0):
+    return RelativeState(np.atleast_2d(position), np.atleast_2d(velocity), np.array([sun_angle]))
+
+
+def test_collision_by_hand():
+    constraint = DeputyCollision(deputy_radius=5.0, max_acceleration=0.08)
+    out = constraint.evaluate(pair([0.0, 30.0, 40.0], [0.0, -0.6, 0.1]))
+    assert out.phi == pytest.approx([40.0])
+    closing = (30.0 * -0.6 + 40.0 * 0.1) / 50.0
+    assert out.h == pytest.approx([math.sqrt(4.0 * 0.08 * 40.0) + closing])
+
+
+def test_passive_safety_is_the_least_distance_of_two_coasting_deputies():
+    rng = np.random.default_rng(3)
+    first, second = rng.uniform(-100, 100, (2, 50, 3))
+    v_first, v_second = rng.uniform(-0.5, 0.5, (2, 50, 3))
+    difference = RelativeState(first - second, v_first - v_second, np.zeros(50))
+    least = np.full(50, np.inf)
+    states = [np.concatenate((first, v_first), axis=1), np.concatenate((second, v_second), axis=1)]
+    for time in np.linspace(0.0, 600.0, 6001):
+        phi, _ = transition(N, 12.0, time)
+        apart = (states[0] - states[1]) @ phi[:3].T
+        least = np.minimum(least, np.sqrt((apart**2).sum(axis=1)))
+    found = DeputyPassiveSafety(deputy_radius=4.0, horizon=600.0).phi(difference)
+    np.testing.assert_allclose(found, least - 8.0, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("position", "safe"), [([50.0, 0.0, 0.0], True), ([-50.0, 0.0, 0.0], False), ([0, 0, 9], True)]
+)
+def test_the_sun_behind_the_other_deputy_is_kept_out(position, safe):
+    # The sun stands towards +x: a deputy on the -x side of the other looks into it.
+    assert bool(DeputySunKeepOut().phi(pair(position, [0.0, 0.0, 0.0]))[0] >= 0.0) is safe
+
+
+@pytest.mark.parametrize("constraint", [DeputyCollision(), DeputyPassiveSafety(), DeputySunKeepOut()])
+def test_gradients_against_differences(constraint):
+    rng = np.random.default_rng(5)
+    position, velocity = rng.uniform(-200, 200, (200, 3)), rng.uniform(-0.5, 0.5, (200, 3))
+    angle = rng.uniform(0, 2 * math.pi, 200)
+    gradient = constraint.gradient(RelativeState(position, velocity, angle))
+    numerical = np.empty((200, 6))
+    for j in range(6):
+        step = np.zeros(6)
+        step[j] = 1e-4
+        ends = [
+            constraint.h(RelativeState(position + sign * step[:3], velocity + sign * step[3:], angle))
+            for sign in (1.0, -1.0)
+        ]
+        numerical[:, j] = (ends[0] - ends[1]) / 2e-4
+    off = np.abs(gradient - numerical).max(axis=1) > 1e-4 * (1.0 + np.abs(gradient).max(axis=1))
+    assert off.mean() <= 0.01  # a kink or the cone's surface may lie between the two ends

@@ -1,0 +1,405 @@
+"""The safety glue in the environment: off it changes nothing, on it keeps every constraint, whatever is asked for."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.environments import BatchedEnvironment, InspectionEnv, InspectionVectorEnv
+from safe_inspect.environments.episodes import facts, step_facts
+from safe_inspect.errors import ConfigError
+from safe_inspect.evaluation.adversaries import adversarial_thrust
+from safe_inspect.randomness import Streams
+from safe_inspect.registry import registry
+from safe_inspect.rta.constraints import Constraint, RelativeState
+from safe_inspect.rta.constraints.base import Evaluation
+from safe_inspect.rta.filters import BackupFilter, SimplexFilter
+from safe_inspect.simulators.parameters import Draw
+from safe_inspect.simulators.view import GUARD
+
+ON = "RTAGlueCWHInspection1v1.config.enabled=True"
+GLUE = "agent_config.blue0_ctrl.config.config.glues.0.config"
+SEED = 11
+
+
+@pytest.fixture(scope="session")
+def spec_with(shipped):
+    """Return a function that loads the shipped task with overrides; each variant is loaded once."""
+    known = {}
+
+    def load(*overrides):
+        if overrides not in known:
+            known[overrides] = load_experiment(shipped, overrides).spec
+        return known[overrides]
+
+    return load
+
+
+def relative(env):
+    state = env.state
+    return RelativeState(state.position[:, 0].copy(), state.velocity[:, 0].copy(), state.sun_angle.copy())
+
+
+def phi_of(env):
+    """Return the smallest safety quantity of each constraint, by the glue of the agent."""
+    glue = env.spec.agents[0].action_glues[0]
+    state = relative(env)
+    return glue.safety({"position": state.position, "velocity": state.velocity, "sun_angle": state.sun_angle})
+
+
+def random_thrusts(steps, num_envs, seed=0):
+    return np.random.default_rng(seed).uniform(-1.3, 1.3, (steps, num_envs, 1, 3))
+
+
+def test_off_it_changes_and_tells_nothing(spec_with):
+    env = BatchedEnvironment(spec_with(), 8, seed=SEED)
+    env.reset()
+    assert "interventions" not in facts(env.view())
+    for thrust in random_thrusts(5, 8):
+        transition = env.step(thrust)
+        step = transition.step
+        np.testing.assert_array_equal(step.desired_control, np.clip(thrust[:, 0], -1.0, 1.0))
+        np.testing.assert_array_equal(step.control, step.desired_control)
+        assert step.filtered is None
+        assert not step.intervening.any()
+        told = step_facts(env, transition)
+        assert not [name for name in told if name.startswith("rta/") or name == "interventions"]
+    np.testing.assert_array_equal(env.state.interventions, 0)
+
+
+@pytest.mark.parametrize("method", ["backup", "simplex"])
+def test_on_every_constraint_holds_under_adversaries(spec_with, method):
+    env = BatchedEnvironment(spec_with(ON, f"{GLUE}.method={method}"), 64, seed=SEED)
+    env.reset()
+    assert min(phi.min() for phi in phi_of(env).values()) >= 0.0
+    slots, touched = np.arange(64), np.zeros(8, dtype=bool)
+    generator = np.random.default_rng(2)
+    for hold in range(40):
+        # two of three rows are random, the others fly the scripted adversaries
+        thrust = generator.uniform(-1.0, 1.0, (64, 3))
+        scripted = slots % 3 == 0
+        thrust[scripted] = adversarial_thrust(env.view(), hold, slots // 3, SEED)[scripted]
+        transition = env.step(thrust[:, None])
+        for name, phi in phi_of(env).items():
+            assert (phi >= 0.0).all(), (hold, name, phi.min())
+        step = transition.step
+        away = np.linalg.norm(step.control - step.desired_control, axis=1)
+        np.testing.assert_array_equal(step.intervening, away > 0.01)
+        np.testing.assert_array_equal(step.desired_control, thrust)
+        assert (np.abs(step.control) <= 1.0).all()
+        assert not step.filtered.infeasible.any()
+        assert (step.filtered.active[step.intervening & ~step.filtered.backup] != 0).all()
+        touched |= [(step.filtered.active >> j & 1).any() for j in range(8)]
+        assert not transition.terminated.any()  # neither a crash nor out of range
+    assert touched[1]  # the adversaries did press against the speed limit
+    assert touched[2] or method == "simplex"  # and against the sun cone, which the simplex's ellipse leaves alone
+
+
+def test_the_continuous_form_breaks_the_speed_limit_where_the_default_does_not(spec_with):
+    """Why the default is not the peer's form: its condition at the beginning of a hold says nothing of its end."""
+    least = {}
+    for method in ("backup", "continuous"):
+        env = BatchedEnvironment(spec_with(ON, f"{GLUE}.method={method}"), 32, seed=SEED)
+        env.reset()
+        slots, smallest = np.arange(32), np.inf
+        for hold in range(30):
+            env.step(adversarial_thrust(env.view(), hold, slots, SEED)[:, None])
+            smallest = min(smallest, phi_of(env)["rel_vel"].min())
+        least[method] = smallest
+    assert least["backup"] >= 0.0
+    assert least["continuous"] < -0.1
+
+
+def test_the_reward_pays_exactly_on_intervention(spec_with):
+    pay = "agent_config.0.config.config.rewards.1={name: rta, functor: InspectionRTAReward, config: {scale: -0.05}}"
+    env = BatchedEnvironment(spec_with(ON, pay), 64, seed=SEED)
+    env.reset()
+    strength = np.where(np.arange(64) % 2, 1.0, 0.002)[:, None, None]
+    seen = set()
+    for thrust in random_thrusts(15, 64):
+        transition = env.step(strength * thrust)
+        intervening = transition.step.intervening
+        np.testing.assert_array_equal(transition.terms["rta"][:, 0], np.where(intervening, -0.05, 0.0))
+        seen |= set(intervening.tolist())
+    assert seen == {True, False}
+
+
+def test_delta_v_counts_what_was_flown(spec_with):
+    env = BatchedEnvironment(spec_with(ON), 16, seed=SEED)
+    env.reset()
+    flown, desired = np.zeros(16), np.zeros(16)
+    for thrust in random_thrusts(20, 16):
+        step = env.step(thrust).step
+        flown += np.abs(step.control).sum(axis=1) * 10.0 / 12.0
+        desired += np.abs(step.desired_control).sum(axis=1) * 10.0 / 12.0
+    np.testing.assert_allclose(env.view().delta_v, flown, rtol=1e-12)
+    assert (flown < 0.9 * desired).all()
+
+
+def test_interventions_accumulate_and_begin_again_with_the_episode(spec_with):
+    env = BatchedEnvironment(spec_with(ON), 12, seed=SEED)
+    env.reset()
+    np.testing.assert_array_equal(facts(env.view())["interventions"], 0)
+    count = np.zeros(12, dtype=int)
+    for thrust in random_thrusts(10, 12):
+        transition = env.step(thrust)
+        count += transition.step.intervening
+        np.testing.assert_array_equal(step_facts(env, transition)["interventions"], count)
+    assert count.max() > 1
+    env.reset(np.array([0, 5]))
+    count[[0, 5]] = 0
+    np.testing.assert_array_equal(env.view().interventions, count)
+    count += env.step(random_thrusts(1, 12, seed=9)[0]).step.intervening
+    np.testing.assert_array_equal(env.view().interventions, count)
+
+
+def test_the_single_facade_names_what_it_did(spec_with):
+    env = InspectionEnv(spec_with(ON))
+    _, info = env.reset(seed=SEED)
+    assert info["interventions"] == 0
+    total = 0
+    for thrust in random_thrusts(10, 1)[:, 0, 0]:
+        *_, info = env.step(thrust)
+        np.testing.assert_array_equal(info["desired_control"], np.clip(thrust, -1.0, 1.0))
+        away = np.linalg.norm(info["control"] - info["desired_control"])
+        assert info["rta/intervening"] == (away > 0.01)
+        assert info["rta/phi_min"] >= 0.0
+        assert not info["rta/infeasible"]
+        assert set(info["rta/active"]) <= set(phi_of(env.core))
+        assert bool(info["rta/active"]) or not info["rta/intervening"]
+        total += info["rta/intervening"]
+        assert info["interventions"] == total
+    assert total > 0
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_the_vector_facade_counts_interventions_by_episode(spec_with, mode):
+    env = InspectionVectorEnv(spec_with(ON, "horizon=6"), 3, autoreset_mode=mode, seed=SEED)
+    _, info = env.reset()
+    np.testing.assert_array_equal(info["interventions"], 0)
+    finals = 0
+    for thrust in random_thrusts(15, 3)[:, :, 0]:
+        _, _, terminated, truncated, info = env.step(thrust)
+        if (terminated | truncated).all():
+            last = info["final_info"] if mode == "SameStep" else info
+            assert (last["interventions"] > 0).all()
+            finals += 1
+        # whatever the mode: the count is that of the episode whose observation is returned
+        np.testing.assert_array_equal(info["interventions"], env.core.view().interventions)
+    assert finals == 2
+
+
+@pytest.mark.parametrize("method", ["backup", "simplex", "continuous"])
+def test_a_row_of_a_batch_is_the_environment_alone(spec_with, method):
+    spec = spec_with(ON, f"{GLUE}.method={method}", f"{GLUE}.delta_v_limit=3", "horizon=25")
+    thrusts = random_thrusts(60, 7)
+
+    def fly(env, given, rows):
+        seen = [env.reset()[rows]]
+        for thrust in given:
+            transition = env.step(thrust)
+            done = np.flatnonzero(transition.done[:, 0])
+            if len(done):
+                env.reset(done)
+            step = transition.step
+            seen += [transition.observation[rows], transition.reward[rows], step.control[rows]]
+            seen += [step.intervening[rows], step.filtered.active[rows], step.filtered.phi[rows]]
+            seen += [env.state.interventions[rows], env.state.position[rows]]
+        return [array.copy() for array in seen]
+
+    batch = BatchedEnvironment(spec, 7, seed=SEED)
+    whole = fly(batch, thrusts, [0, 3, 6])
+    for index, row in enumerate((0, 3, 6)):
+        alone = fly(BatchedEnvironment(spec, 1, seed=SEED, first_slot=row), thrusts[:, row : row + 1], [0])
+        assert len(alone) == len(whole)
+        for ours, theirs in zip(whole, alone, strict=True):
+            assert ours[index].tobytes() == theirs[0].tobytes()
+
+
+def test_every_start_is_recoverable_where_the_filter_needs_it(spec_with):
+    def begun(*overrides):
+        env = BatchedEnvironment(spec_with(*overrides), 3000, seed=SEED)
+        env.reset()
+        return relative(env)
+
+    backup = BackupFilter()
+    off, on = begun(), begun(ON)
+    assert not backup.recoverable(off).all()  # so the filter's test says more than the constraints' own
+    assert backup.recoverable(on).all()
+    assert backup.recoverable(begun(ON, f"{GLUE}.method=simplex")).all()
+    continuous = begun(ON, f"{GLUE}.method=continuous")
+    np.testing.assert_array_equal(continuous.position, off.position)
+    np.testing.assert_array_equal(continuous.velocity, off.velocity)
+    # rows whose first draw is recoverable keep it
+    kept = (on.position == off.position).all(axis=1)
+    np.testing.assert_array_equal(kept, backup.recoverable(off))
+
+
+def test_the_limit_latches_the_backup_until_the_reset(fixed_start):
+    """The step that would exceed the limit flies the backup, and so does every later one, whatever is desired."""
+    start = ((0.0, 60.0, 10.0), (0.01, 0.0, 0.0), 0.0)
+    spec = fixed_start(*start, overrides=(ON, f"{GLUE}.method=simplex", f"{GLUE}.delta_v_limit=0.05"))
+    env = BatchedEnvironment(spec, 3, seed=SEED)
+    simplex, backup = SimplexFilter(delta_v_limit=0.05), BackupFilter()
+    gentle = np.tile([0.012, 0.0, 0.0], (3, 1, 1))  # 0.01 m/s a step
+
+    def latched():
+        return env.view().memory(GUARD, "latched").copy()
+
+    env.reset()
+    assert not latched().any()
+    before = 0
+    while not latched().any():
+        spent, state = env.view().delta_v.copy(), relative(env)
+        step = env.step(gentle).step
+        before += 1
+        assert before <= 6
+        if not latched().any():
+            np.testing.assert_array_equal(step.control, step.desired_control)
+    assert before >= 5
+    assert latched().all()
+    assert (spent + 0.01 > 0.05).all()
+    # the very step that latches
+    np.testing.assert_array_equal(step.control, backup(state, simplex.tracking(state)).control)
+    assert (np.abs(step.control - step.desired_control).max(axis=1) > 1e-4).all()
+    for _ in range(5):
+        state = relative(env)
+        step = env.step(np.zeros((3, 1, 3))).step  # to do nothing would be safe and cost nothing
+        assert latched().all()
+        assert step.filtered.backup.all()
+        np.testing.assert_array_equal(step.control, backup(state, simplex.tracking(state)).control)
+    env.reset(np.array([1]))
+    np.testing.assert_array_equal(latched(), [True, False, True])
+    step = env.step(gentle).step
+    np.testing.assert_array_equal(step.filtered.backup, [True, False, True])
+    np.testing.assert_array_equal(step.control[1], step.desired_control[1])
+
+
+FASTER = "vel_mag.config.high=0.6"
+
+
+@pytest.mark.parametrize("overrides", [(FASTER,), (FASTER, ON)], ids=["off", "on"])
+def test_the_reset_info_counts_the_draws(spec_with, overrides):
+    """Draws are one more than those refused; the draws are repeated here one by one."""
+    spec = spec_with(*overrides)
+    vector = InspectionVectorEnv(spec, 200, seed=SEED)
+    _, info = vector.reset()
+    sampler = spec.reset.parameters["init_state"]
+    streams = Streams(SEED, np.arange(200), np.zeros(200, dtype=np.int64))
+    waiting, refusals = np.arange(200), np.zeros(200, dtype=int)
+    counted = {}
+    for attempt in range(50):
+        _, refused = sampler.candidates(Draw(streams, "init_state", values={}), waiting, attempt)
+        again = np.zeros(len(waiting), dtype=bool)
+        for name, rows in refused.items():
+            counted.setdefault(name, np.zeros(200, dtype=int))[waiting] += rows
+            again |= rows
+        waiting = waiting[again]
+        refusals[waiting] += 1
+        if not len(waiting):
+            break
+    assert refusals.max() > 1
+    np.testing.assert_array_equal(info["rejections/draws"], 1 + refusals)
+    for name, count in counted.items():
+        np.testing.assert_array_equal(info[f"rejections/{name}"], count)
+    assert ("rejections/recoverable" in info) == (ON in overrides)
+    row = int(np.argmax(refusals))
+    _, single = InspectionEnv(spec, slot=row).reset(seed=SEED)
+    told = {name: value for name, value in single.items() if name.startswith("rejections/")}
+    assert told == {name: info[name][row] for name in told}
+    assert told["rejections/draws"] == 1 + refusals[row]
+
+
+@pytest.fixture
+def copied(shipped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "configs" / "translational-inspection"
+    shutil.copytree(shipped.parent, folder)
+    monkeypatch.chdir(tmp_path)
+    return folder
+
+
+@pytest.fixture
+def own_constraint() -> Iterator[None]:
+    """Register a constraint that the backup filter does not know, and forget it."""
+    before = dict(registry.items("constraint"))
+
+    class OwnConstraint(Constraint):
+        """Met everywhere."""
+
+        def evaluate(self, state):
+            """Return zeros: never negative."""
+            return Evaluation.zeros(len(state))
+
+    yield
+    registry._classes["constraint"] = before
+
+
+def problem_of(folder, file, right, wrong, at):
+    path = folder / file
+    text = path.read_text()
+    assert right in text
+    path.write_text(text.replace(right, wrong, 1))
+    line = path.read_text().partition(at)[0].count("\n") + 1
+    with pytest.raises(ConfigError) as caught:
+        load_experiment("configs/translational-inspection/experiment.yml")
+    return str(caught.value), f"configs/translational-inspection/{file}:{line} "
+
+
+OFF_LINE = "        enabled: False\n"
+
+
+@pytest.mark.parametrize(
+    ("lines", "at", "words"),
+    [
+        ("enabled: True\n        method: contnuous", "method: ", ["method", "did you mean `continuous`?"]),
+        ("enabled: True\n        delta_v_limit: -1", "delta_v_limit", ["delta_v_limit", "above 0", "-1"]),
+        ("enabled: maybe", "enabled: maybe", ["enabled", "true", "'maybe'"]),
+        ("enabled: 5", "enabled: 5", ["enabled", "true", "5"]),
+        ("enabled: True\n        infeasible: ignore", "infeasible", ["infeasible", "'pass'", "'ignore'"]),
+        ("enabld: True", "enabld", ["enabld", "did you mean `enabled`?"]),
+    ],
+)  # fmt: skip
+def test_a_wrong_field_is_named_with_its_line(copied, lines, at, words):
+    text, where = problem_of(copied, "agent.yml", OFF_LINE, f"        {lines}\n", at)
+    assert text.startswith(f"{where}agent_config[0].config.config.glues[0].config.")
+    assert "\n" not in text
+    for word in words:
+        assert word in text
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "words"),
+    [
+        ("constraints: [chief_collision,", "constraints: [chief_colision,", ["did you mean `chief_collision`?"]),
+        ("collision_radius: 10 ", "collision_radius: 800 ", ["r_max 800", "collision_radius 800", "no position is safe"]),
+        ("max_distance: 800 ", "max_distance: 9 ", ["r_max 9", "collision_radius 10", "no position is safe"]),
+    ],
+)  # fmt: skip
+def test_wrong_parameters_are_told_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
+    text, _ = problem_of(copied, "parameters.yml", right, wrong, wrong)
+    glue = (copied / "agent.yml").read_text().partition("- functor: RTAGlue")[0].count("\n") + 1
+    lines = text.splitlines()
+    told = [line for line in lines if line.startswith(f"configs/translational-inspection/agent.yml:{glue + 1} ")]
+    assert len(told) == 1
+    assert "environment.yml:" in text
+    for word in words:
+        assert word in told[0]
+
+
+@pytest.mark.usefixtures("own_constraint")
+@pytest.mark.parametrize(("method", "good"), [("backup", False), ("simplex", False), ("continuous", True)])
+def test_a_constraint_that_the_backup_cannot_keep_is_refused_at_once(copied, method, good):
+    agent, parameters = copied / "agent.yml", copied / "parameters.yml"
+    agent.write_text(agent.read_text().replace(OFF_LINE, f"        enabled: True\n        method: {method}\n", 1))
+    parameters.write_text(parameters.read_text().replace("[chief_collision,", "[OwnConstraint, chief_collision,", 1))
+    if good:
+        spec = load_experiment("configs/translational-inspection/experiment.yml").spec
+        assert "OwnConstraint" in spec.agents[0].action_glues[0].constraints
+        return
+    with pytest.raises(ConfigError, match=r"agent\.yml:\d+ agent_config.*backup filter cannot keep 'OwnConstraint'"):
+        load_experiment("configs/translational-inspection/experiment.yml")
