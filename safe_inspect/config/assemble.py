@@ -81,8 +81,8 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
     if mistakes:
         return None
     guards = [glue for agent in agents for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
-    if any(guard.for_starts() is not guard for guard in guards):
-        reset = _guarded_starts(reset)
+    for guard in guards:
+        reset = _guarded_starts(reset, guard)
     frame_rate = config.agent_config[0].config.config.frame_rate
     return EnvironmentSpec(environment.simulator, platforms, tuple(agents), reset, 1.0 / frame_rate, seed)
 
@@ -106,10 +106,10 @@ def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
     return platforms
 
 
-def _guarded_starts(reset: ResetPlan) -> ResetPlan:
-    """Return the plan whose samplers refuse every state from which a filter could not stay safe."""
+def _guarded_starts(reset: ResetPlan, guard: SafetyGlue) -> ResetPlan:
+    """Return the plan whose samplers refuse every state from which the filter could not stay safe."""
     parameters = {
-        name: parameter.model_copy(update={"rta": parameter.rta.for_filtered()})
+        name: parameter.model_copy(update={"rta": parameter.rta.for_filtered(guard)})
         if isinstance(parameter, RejectionSampler) and parameter.rta is not None
         else parameter
         for name, parameter in reset.parameters.items()

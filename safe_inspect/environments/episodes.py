@@ -40,9 +40,9 @@ def step_facts(environment: BatchedEnvironment, transition: Transition) -> dict[
     told |= {f"reward/{name}": value.reshape(-1) for name, value in transition.terms.items()}
     filtered = transition.step.filtered
     if filtered is not None:
-        told["rta/intervening"] = filtered.intervening
-        told["rta/infeasible"] = filtered.infeasible
-        told["rta/active"] = filtered.active
+        told["rta/intervening"] = filtered.intervening.copy()
+        told["rta/infeasible"] = filtered.infeasible.copy()
+        told["rta/active"] = filtered.active.copy()
         told["rta/phi_min"] = filtered.phi.min(axis=1, initial=np.inf)
     return told
 

@@ -78,8 +78,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(np.flatnonzero(np.asarray(mask, dtype=np.bool_)))
-        drawn = {name: array.copy() for name, array in self.core.simulation.reset_facts.items()}
-        return self._observation.copy(), facts(self.core.view()) | drawn
+        return self._observation.copy(), facts(self.core.view()) | self._drawn()
 
     def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
         """Hold the actions over one step; ended environments begin again as `autoreset_mode` says.
@@ -111,7 +110,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             reward[ended], terminated[ended], truncated[ended] = 0.0, False, False
             fresh = facts(self.core.view())
             for name, array in told.items():
-                array[ended] = fresh[name][ended] if name in fresh else 0.0
+                array[ended] = fresh[name][ended] if name in fresh else (np.inf if name == "rta/phi_min" else 0.0)
+            told |= self._drawn()
         self._ended = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             rows, mask = np.flatnonzero(self._ended), self._ended.copy()
@@ -120,8 +120,12 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
                 final[index] = self._observation[index].copy()
             told = {"final_obs": final, "final_info": dict(told), "_final_obs": mask, "_final_info": mask} | told
             self._begin(rows)
-            told |= facts(self.core.view())
+            told |= facts(self.core.view()) | self._drawn()
         return self._observation.copy(), reward, terminated, truncated, told
+
+    def _drawn(self) -> dict[str, AnyArray]:
+        """Return the statistics of the draws that began the current episodes, each of shape (N,)."""
+        return {name: array.copy() for name, array in self.core.simulation.reset_facts.items()}
 
     def _begin(self, rows: NDArray[np.int64]) -> None:
         if len(rows):

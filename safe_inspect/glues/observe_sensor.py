@@ -9,6 +9,8 @@ from pydantic import field_validator
 
 from safe_inspect.glues.base import Bounds, ObservationGlue, Parts, sensor_of
 from safe_inspect.glues.normalization import Normalization
+from safe_inspect.glues.normalizers import Normalizer
+from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugin import SensorName
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
@@ -56,15 +58,21 @@ class ObserveSensor(ObservationGlue):
 
     def __call__(self, view: View) -> FloatArray:
         """Return the observation, shape (R, size)."""
-        sensor = view.group.sensors[self.sensor]
+        scale, normalizer, low, high = self._prepared(view.group.sensors[self.sensor])
         values = view.reading(self.sensor)
-        scale = self._scale(sensor.symbol)
         if scale != 1.0:
             values = values * scale
-        normalizer = self.normalization.active
-        if normalizer is None:
-            return values
-        return normalizer(values, *_limits(sensor.limits, sensor.size, scale))
+        return values if normalizer is None else normalizer(values, low, high)
+
+    def _prepared(self, sensor: Sensor) -> tuple[float, Normalizer | None, FloatArray, FloatArray]:
+        """Return what the observation of a sensor needs in every step; it is worked out once."""
+        known = self.__dict__.get("_known")
+        if known is None or known[0] is not sensor:
+            scale = self._scale(sensor.symbol)
+            low, high = _limits(sensor.limits, sensor.size, scale)
+            known = self.__dict__["_known"] = (sensor, (scale, self.normalization.active, low, high))
+        prepared: tuple[float, Normalizer | None, FloatArray, FloatArray] = known[1]
+        return prepared
 
     def _scale(self, symbol: str) -> float:
         return 1.0 if self.output_units is None or symbol == "" else _per_unit(self.output_units, symbol)

@@ -40,6 +40,7 @@ class SafetyTest(BaseModel):
     arg_map: dict[str, str] = Field(default_factory=dict)
     config: dict[str, Any] = Field(default_factory=dict)
     _glue: SafetyGlue = PrivateAttr()
+    _guard: SafetyGlue | None = PrivateAttr(default=None)
 
     def model_post_init(self, context: Any) -> None:
         """Build the glue.
@@ -80,11 +81,19 @@ class SafetyTest(BaseModel):
             return {**problem, "loc": ("args", key, *loc[2:])}
         return problem
 
-    def for_filtered(self) -> SafetyTest:
-        """Return the test for a deputy whose thrust is filtered: the filter must know a way to stay safe, too."""
+    def for_filtered(self, guard: SafetyGlue) -> SafetyTest:
+        """Return the test for a deputy that `guard` filters: the filter must know a way to stay safe, too."""
         test = self.model_copy()
-        test._glue = self._glue.for_starts()
+        test._glue, test._guard = self._glue, guard.for_starts()
         return test
+
+    def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
+        """Return for each constraint the rows of named states that it refuses, shape (R,)."""
+        tested = {name: states[name] for name in self.states}
+        refused = self._glue.refusals(tested)
+        for name, rows in ({} if self._guard is None else self._guard.refusals(tested)).items():
+            refused[name] = refused[name] | rows if name in refused else rows
+        return refused
 
     @property
     def glue(self) -> SafetyGlue:
@@ -164,7 +173,7 @@ class RejectionSampler(Parameter):
         states = self._draw(draw, rows, attempt)
         if self.rta is None:
             return states, {}
-        return states, self.rta.glue.refusals({name: states[name] for name in self.rta.states})
+        return states, self.rta.refusals(states)
 
     def _draw(self, draw: Draw, rows: IntArray, attempt: int) -> dict[str, FloatArray]:
         streams = draw.streams[rows]

@@ -98,7 +98,8 @@ def test_validating_the_shipped_experiment_is_quick():
 def test_validating_loads_neither_ray_nor_torch():
     code = (
         "import sys; from safe_inspect.cli import main; "
-        f"code = main(['validate', {EXPERIMENT!r}]); print(sorted({{'ray', 'torch'}} & set(sys.modules))); sys.exit(code)"
+        f"code = main(['validate', {EXPERIMENT!r}]); print(sorted({{'ray', 'torch'}} & set(sys.modules))); "
+        "sys.exit(code)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0
@@ -182,10 +183,10 @@ def test_the_schema_of_nothing_or_into_nothing(typed):
 @pytest.mark.parametrize(
     "words",
     [
-        ("acceptance", EXPERIMENT, "max_distance=60", "--draws", "50"),
-        ("acceptance", EXPERIMENT, "--draws", "50", "max_distance=60"),
-        ("acceptance", "--draws", "50", EXPERIMENT, "max_distance=60"),
-        ("acceptance", EXPERIMENT, "seed=4", "--draws", "50", "max_distance=60", "--seed", "0"),
+        ("acceptance", EXPERIMENT, "rta.args.max_distance=60", "--draws", "50"),
+        ("acceptance", EXPERIMENT, "--draws", "50", "rta.args.max_distance=60"),
+        ("acceptance", "--draws", "50", EXPERIMENT, "rta.args.max_distance=60"),
+        ("acceptance", EXPERIMENT, "seed=4", "--draws", "50", "rta.args.max_distance=60", "--seed", "0"),
     ],
 )
 def test_overrides_may_stand_before_and_after_options(typed, words):

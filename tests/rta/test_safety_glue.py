@@ -376,7 +376,7 @@ def test_a_wrong_field_is_named_with_its_line(copied, lines, at, words):
     ("right", "wrong", "words"),
     [
         ("constraints: [chief_collision,", "constraints: [chief_colision,", ["did you mean `chief_collision`?"]),
-        ("collision_radius: 10 ", "collision_radius: 800 ", ["r_max 800", "collision_radius 800", "no position is safe"]),
+        ("collision_radius: 10 ", "collision_radius: 800 ", ["r_max 800", "collision_radius 800", "no position"]),
         ("max_distance: 800 ", "max_distance: 9 ", ["r_max 9", "collision_radius 10", "no position is safe"]),
     ],
 )  # fmt: skip

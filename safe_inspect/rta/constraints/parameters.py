@@ -92,7 +92,8 @@ class ConstraintParameters(BaseModel):
         except ValidationError as error:
             for problem in error.errors(include_url=False):
                 where = ".".join(map(str, problem["loc"]))
-                problems.append(f"{where}: {problem['msg']}" if where else problem["msg"])
+                text = problem["msg"].removeprefix("Value error, ")
+                problems.append(f"{where}: {text}" if where else text)
         if problems:
             raise ValueError("the parameters of the constraints are wrong: " + "; ".join(problems))
         return known

@@ -57,7 +57,7 @@ class BackupFilter(SafetyFilter):
             if constraint.registered_name not in KNOWN:
                 raise ValueError(
                     f"the backup filter cannot keep {name!r}; {did_you_mean(name, KNOWN)} "
-                    f"For other constraints use the continuous filter"
+                    f"(for other constraints use the continuous filter)"
                 )
         if self.parameters.n * self.parameters.step_size > _LARGEST_TURN:
             raise ValueError(
