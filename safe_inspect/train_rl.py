@@ -37,11 +37,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Train, or go on with a training, or only try the experiment out."""
     from safe_inspect.config.experiment import load_experiment
     from safe_inspect.config.learning import check_learning, placed
+    from safe_inspect.experiments.run_folder import open_run_folder
     from safe_inspect.experiments.train import TrainingRun, read_settings, train
 
     cfg = arguments.cfg
     if cfg is None and arguments.resume is not None:
-        cfg = arguments.resume / "experiment.resolved.yml"
+        cfg = open_run_folder(arguments.resume).configuration
     if cfg is None:
         raise ConfigError("no experiment: give its file with --cfg, or an earlier run's folder with --resume")
     experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)
