@@ -128,12 +128,13 @@ def _constants_agree(
         step_size = 1.0 / entry.config.config.frame_rate
         true = {**orbit, "step_size": (step_size, "1 / `frame_rate`")}
         if entry.platforms and entry.platforms[0] in platforms:
-            true["mass"] = (platforms[entry.platforms[0]].mass, "the platform's `mass`")
+            true["mass"] = true["m"] = (platforms[entry.platforms[0]].mass, "the platform's `mass`")
         told = list(_plugins(entry, base))
         for name, parameter in reset.parameters.items():
             if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
                 where = (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
                 told.append((where, parameter.rta.glue))
+        largest = [part.limits for part in entry.config.config.parts if isinstance(part, Controller)]
         spheres = getattr(simulator, "inspection_points_map", {})
         for path, plugin in told:
             radius = plugin.collision_radius if "collision_radius" in type(plugin).model_fields else math.inf  # type: ignore[attr-defined]
@@ -141,6 +142,11 @@ def _constants_agree(
                 if radius < sphere.radius:
                     message = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({sphere.radius:g} m)"
                     report((*path, "config", "collision_radius"), f"{message}; make it at least as large")
+            if isinstance(plugin, SafetyGlue) and plugin.enabled and "u_max" in type(plugin).model_fields:
+                thrust = plugin.u_max  # type: ignore[attr-defined]
+                if any((low > -thrust).any() or (high < thrust).any() for low, high in largest):
+                    message = f"the filter counts on {thrust:g} N along each axis, which a controller cannot give"
+                    report((*path, "config", "u_max"), f"{message}; lower `u_max`, or raise the controller's limits")
             for field, (value, source) in true.items():
                 given = getattr(plugin, field, None) if field in type(plugin).model_fields else None
                 if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):

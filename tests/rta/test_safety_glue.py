@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment, InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.episodes import facts, step_facts
@@ -403,3 +404,20 @@ def test_a_constraint_that_the_backup_cannot_keep_is_refused_at_once(copied, met
         return
     with pytest.raises(ConfigError, match=r"agent\.yml:\d+ agent_config.*backup filter cannot keep 'OwnConstraint'"):
         load_experiment("configs/translational-inspection/experiment.yml")
+
+
+_PARTS = "agent_config.blue0_ctrl.config.config.parts"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["platform_config.blue0.config.config.mass=20"], "`m` is 12 here, but the platform's `mass` is 20"),
+        ([f"{_PARTS}.0.config.properties={{name: x_thrust, low: -0.5, high: 0.5}}"], "counts on 1 N along each axis"),
+    ],
+)
+def test_a_filter_that_knows_another_spacecraft_is_refused(overrides, words):
+    """A wrong mass or thrust would void the promise of the filter in silence."""
+    with pytest.raises(ConfigError) as caught:
+        load_experiment(configs_root() / "translational-inspection/experiment.yml", [ON, *overrides])
+    assert words in str(caught.value)
