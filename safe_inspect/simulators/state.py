@@ -69,6 +69,7 @@ class State:
         control: Thrust held over the last step [N], shape (N, D, 3).
         delta_v: Velocity change spent in the episode, sum of abs(u_i) dt / m [m/s], shape (N, D).
         interventions: Steps of the episode in which a safety filter changed the thrust, shape (N, D).
+        finished: `DoneStatus` with which each deputy's agent has ended, 0 while it runs, int8, shape (N, D).
         sun_angle: Angle of the sun, not wrapped [rad], shape (N,).
         sun_direction: Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, shape (N, 3).
         delta_v_scale: Scale of the delta-v reward [1/(m/s)], shape (N,).
@@ -89,6 +90,7 @@ class State:
         self.control: FloatArray = arrays["control"]
         self.delta_v: FloatArray = arrays["delta_v"]
         self.interventions: IntArray = arrays["interventions"]
+        self.finished: AnyArray = arrays["finished"]
         self.sun_angle: FloatArray = arrays["sun_angle"]
         self.sun_direction: FloatArray = arrays["sun_direction"]
         self.delta_v_scale: FloatArray = arrays["delta_v_scale"]
@@ -141,6 +143,7 @@ def base_specs(num_bodies: int, num_deputies: int, points: Iterable[tuple[str, i
         "control": ArraySpec((num_deputies, 3)),
         "delta_v": ArraySpec((num_deputies,)),
         "interventions": ArraySpec((num_deputies,), np.int64),
+        "finished": ArraySpec((num_deputies,), np.int8),
         "sun_angle": ArraySpec(()),
         "sun_direction": ArraySpec((3,)),
         "delta_v_scale": ArraySpec(()),

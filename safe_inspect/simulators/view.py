@@ -175,6 +175,26 @@ class View:
         return self.per_agent(self.state.interventions)
 
     @property
+    def finished(self) -> AnyArray:
+        """`DoneStatus` with which the own episode has ended, 0 while it runs, int8, shape (R,)."""
+        return self.per_agent(self.state.finished)
+
+    @cached_property
+    def own_index(self) -> IntArray:
+        """Index of the own deputy among all, in agent order, shape (R,)."""
+        return np.tile(np.arange(self.group.first, self.group.first + self.group.size), self.state.num_envs)
+
+    @cached_property
+    def others_position(self) -> FloatArray:
+        """Position of every other deputy, in agent order [m], Hill frame, shape (R, D - 1, 3)."""
+        return self._of_others(self.state.position)
+
+    @cached_property
+    def others_velocity(self) -> FloatArray:
+        """Velocity of every other deputy, in agent order [m/s], Hill frame, shape (R, D - 1, 3)."""
+        return self._of_others(self.state.velocity)
+
+    @property
     def mass(self) -> FloatArray:
         """Own mass [kg], shape (R,) or a scalar that broadcasts against it."""
         first, size = self.group.first, self.group.size
@@ -195,6 +215,15 @@ class View:
     def sun_direction(self) -> FloatArray:
         """Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, Hill frame, shape (R, 3)."""
         return self.per_environment(self.state.sun_direction)
+
+    def _of_others(self, array: FloatArray) -> FloatArray:
+        deputies = self.world.num_deputies
+        first, size = self.group.first, self.group.size
+        others = np.array(
+            [[k for k in range(deputies) if k != own] for own in range(first, first + size)], dtype=np.intp
+        )
+        found: FloatArray = array[:, others.reshape(size, deputies - 1)].reshape(-1, deputies - 1, array.shape[-1])
+        return found
 
     def entity_position(self, name: str) -> FloatArray:
         """Return the position of a body [m], Hill frame, shape (R, 3)."""

@@ -1,0 +1,108 @@
+"""What concerns all deputies together: `TeamView` of one state, `TeamStep` from one state to the next.
+
+Arrays have one row for each environment and an axis of deputies, in agent order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.world import World
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+#: The name of the whole team where the names of groups of agents stand, among the remembered arrays.
+TEAM = "whole team"
+#: Where the arrays that the team's safety filter remembers stand among those of the parts.
+TEAM_GUARD = "team safety filter"
+
+
+class TeamView:
+    """One state of N environments with D deputies. Arrays are read only by agreement. SI units, Hill's frame."""
+
+    def __init__(self, state: State, world: World) -> None:
+        self.state = state
+        self.world = world
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments, N."""
+        return self.state.num_envs
+
+    @property
+    def position(self) -> FloatArray:
+        """Position of each deputy [m], shape (N, D, 3)."""
+        return self.state.position[:, : self.world.num_deputies]
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocity of each deputy [m/s], shape (N, D, 3)."""
+        return self.state.velocity[:, : self.world.num_deputies]
+
+    @property
+    def control(self) -> FloatArray:
+        """Thrust of each deputy held over the last step [N], shape (N, D, 3)."""
+        return self.state.control
+
+    @property
+    def delta_v(self) -> FloatArray:
+        """Velocity change that each deputy has spent in the episode [m/s], shape (N, D)."""
+        return self.state.delta_v
+
+    @property
+    def step(self) -> IntArray:
+        """Steps since the reset, shape (N,)."""
+        return self.state.step
+
+    @property
+    def sun_angle(self) -> FloatArray:
+        """Angle of the sun, not wrapped [rad], shape (N,)."""
+        return self.state.sun_angle
+
+    @property
+    def finished(self) -> AnyArray:
+        """`DoneStatus` with which each deputy's agent has ended, 0 while it runs, int8, shape (N, D)."""
+        return self.state.finished
+
+    @cached_property
+    def distance(self) -> FloatArray:
+        """Distance of every pair of deputies, in the order of `pairs` [m], shape (N, D (D - 1) / 2)."""
+        first, second = self.pairs
+        apart = self.position[:, first] - self.position[:, second]
+        x, y, z = apart[..., 0], apart[..., 1], apart[..., 2]
+        return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+    @cached_property
+    def pairs(self) -> tuple[IntArray, IntArray]:
+        """Indices of the deputies of every pair: 0-1, 0-2, ..., 1-2, ...; two arrays."""
+        first, second = np.triu_indices(self.world.num_deputies, 1)
+        return first, second
+
+    def memory(self, array: str) -> AnyArray:
+        """Return an array that the team's safety filter has declared, writable, shape (N, ...)."""
+        return self.state.memory[TEAM, TEAM_GUARD, array]
+
+
+@dataclass
+class TeamStep:
+    """One step of all agents.
+
+    Attributes:
+        before: State at the beginning of the step.
+        after: State at its end, before any reset.
+        fired: For each done function of the agents, by name, whose episode it ended in this step, shape (N, D).
+        status: `DoneStatus` of each agent after its own done functions, of those that ended earlier too, shape (N, D).
+        dt: Length of the step [s].
+        has: For each done function of the agents, by name, which agents have it, shape (D,).
+    """
+
+    before: TeamView
+    after: TeamView
+    fired: Mapping[str, BoolArray]
+    status: AnyArray
+    dt: float
+    has: Mapping[str, BoolArray]
