@@ -27,6 +27,8 @@ ALIASES: dict[str, str] = {
     f"{_INITIALIZERS}.cwh.CWH3DRadialWithSunInitializer": "CWH3DRadialWithSunInitializer",
     f"{_INITIALIZERS}.cwh.PositionVelocityInitializer": "PositionVelocityInitializer",
     f"{_INITIALIZERS}.initializer.SimAttributeAccessor": "SimAttributeAccessor",
+    f"{_SAS}.dones.common_dones.CollisionDoneFunction": "CollisionDoneFunction",
+    f"{_SAS}.dones.common_dones.MultiagentSuccessDoneFunction": "MultiagentSuccessDoneFunction",
     f"{_SAS}.dones.cwh.common.MaxDistanceDoneFunction": "MaxDistanceDoneFunction",
     f"{_SAS}.dones.cwh.common.CrashDoneFunction": "CrashDoneFunction",
     f"{_SAS}.dones.cwh.inspection_dones.SuccessfulInspectionDoneFunction": "SuccessfulInspectionDoneFunction",

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.models import AgentEntry, ExperimentConfig
+from safe_inspect.config.policies import policy_name
 from safe_inspect.config.resets import reset_plan
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.config.team import check_agents, guarded_starts
 from safe_inspect.config.words import message
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean
-from safe_inspect.functor import Named
+from safe_inspect.functor import Named, build
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugin import Plugin
+from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.simulators.inspection_simulator import InspectionSimulator
@@ -68,23 +71,27 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
     for index, platform in enumerate(config.platform_config):
         if platform.name not in controlled and controlled and controlled <= set(platforms):
             tell(("platform_config", index), f"no agent controls the platform {platform.name!r}; remove it")
-    if environment.dones.shared:
-        tell((*_ENVIRONMENT, "dones", "shared"), "shared dones concern several agents; this version trains one")
-    if len(config.agent_config) > 1:
-        tell(("agent_config", 1), "this version trains one agent; remove the others")
     agents = [
         agent
         for index, entry in enumerate(config.agent_config)
         if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, tell)) is not None
     ]
+    check_agents(config, agents, tell)
     _constants_agree(config, platforms, reset, tell)
     if mistakes:
         return None
-    guards = [glue for agent in agents for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
-    for guard in guards:
-        reset = _guarded_starts(reset, guard)
     frame_rate = config.agent_config[0].config.config.frame_rate
-    return EnvironmentSpec(environment.simulator, platforms, tuple(agents), reset, 1.0 / frame_rate, seed)
+    return EnvironmentSpec(
+        environment.simulator,
+        {agent.platform: platforms[agent.platform] for agent in agents},
+        tuple(agents),
+        guarded_starts(reset, agents, environment),
+        1.0 / frame_rate,
+        seed,
+        shared_dones=environment.dones.shared,
+        team_safety=environment.rta,
+        ended_thrust_on=environment.ended_deputies == "hold_thrust",
+    )
 
 
 def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
@@ -104,17 +111,6 @@ def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
                     told = f"unknown key `{key}`; {did_you_mean(key, CWHPlatform.model_fields)}"
                 report((*where, "config", "config", *problem["loc"]), told)
     return platforms
-
-
-def _guarded_starts(reset: ResetPlan, guard: SafetyGlue) -> ResetPlan:
-    """Return the plan whose samplers refuse every state from which the filter could not stay safe."""
-    parameters = {
-        name: parameter.model_copy(update={"rta": parameter.rta.for_filtered(guard)})
-        if isinstance(parameter, RejectionSampler) and parameter.rta is not None
-        else parameter
-        for name, parameter in reset.parameters.items()
-    }
-    return replace(reset, parameters=parameters)
 
 
 def _constants_agree(
@@ -172,6 +168,7 @@ def _agent(
     if len(entry.platforms) > 1:
         report((*where, "platforms", 1), "an agent controls one platform; remove the others")
     body, base = entry.config.config, (*where, "config", "config")
+    pilot = _pilot(entry, where, names, report)
     parts: dict[str, Part] = {}
     for index, part in enumerate(body.parts):
         if part.part_name in parts:
@@ -203,11 +200,41 @@ def _agent(
                 report((*base, key, index), f"two {key} are named {named.name!r}; give one of them a `name` of its own")
             seen.add(named.name)
     if sound:
-        _check_glues(body.glues, parts, (*base, "glues"), report)
-    return AgentSpec(entry.name, entry.platforms[0], parts, body.glues, body.rewards, tuple(dones))
+        _check_glues(body.glues, parts, (*base, "glues"), report, observes=pilot is None)
+    return AgentSpec(
+        entry.name,
+        entry.platforms[0],
+        parts,
+        body.glues,
+        body.rewards,
+        tuple(dones),
+        policy=policy_name(entry),
+        pilot=pilot,
+    )
 
 
-def _check_glues(glues: tuple[Glue, ...], parts: Mapping[str, Part], where: Path, report: Report) -> None:
+def _pilot(entry: AgentEntry, where: Path, names: Mapping[str, set[str]], report: Report) -> ScriptedPolicy | None:
+    """Return the scripted policy that flies an agent; None when its actions come from outside."""
+    if entry.policy is None or entry.policy.functor is None:
+        return None
+    try:
+        pilot = build("policy", {"functor": entry.policy.functor, "config": entry.policy.config})
+    except PydanticCustomError as error:
+        for problem in (error.context or {})["errors"]:
+            report((*where, "policy", *problem["loc"]), "; ".join(filter(None, message(problem))))
+        return None
+    assert isinstance(pilot, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
+    for field, kind in pilot.references().items():
+        value = getattr(pilot, field)
+        if value is not None and value not in names.get(kind, {value}):
+            told = f"no {kind} is named {value!r}; {did_you_mean(value, names[kind])}"
+            report((*where, "policy", "config", field), told)
+    return pilot
+
+
+def _check_glues(
+    glues: tuple[Glue, ...], parts: Mapping[str, Part], where: Path, report: Report, *, observes: bool
+) -> None:
     commanded: set[str] = set()
     for index, glue in enumerate(glues):
         try:
@@ -221,7 +248,7 @@ def _check_glues(glues: tuple[Glue, ...], parts: Mapping[str, Part], where: Path
                     report((*where, index), f"the controller {name!r} is commanded twice; remove one of the glues")
                 commanded.add(name)
     for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
-        if not any(isinstance(glue, base) for glue in glues):
+        if not any(isinstance(glue, base) for glue in glues) and (observes or base is ActionGlue):
             report(where, f"no glue {what}; add one")
 
 

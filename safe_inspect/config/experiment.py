@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import yaml
@@ -17,9 +17,11 @@ from safe_inspect.config.located import LocatedDict, LocatedList, locate, path_t
 from safe_inspect.config.merge import merge
 from safe_inspect.config.models import ExperimentConfig
 from safe_inspect.config.overrides import apply_overrides
+from safe_inspect.config.policies import policies_of
 from safe_inspect.config.references import expand_references
 from safe_inspect.config.report import problems_of
-from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.config.spec import EnvironmentSpec, Policy
+from safe_inspect.config.templates import expand_templates
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.version import __version__
@@ -38,8 +40,10 @@ class Experiment:
             overrides applied, references still by name. Loading it again gives the same experiment.
         config: The validated models.
         spec: The environment.
-        rllib: RLlib keys: those of the task and, over them, those of the policy.
+        rllib: RLlib keys of the task, and over them those that all policies that learn give alike.
         algorithm: Name of the RLlib algorithm.
+        policies: Policies by name, in agent order; scripted ones are part of the environment. Their `config` holds what
+            is not in `rllib`.
     """
 
     source: str
@@ -48,6 +52,7 @@ class Experiment:
     spec: EnvironmentSpec
     rllib: dict[str, Any]
     algorithm: str
+    policies: Mapping[str, Policy]
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -88,11 +93,12 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
         tree = LocatedDict(tree)
     _import_plugins(tree)
     problems: list[Problem] = []
-    expanded = expand_references(tree, problems)
+    expanded = expand_references(expand_templates(tree, problems), problems)
     try:
         config = ExperimentConfig.model_validate(expanded)
     except ValidationError as error:
-        raise ConfigError([*problems, *problems_of(error, expanded, model=ExperimentConfig)]) from None
+        found = [*problems, *problems_of(error, expanded, model=ExperimentConfig)]
+        raise ConfigError(_told_once(found)) from None
 
     def report(where: tuple[Any, ...], message: str) -> None:
         problems.append(Problem(message, path_text(where), locate(expanded, where)))
@@ -100,12 +106,26 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
     for name, entries in (("platform_config", config.platform_config), ("agent_config", config.agent_config)):
         if not entries:
             raise ConfigError([*problems, Problem("the list is empty; add an entry", name, locate(expanded, (name,)))])
-    rllib = _rllib(config, compute_platform, report)
+    policies = policies_of(config, report)
+    rllib, policies = _rllib(config, policies, compute_platform, report)
     horizon = _horizon(config, rllib, report)
     spec = assemble(config, horizon, report, seed=_seed(rllib))
     if problems or spec is None:
-        raise ConfigError(problems)
-    return Experiment(source, tree, config, spec, rllib, config.agent_config[0].policy.algorithm)
+        raise ConfigError(_told_once(problems))
+    algorithm = next(policy.algorithm for policy in policies.values() if policy.trains)
+    return Experiment(source, tree, config, spec, rllib, algorithm, policies)
+
+
+def _told_once(problems: list[Problem]) -> list[Problem]:
+    """Leave out what a template repeats for each of its agents: the same mistake in the same place of a file."""
+    seen: set[Any] = set()
+    kept = []
+    for problem in problems:
+        key = (problem.message, problem.location, problem.hint) if problem.location is not None else problem
+        if key not in seen:
+            seen.add(key)
+            kept.append(problem)
+    return kept
 
 
 def _experiment_tree(tree: Any, path: str) -> LocatedDict:
@@ -175,7 +195,10 @@ def _import_plugins(tree: LocatedDict) -> None:
         raise ConfigError(problems)
 
 
-def _rllib(config: ExperimentConfig, compute_platform: str, report: Any) -> dict[str, Any]:
+def _rllib(
+    config: ExperimentConfig, policies: dict[str, Policy], compute_platform: str, report: Any
+) -> tuple[dict[str, Any], dict[str, Policy]]:
+    """Return the RLlib keys that concern all policies, and the policies with what each has of its own."""
     configs = config.config.config.rllib_configs
     name = compute_platform if compute_platform in configs else "default"
     if configs and name not in configs:
@@ -183,7 +206,17 @@ def _rllib(config: ExperimentConfig, compute_platform: str, report: Any) -> dict
             ("config", "config", "rllib_configs"),
             f"no {compute_platform!r} here; {did_you_mean(compute_platform, configs)}",
         )
-    return {**configs.get(name, {}), **config.agent_config[0].policy.config}
+    learning = [policy.config for policy in policies.values() if policy.trains]
+    common = {
+        key: value
+        for key, value in (learning[0] if learning else {}).items()
+        if all(key in other and other[key] == value for other in learning[1:])
+    }
+    own = {
+        name: replace(policy, config={key: value for key, value in policy.config.items() if key not in common})
+        for name, policy in policies.items()
+    }
+    return {**configs.get(name, {}), **common}, own
 
 
 def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> int:

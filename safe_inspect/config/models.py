@@ -5,9 +5,9 @@ They hold the peer's grammar; what they contain is built by the plugins' own val
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from safe_inspect.aliases import ALIASES
 from safe_inspect.config.fields_of_functors import ParameterField, named_field
@@ -68,7 +68,7 @@ class ResetParameters(Model):
 class SharedDones(Model):
     """Done functions that concern all agents."""
 
-    shared: tuple[named_field("done"), ...] = ()  # type: ignore[valid-type]
+    shared: tuple[named_field("shared_done"), ...] = ()  # type: ignore[valid-type]
 
 
 class EnvironmentConfig(Model):
@@ -82,6 +82,9 @@ class EnvironmentConfig(Model):
         plugin_paths: Modules with further plugins, imported before any name is looked up.
         episode_parameter_provider: The peer's source of episode parameters.
         dones: Done functions that concern all agents.
+        rta: Safety filter that acts on all deputies together.
+        ended_deputies: What the spacecraft of an agent that has ended does until the episode ends for all:
+            ``coast``, or ``hold_thrust``, as the peer's do.
         TrialName: Name of the run's folder.
         output_path: Folder in which run folders are made.
     """
@@ -93,6 +96,8 @@ class EnvironmentConfig(Model):
     plugin_paths: tuple[str, ...] = ()
     episode_parameter_provider: Provider = Provider()
     dones: SharedDones = SharedDones()
+    rta: functor_field("rta") | None = None  # type: ignore[valid-type]
+    ended_deputies: Literal["coast", "hold_thrust"] = "coast"
     TrialName: str = Field(default="experiment", min_length=1, pattern=r"^[\w.-]+$")
     output_path: str = "output"
 
@@ -133,15 +138,39 @@ class AgentConfig(Model):
 
 
 class PolicyConfig(Model):
-    """``ppo.yml``: the learning algorithm, and what it is configured with beside the task's RLlib configuration.
+    """``ppo.yml``: what flies an agent. One of three: an algorithm that learns, a scripted policy, a checkpoint.
 
     Attributes:
-        algorithm: Name of an RLlib algorithm.
-        config: RLlib keys, merged over the task's.
+        algorithm: Name of an RLlib algorithm that trains the policy; PPO unless something else flies the agent.
+        config: RLlib keys, merged over the task's; the fields of a scripted policy.
+        functor: A scripted policy, such as ZeroThrust.
+        checkpoint: Folder of a checkpoint whose policy flies the agent and is not trained.
+        policy: Name of the policy in that checkpoint, where it holds several.
     """
 
-    algorithm: str = Field(default="PPO", min_length=1)
+    algorithm: str = Field(default="", pattern=r"\S|^$")
     config: dict[str, Any] = Field(default_factory=dict)
+    functor: str | None = None
+    checkpoint: str | None = Field(default=None, min_length=1)
+    policy: str | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> PolicyConfig:
+        given = [key for key in ("algorithm", "functor", "checkpoint") if getattr(self, key)]
+        if len(given) > 1:
+            raise ValueError(f"`{given[0]}` and `{given[1]}` exclude each other; remove one")
+        if self.policy is not None and self.checkpoint is None:
+            raise ValueError("`policy` names a policy of a `checkpoint`; give that too, or remove it")
+        if self.checkpoint is not None and self.config:
+            raise ValueError("a checkpoint's policy takes no `config`; remove it")
+        if self.functor is None and self.checkpoint is None and not self.algorithm:
+            object.__setattr__(self, "algorithm", "PPO")
+        return self
+
+    @property
+    def scripted(self) -> Any:
+        """The scripted policy as `safe_inspect.functor.build` takes it; None for the other kinds."""
+        return None if self.functor is None else {"functor": self.functor, "config": self.config}
 
 
 class PlatformEntry(Model):
@@ -152,12 +181,23 @@ class PlatformEntry(Model):
 
 
 class AgentEntry(Model):
-    """An agent of the experiment: the platforms that it controls, its configuration and its policy."""
+    """An agent of the experiment, or with `count` the template of several; see `safe_inspect.config.templates`.
+
+    Attributes:
+        name: Name of the agent; ``#`` stands for the number of each in a template.
+        count: How many agents the template stands for.
+        platforms: The platform that it controls.
+        config: Its parts, glues, rewards and dones.
+        policy: What flies it; an algorithm that learns, PPO, unless given. With several agents each needs it.
+        policy_name: Agents of one name share one policy; the agent's own name unless given.
+    """
 
     name: str = Field(min_length=1)
+    count: int | None = None
     platforms: tuple[str, ...]
     config: AgentConfig
-    policy: PolicyConfig = PolicyConfig()
+    policy: PolicyConfig | None = None
+    policy_name: str | None = Field(default=None, pattern=r"^[\w.-]+$")
 
 
 class TaskBody(Model):

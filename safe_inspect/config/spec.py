@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from safe_inspect.dones.base import DoneFunction
+from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.functor import Named
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.platforms.base import Part, Platform, Sensor
+from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rewards.base import Reward
+from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.inspection_simulator import Simulator
 from safe_inspect.simulators.reset import ResetPlan
 
@@ -25,6 +29,8 @@ class AgentSpec:
         glues: Glues, in the order of the observation and the action.
         rewards: Terms of the reward, by name.
         dones: What ends the episode, by name.
+        policy: Name of the policy that flies the agent; agents of one name share one policy.
+        pilot: The scripted policy that flies the agent inside the environment; None: actions come from outside.
     """
 
     name: str
@@ -33,6 +39,19 @@ class AgentSpec:
     glues: tuple[Glue, ...]
     rewards: tuple[Named[Reward], ...]
     dones: tuple[Named[DoneFunction], ...]
+    policy: str = ""
+    pilot: ScriptedPolicy | None = None
+
+    def same_terms(self, other: AgentSpec) -> bool:
+        """Return whether another agent differs in its names alone, so that both can be computed together."""
+        return (
+            list(self.parts) == list(other.parts)
+            and self.parts == other.parts
+            and self.glues == other.glues
+            and self.rewards == other.rewards
+            and self.dones == other.dones
+            and self.pilot == other.pilot
+        )
 
     @property
     def sensors(self) -> dict[str, Sensor]:
@@ -51,16 +70,46 @@ class AgentSpec:
 
 
 @dataclass(frozen=True)
+class Policy:
+    """What trains, or a checkpoint that flies, agents whose actions come from outside the environment.
+
+    Attributes:
+        name: Name of the policy.
+        agents: Names of the agents that it flies.
+        algorithm: Name of the RLlib algorithm; empty for a checkpoint.
+        config: RLlib keys, over the task's.
+        checkpoint: Folder of the checkpoint of a policy that is not trained.
+        source_policy: Name of the policy in that checkpoint; None: it holds one.
+    """
+
+    name: str
+    agents: tuple[str, ...]
+    algorithm: str
+    config: Mapping[str, Any]
+    checkpoint: str | None = None
+    source_policy: str | None = None
+
+    @property
+    def trains(self) -> bool:
+        """Whether the policy is trained."""
+        return self.checkpoint is None
+
+
+@dataclass(frozen=True)
 class EnvironmentSpec:
     """A whole environment.
 
     Attributes:
         simulator: The simulator.
         platforms: Platforms by name, in agent order.
-        agents: The agents.
+        agents: The agents; the deputies stand in their order.
         reset: How an episode begins.
         step_size: Length of a step [s].
         seed: Seed of the run unless one is given.
+        shared_dones: What ends the episode of all agents, by name.
+        team_safety: The safety filter that acts on all deputies together, where there is one.
+        ended_thrust_on: Whether the spacecraft of an agent that has ended holds its last thrust for ever, as the
+            peer's does; else it coasts.
     """
 
     simulator: Simulator
@@ -69,3 +118,6 @@ class EnvironmentSpec:
     reset: ResetPlan
     step_size: float
     seed: int = 0
+    shared_dones: tuple[Named[SharedDoneFunction], ...] = ()
+    team_safety: TeamSafety | None = None
+    ended_thrust_on: bool = False

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from safe_inspect.environments.core import BatchedEnvironment, Transition
+from safe_inspect.environments.transition import Transition
 from safe_inspect.simulators.view import View
 from safe_inspect.types import AnyArray
 
@@ -30,7 +30,7 @@ def facts(view: View, status: AnyArray | None = None) -> dict[str, AnyArray]:
     return told
 
 
-def step_facts(environment: BatchedEnvironment, transition: Transition) -> dict[str, AnyArray]:
+def step_facts(transition: Transition) -> dict[str, AnyArray]:
     """Return the facts of a step: those of its last state, and ``reward/NAME`` for every term.
 
     With a safety filter also, of this step, ``rta/intervening``, ``rta/infeasible``, ``rta/active`` (bit j: the j-th

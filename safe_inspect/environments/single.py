@@ -61,7 +61,7 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
         transition = self.core.step(np.asarray(action)[None, None])
         terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
         self._running = not (terminated or truncated)
-        info = _named(row(step_facts(self.core, transition), 0))
+        info = _named(row(step_facts(transition), 0))
         filtered = transition.step.filtered
         if filtered is not None:
             info["rta/active"] = filtered.active_names(0)

@@ -101,7 +101,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         if ended.any():
             actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
         transition = self.core.step(actions[:, None])
-        told: dict[str, Any] = step_facts(self.core, transition)
+        told: dict[str, Any] = step_facts(transition)
         self._observation = transition.observation[:, 0]
         reward = transition.reward[:, 0]
         terminated, truncated = transition.terminated[:, 0].copy(), transition.truncated[:, 0].copy()

@@ -109,7 +109,7 @@ def _fly(
         observation = transition.observation[:, 0]
         returns[running] += transition.reward[running, 0]
         length += running
-        facts = step_facts(environment, transition)
+        facts = step_facts(transition)
         for name, array in facts.items():
             if name.startswith(_TERM):
                 sums.setdefault(name, np.zeros(rows))[running] += array[running]

@@ -40,7 +40,7 @@ class ObserveSensor(ObservationGlue):
 
     def names(self, parts: Parts) -> tuple[str, ...]:
         """Return ``sensor.element`` for each element."""
-        return tuple(f"{self.sensor}.{element}" for element in sensor_of(parts, self.sensor).elements)
+        return tuple(f"{self.sensor}.{element}" for element in sensor_of(parts, self.sensor).element_names)
 
     def bounds(self, parts: Parts) -> Bounds:
         """Return the bounds of the normalised reading.

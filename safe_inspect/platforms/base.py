@@ -93,7 +93,8 @@ class Sensor(Part):
     """A part that reads something from a state: called with a `View`, it returns an array of shape (R, size).
 
     Class attributes:
-        elements: Name of each element of the reading.
+        elements: Name of each element of the reading; a sensor whose elements depend on its configuration defines
+            `element_names` instead.
         symbol: SI unit of the reading, empty for a pure number.
         bounds: Smallest and largest possible value, SI.
     """
@@ -103,9 +104,14 @@ class Sensor(Part):
     bounds: ClassVar[tuple[float, float]] = (-np.inf, np.inf)
 
     @property
+    def element_names(self) -> tuple[str, ...]:
+        """Name of each element with the sensor's configuration; `elements` unless they depend on it."""
+        return self.elements
+
+    @property
     def size(self) -> int:
         """Number of elements of a reading."""
-        return len(self.elements)
+        return len(self.element_names)
 
     @property
     def limits(self) -> tuple[float, float]:

@@ -9,12 +9,11 @@ from typing import ClassVar
 
 from safe_inspect.plugin import Plugin
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators.view import PILOT, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 
-#: Where the arrays that a scripted policy remembers stand among those of the parts.
-PILOT = "scripted policy"
+__all__ = ["PILOT", "ScriptedPolicy", "ThrustLimits"]
 
 
 @dataclass(frozen=True)

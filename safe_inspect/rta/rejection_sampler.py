@@ -171,9 +171,10 @@ class RejectionSampler(Parameter):
         """
         rows = np.arange(len(draw.streams)) if rows is None else rows
         states = self._draw(draw, rows, attempt)
-        if self.rta is None:
-            return states, {}
-        return states, self.rta.refusals(states)
+        refused = {} if self.rta is None else self.rta.refusals(states)
+        for name, unsafe in ({} if draw.test is None else draw.test(states, rows)).items():
+            refused[name] = refused[name] | unsafe if name in refused else unsafe
+        return states, refused
 
     def _draw(self, draw: Draw, rows: IntArray, attempt: int) -> dict[str, FloatArray]:
         streams = draw.streams[rows]
@@ -183,7 +184,7 @@ class RejectionSampler(Parameter):
             child = Draw(streams, f"{draw.purpose}.{name}", attempt, drawn)
             values[name] = parameter(child)
         result: dict[str, FloatArray] = self.initializer(values)
-        return result
+        return result | {name: array[rows] for name, array in draw.fixed.items() if name in result}
 
 
 def _take(value: Value, rows: Any) -> Value:

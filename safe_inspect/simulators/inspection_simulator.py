@@ -16,6 +16,7 @@ from safe_inspect.simulators.illumination import IlluminationParams
 from safe_inspect.units import Angle, PositiveAngularRate, PositiveLength
 
 if TYPE_CHECKING:
+    from safe_inspect.rta.team import TeamSafety
     from safe_inspect.simulators.reset import ResetPlan
     from safe_inspect.simulators.simulation import Simulation
     from safe_inspect.simulators.view import Group
@@ -37,6 +38,7 @@ class Simulator(Plugin):
         num_envs: int,
         seed: int,
         first_slot: int,
+        team_guard: TeamSafety | None = None,
     ) -> Simulation:
         """Build the running simulation."""
 
@@ -112,6 +114,7 @@ class InspectionSimulator(Simulator):
         num_envs: int,
         seed: int,
         first_slot: int,
+        team_guard: TeamSafety | None = None,
     ) -> Simulation:
         """Build the running simulation of `num_envs` environments.
 
@@ -123,6 +126,7 @@ class InspectionSimulator(Simulator):
             num_envs: Number of environments, N.
             seed: Seed of the run.
             first_slot: Global index of the first environment slot.
+            team_guard: What filters the thrusts of all deputies together and may declare memory, where there is one.
         """
         from safe_inspect.simulators.simulation import Simulation  # compiles kernels: not when only validated
 
@@ -136,4 +140,5 @@ class InspectionSimulator(Simulator):
             num_envs=num_envs,
             seed=seed,
             first_slot=first_slot,
+            team_guard=team_guard,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -14,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.plugin import Plugin
 from safe_inspect.randomness import Streams
-from safe_inspect.types import FloatArray
+from safe_inspect.types import BoolArray, FloatArray, IntArray
 from safe_inspect.units import unit
 
 #: A drawn value: one number for each row, or named states of one body.
@@ -30,12 +30,16 @@ class Draw:
         purpose: What is drawn, such as ``init_state.radius``.
         index: Number of the try, for repeated draws.
         values: Reset parameters drawn before, by name.
+        fixed: States that are given and not drawn, by name, each with R rows.
+        test: Returns for states of some rows, and the indices of these rows, which of them to refuse, by the reason.
     """
 
     streams: Streams
     purpose: str
     index: int = 0
     values: Mapping[str, Value] = field(default_factory=dict)
+    fixed: Mapping[str, FloatArray] = field(default_factory=dict)
+    test: Callable[[Mapping[str, FloatArray], IntArray], dict[str, BoolArray]] | None = None
 
     def child(self, name: str) -> Draw:
         """Return the draw of a part of this one."""

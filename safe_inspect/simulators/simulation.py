@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +18,13 @@ from safe_inspect.simulators.delta_v_scale import DeltaVScale
 from safe_inspect.simulators.inspection_simulator import InspectionPoints, InspectionSimulator
 from safe_inspect.simulators.reset import ResetPlan
 from safe_inspect.simulators.state import ArraySpec, State, base_specs
-from safe_inspect.simulators.view import GUARD, Group, View
+from safe_inspect.simulators.team import TEAM, TEAM_GUARD
+from safe_inspect.simulators.view import GUARD, PILOT, Group, View
 from safe_inspect.simulators.world import PointsModel, World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from safe_inspect.rta.team import TeamSafety
 
 
 class Simulation:
@@ -47,10 +52,12 @@ class Simulation:
         num_envs: int,
         seed: int,
         first_slot: int,
+        team_guard: TeamSafety | None = None,
     ) -> None:
         self._config = config
         self._reset_plan = reset
         self._groups = tuple(groups)
+        self._team_guard = team_guard
         self._seed = seed
         self._slots = first_slot + np.arange(num_envs, dtype=np.int64)
         self._episodes = np.full(num_envs, -1, dtype=np.int64)
@@ -218,11 +225,15 @@ class Simulation:
             declared = {name: sensor.memory(world) for name, sensor in group.sensors.items()}
             if group.guard is not None:
                 declared[GUARD] = group.guard.memory(world)
+            if group.pilot is not None:
+                declared[PILOT] = group.pilot.memory(world)
             for name, arrays in declared.items():
                 for array, spec in arrays.items():
                     specs[f"memory/{group.name}/{name}/{array}"] = ArraySpec(
                         (group.size, *spec.shape), spec.dtype, spec.fill
                     )
+        for array, spec in (self._team_guard.memory(world) if self._team_guard is not None else {}).items():
+            specs[f"memory/{TEAM}/{TEAM_GUARD}/{array}"] = ArraySpec((1, *spec.shape), spec.dtype, spec.fill)
         return specs
 
 

@@ -21,11 +21,14 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from safe_inspect.platforms.base import Sensor
+    from safe_inspect.policies.base import ScriptedPolicy
     from safe_inspect.rta.base import SafetyGlue
     from safe_inspect.rta.filters.base import FilterResult
 
 #: Where the arrays that a group's safety filter remembers stand among those of the parts.
 GUARD = "safety filter"
+#: Where the arrays that a group's scripted policy remembers stand among those of the parts.
+PILOT = "scripted policy"
 
 Array = TypeVar("Array", bound=NDArray[Any])
 
@@ -40,6 +43,7 @@ class Group:
         size: Number of deputies, G.
         sensors: Sensors by part name.
         guard: What filters the group's thrust and may declare memory, where there is one.
+        pilot: The scripted policy that flies the deputies, where there is one.
     """
 
     name: str
@@ -47,6 +51,7 @@ class Group:
     size: int
     sensors: Mapping[str, Sensor]
     guard: SafetyGlue | None = None
+    pilot: ScriptedPolicy | None = None
 
 
 class PointsView:

@@ -62,9 +62,9 @@ def check_part(plugin: Part, parts: Parts, report: Report) -> None:
 def _check_sensor(plugin: Sensor, parts: Parts, report: Report) -> None:
     size = plugin.size
     report.expect(
-        len(set(plugin.elements)) == size > 0,
+        len(set(plugin.element_names)) == size > 0,
         "elements",
-        f"the class attribute `elements` is {plugin.elements}",
+        f"the names of its elements (`elements`, or `element_names`) are {plugin.element_names}",
         "name every element of the reading once",
     )
     step = sample_steps(plugin, _ROWS, parts=parts)

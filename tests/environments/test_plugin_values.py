@@ -208,6 +208,6 @@ def test_a_reward_that_hands_out_the_state_itself_does_not_change_it(shipped):
 def test_an_action_that_is_nan_is_refused(shipped, crash_folder):
     env = make(shipped)
     env.reset(seed=0)
-    with pytest.raises(PluginValueError, match="action gave"):
+    with pytest.raises(PluginValueError, match="action of blue0_ctrl gave"):
         env.step(np.array([0.0, np.nan, 0.0]))
     assert saved(crash_folder, "after")["step"] == [0]

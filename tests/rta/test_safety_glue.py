@@ -68,7 +68,7 @@ def test_off_it_changes_and_tells_nothing(spec_with):
         np.testing.assert_array_equal(step.control, step.desired_control)
         assert step.filtered is None
         assert not step.intervening.any()
-        told = step_facts(env, transition)
+        told = step_facts(transition)
         assert not [name for name in told if name.startswith("rta/") or name == "interventions"]
     np.testing.assert_array_equal(env.state.interventions, 0)
 
@@ -150,7 +150,7 @@ def test_interventions_accumulate_and_begin_again_with_the_episode(spec_with):
     for thrust in random_thrusts(10, 12):
         transition = env.step(thrust)
         count += transition.step.intervening
-        np.testing.assert_array_equal(step_facts(env, transition)["interventions"], count)
+        np.testing.assert_array_equal(step_facts(transition)["interventions"], count)
     assert count.max() > 1
     env.reset(np.array([0, 5]))
     count[[0, 5]] = 0

@@ -1,0 +1,92 @@
+"""Done functors that end an episode for all its agents."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.plugin import DoneName, Plugin
+from safe_inspect.simulators.team import TeamStep
+from safe_inspect.types import AnyArray, BoolArray
+from safe_inspect.units import PositiveLength
+
+#: What counts when agents end in several ways at once: the first of these.
+_WORST_FIRST = (DoneStatus.LOSE, DoneStatus.WIN, DoneStatus.DRAW)
+
+
+class SharedDoneFunction(Plugin):
+    """Ends an episode for all agents: called with a `TeamStep`, it returns how each environment ends, shape (N,).
+
+    It stands under ``dones: shared:`` of the environment's configuration.
+    """
+
+    kind: ClassVar[str] = "shared_done"
+
+    @abstractmethod
+    def __call__(self, step: TeamStep) -> AnyArray:
+        """Return the `DoneStatus` that every agent of an environment gets, 0 where it goes on, int8, shape (N,)."""
+
+
+class CollisionDoneFunction(SharedDoneFunction):
+    """All lose when two deputies are closer than `safety_constraint` at the end of the step; shape (N,).
+
+    Deputies whose agents are done still count: their spacecraft fly on.
+
+    Attributes:
+        safety_constraint: Smallest distance of two deputies [m].
+    """
+
+    safety_constraint: PositiveLength = 10.0
+
+    def __call__(self, step: TeamStep) -> AnyArray:
+        """Return `DoneStatus.LOSE` where two deputies have collided, int8, shape (N,)."""
+        return _where((step.after.distance < self.safety_constraint).any(axis=-1), DoneStatus.LOSE)
+
+
+class MultiagentSuccessDoneFunction(SharedDoneFunction):
+    """All win when every agent that has the named done function has won; shape (N,).
+
+    An agent has won when the function ended its episode in this step and it did not lose in the same step, or when it
+    had ended with a win before.
+
+    Attributes:
+        success_function_name: Name of a done function of the agents.
+    """
+
+    success_function_name: DoneName = "SuccessfulInspectionDoneFunction"
+
+    def __call__(self, step: TeamStep) -> AnyArray:
+        """Return `DoneStatus.WIN` where every agent has won, int8, shape (N,)."""
+        name = self.success_function_name
+        asked = np.asarray(step.has[name])
+        won = (step.fired[name] & (step.status != DoneStatus.LOSE)) | (step.before.finished == DoneStatus.WIN)
+        everybody = (won | ~asked).all(axis=-1)
+        return _where(everybody & asked.any(), DoneStatus.WIN)
+
+
+class SetAllDoneFunction(SharedDoneFunction):
+    """All end as soon as one agent has ended in one of `statuses`; shape (N,).
+
+    All get the worst status among those: lose before win before draw.
+
+    Attributes:
+        statuses: Endings of an agent that end the episode for all.
+    """
+
+    statuses: tuple[Literal["win", "lose", "draw"], ...] = Field(default=("win", "lose", "draw"), min_length=1)
+
+    def __call__(self, step: TeamStep) -> AnyArray:
+        """Return the worst status of an agent, 0 where none has ended so, int8, shape (N,)."""
+        found = np.zeros(len(step.status), dtype=np.int8)
+        for status in reversed(_WORST_FIRST):
+            if status.name.lower() in self.statuses:
+                found[(step.status == status).any(axis=-1)] = status
+        return found
+
+
+def _where(rows: BoolArray, status: DoneStatus) -> AnyArray:
+    return np.where(rows, np.int8(status), np.int8(DoneStatus.RUNNING))

@@ -1,0 +1,185 @@
+"""`AgentGroup`: agents with equal parts, glues, rewards and dones, computed together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from safe_inspect.config.spec import AgentSpec
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.guard import all_finite, require_finite, require_shape
+from safe_inspect.environments.layout import Layout, action_layout, observation_layout
+from safe_inspect.glues.base import ActionGlue, Glue, Parts
+from safe_inspect.policies.base import ThrustLimits
+from safe_inspect.rta.base import Filtered, SafetyGlue
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.view import Group, Step, View
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
+
+
+class AgentGroup:
+    """G agents that stand side by side in agent order and have equal terms.
+
+    Attributes:
+        name: Name of the group: its agent's, or those of its first and last agent.
+        agents: Names of the agents.
+        policies: Name of each agent's policy.
+        group: What views of the state know of the group.
+        observation_layout: Layout of one agent's observation.
+        action_layout: Layout of one agent's action.
+        limits: What the controllers of one agent can give.
+    """
+
+    def __init__(self, specs: Sequence[AgentSpec], first: int) -> None:
+        agent = specs[0]
+        self.agents = tuple(spec.name for spec in specs)
+        self.policies = tuple(spec.policy for spec in specs)
+        self.name = self.agents[0] if len(specs) == 1 else f"{self.agents[0]} to {self.agents[-1]}"
+        self.agent = agent
+        guards = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
+        self.guard = guards[0] if guards else None
+        self.group = Group(self.name, first, len(specs), agent.sensors, self.guard, agent.pilot)
+        self.observation_layout: Layout = observation_layout(agent)
+        self.action_layout: Layout = action_layout(agent)
+        self._commands: list[tuple[ActionGlue, slice]] = []
+        start = 0
+        for glue in (leaf for outer in agent.action_glues for leaf in outer.leaves()):
+            end = start + len(glue.names(agent.parts))
+            self._commands.append((glue, slice(start, end)))
+            start = end
+        self.limits = self._thrust_limits()
+        self._glues = agent.observation_glues
+        self._sizes = [len(glue.names(agent.parts)) for glue in self._glues]
+        observed = {getattr(glue, "sensor", None) for glue in self._glues}
+        self._unobserved = [name for name in agent.sensors if name not in observed]
+        # A status that is written later stands: lose before win before draw.
+        order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
+        self._dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
+
+    @property
+    def first(self) -> int:
+        """Index of the first deputy among all."""
+        return self.group.first
+
+    @property
+    def size(self) -> int:
+        """Number of agents, G."""
+        return self.group.size
+
+    @property
+    def scripted(self) -> bool:
+        """Whether a scripted policy flies the deputies, so that no action is taken from outside."""
+        return self.group.pilot is not None
+
+    def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
+        """Return the actions within their bounds, shape (R, A), and the thrust that they ask for [N], shape (R, 3)."""
+        layout = self.action_layout
+        action = np.asarray(action, dtype=np.float64).reshape(view.num_rows, layout.size)
+        if not all_finite(action):
+            require_finite(f"the action of {self.name}", action, view.state)
+        action = np.minimum(np.maximum(action, layout.low), layout.high)
+        thrust = self._thrust(action)
+        if not all_finite(thrust):
+            for glue, columns in self._commands:
+                parts = self.agent.parts
+                require_finite(_title(glue, parts), glue(action[:, columns], parts), view.state)
+        return action, thrust
+
+    def fly(self, view: View) -> FloatArray:
+        """Return the thrust of the scripted policy within the controllers' limits [N], shape (R, 3)."""
+        pilot = self.group.pilot
+        assert pilot is not None, "only scripted groups fly themselves"
+        thrust = np.asarray(pilot(view, self.limits), dtype=np.float64)
+        what = f"policy {pilot.registered_name} of {self.name}"
+        if thrust.shape != (view.num_rows, 3):
+            require_shape(what, thrust, (view.num_rows, 3))
+        if not all_finite(thrust):
+            require_finite(what, thrust, view.state)
+        return np.minimum(np.maximum(thrust, self.limits.low), self.limits.high)
+
+    def filter(self, desired: FloatArray, view: View) -> Filtered | None:
+        """Return what the agents' own safety filter does to the thrust; None without one."""
+        return None if self.guard is None else self.guard.filter(desired, view)
+
+    def observe(self, view: View) -> AnyArray:
+        """Return the observations, float32, shape (N, G, O); of no elements for a scripted group."""
+        glues = () if self.scripted else self._glues
+        parts = [glue(view) for glue in glues]
+        for glue, part, size in zip(glues, parts, self._sizes, strict=False):
+            if part.shape != (view.num_rows, size):
+                require_shape(_title(glue, self.agent.parts), part, (view.num_rows, size))
+        observation = np.concatenate(parts, axis=-1) if parts else np.zeros((view.num_rows, 0))
+        if not all_finite(observation):
+            for glue, part in zip(glues, parts, strict=True):
+                require_finite(_title(glue, self.agent.parts), part, view.state)
+        return observation.astype(np.float32).reshape(view.state.num_envs, self.size, observation.shape[-1])
+
+    def rewards(self, step: Step) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Return the sum of the terms, shape (R,), and each term by name, shape (R,)."""
+        rows = step.after.num_rows
+        terms: dict[str, FloatArray] = {}
+        reward = np.zeros(rows)
+        for named in self.agent.rewards:
+            value = np.array(named.functor(step), dtype=np.float64)  # a copy: it may be an array of the state
+            if value.shape != (rows,):
+                require_shape(f"reward {named.name}", value, (rows,))
+            reward += value
+            terms[named.name] = value
+        if not all_finite(reward):
+            for name, value in terms.items():
+                require_finite(f"reward {name}", value, step.after.state, step.before.state)
+        return reward, terms
+
+    def ends(self, step: Step) -> tuple[BoolArray, BoolArray, AnyArray, dict[str, BoolArray]]:
+        """Return who is terminated, who truncated, the status, each of shape (R,), and what each done function said."""
+        rows = step.after.num_rows
+        terminated, truncated = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)
+        status = np.zeros(rows, dtype=np.int8)
+        fired = {}
+        for named in self._dones:
+            done = np.asarray(named.functor(step), dtype=np.bool_)
+            if done.shape != (rows,):
+                require_shape(f"done {named.name}", done, (rows,))
+            fired[named.name] = done
+            if np.count_nonzero(done):  # several times as fast as `any` on a small array
+                status[done] = named.functor.status
+                ended = truncated if named.functor.truncates else terminated
+                ended |= done
+        return terminated, truncated & ~terminated, status, fired
+
+    def check_unobserved(self, after: View, before: State) -> None:
+        """Stop when a sensor that only rewards and dones read gave NaN, which would silently compare as false."""
+        for name in self._unobserved:
+            if name in after.readings and not all_finite(after.readings[name]):
+                require_finite(f"sensor {name}", after.readings[name], after.state, before)
+
+    def _thrust(self, action: FloatArray) -> FloatArray:
+        thrust = np.zeros((len(action), 3))
+        for glue, columns in self._commands:
+            thrust += glue(action[:, columns], self.agent.parts)
+        return thrust
+
+    def _thrust_limits(self) -> ThrustLimits:
+        corners = self._thrust(np.stack((self.action_layout.low, self.action_layout.high)))
+        return ThrustLimits(corners.min(axis=0), corners.max(axis=0))
+
+
+def _title(glue: Glue, parts: Parts) -> str:
+    """Name a glue in a message: its class and what it observes or commands."""
+    return f"glue {glue.registered_name} ({', '.join(glue.names(parts))})"
+
+
+def group_agents(agents: Sequence[AgentSpec]) -> tuple[AgentGroup, ...]:
+    """Return the groups of agents: neighbours in agent order whose terms are equal are computed together."""
+    runs: list[list[AgentSpec]] = []
+    for agent in agents:
+        if runs and runs[-1][0].same_terms(agent):
+            runs[-1].append(agent)
+        else:
+            runs.append([agent])
+    groups, first = [], 0
+    for run in runs:
+        groups.append(AgentGroup(run, first))
+        first += len(run)
+    return tuple(groups)

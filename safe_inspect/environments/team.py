@@ -1,0 +1,285 @@
+"""`TeamEnvironment`: the core that every façade wraps. It steps N environments with all their agents as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.group import AgentGroup, group_agents
+from safe_inspect.environments.guard import all_finite, require_finite, require_shape
+from safe_inspect.environments.transition import TeamTransition, Transition
+from safe_inspect.rta.team import TeamFiltered
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.team import TeamStep, TeamView
+from safe_inspect.simulators.view import GUARD, Step, View
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+#: The weight of a status when several are given in one step: lose before win before draw.
+_RANK = np.array([0, 2, 3, 1], dtype=np.int8)
+
+
+class TeamEnvironment:
+    """N environments of one task with all their agents. Resets are asked for. SI units, Hill's frame.
+
+    An agent that has ended keeps its spacecraft in the world, without thrust, and its camera goes on inspecting, until
+    the episode is over for all.
+
+    Args:
+        spec: The task.
+        num_envs: Number of environments, N.
+        seed: Seed of the run; the task's own unless given.
+        first_slot: Global index of the first environment slot. Two environments with the same seed and slot give the
+            same episodes, whatever the batch they stand in.
+
+    Attributes:
+        groups: Agents with equal terms, in agent order.
+        acting: The groups whose actions come from outside; the others fly by scripted policies.
+    """
+
+    def __init__(
+        self, spec: EnvironmentSpec, num_envs: int = 1, *, seed: int | None = None, first_slot: int = 0
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is at least 1, not {num_envs}")
+        self.spec = spec
+        self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents)
+        self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)
+        self._guard = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
+        self.simulation = spec.simulator(
+            masses={agent.platform: spec.platforms[agent.platform].mass for agent in spec.agents},
+            groups=tuple(group.group for group in self.groups),
+            reset=spec.reset,
+            step_size=spec.step_size,
+            num_envs=num_envs,
+            seed=spec.seed if seed is None else seed,
+            first_slot=first_slot,
+            team_guard=self._guard,
+        )
+        self._idle = [np.zeros(num_envs * group.size, dtype=np.bool_) for group in self.groups]
+        deciding = self.acting or self.groups
+        self._deciding = np.concatenate([np.arange(group.first, group.first + group.size) for group in deciding])
+        self._has = {
+            named.name: np.array([any(other.name == named.name for other in agent.dones) for agent in spec.agents])
+            for agent in spec.agents
+            for named in agent.dones
+        }
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments, N."""
+        return self.simulation.num_envs
+
+    @property
+    def state(self) -> State:
+        """The current state."""
+        return self.simulation.state
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """Names of all agents, in order."""
+        return tuple(agent.name for agent in self.spec.agents)
+
+    def view(self, group: int = 0) -> View:
+        """Return the current state as a group of agents sees it."""
+        return self.simulation.views[group]
+
+    def team(self) -> TeamView:
+        """Return the current state as all deputies together."""
+        return TeamView(self.state, self.simulation.world)
+
+    def reset(self, rows: IntArray | None = None, *, seed: int | None = None) -> tuple[AnyArray, ...]:
+        """Begin new episodes.
+
+        Args:
+            rows: Indices of the environments, shape (R,); all of them unless given.
+            seed: Begin the run again with this seed (all rows).
+
+        Returns:
+            For each acting group the first observation of these rows, float32, shape (R, G, O).
+        """
+        if seed is not None:
+            if rows is not None:
+                raise ValueError("a seed begins the run of all environments again; reset them all, or give no seed")
+            self.simulation.seed(seed)
+        rows = np.arange(self.num_envs) if rows is None else np.asarray(rows, dtype=np.int64)
+        fresh = self.simulation.reset(rows)
+        for what in ("position", "velocity", "sun_angle"):
+            require_finite(f"the initialiser of the {what}", fresh.arrays[what], fresh)
+        world = self.simulation.world
+        return tuple(group.observe(View(fresh, world, group.group)) for group in self.acting)
+
+    def step(self, actions: Sequence[AnyArray]) -> TeamTransition:
+        """Hold the actions over one step.
+
+        Args:
+            actions: For each acting group the actions in the units of its `action_layout`, clipped to their bounds,
+                shape (N, G, A). Those of agents that have ended count for nothing.
+
+        Raises:
+            PluginValueError: A plugin gave NaN or infinity (the state that caused it is saved), or a wrong shape.
+            ValueError: There are not as many actions as acting groups.
+        """
+        simulation, world = self.simulation, self.simulation.world
+        if len(actions) != len(self.acting):
+            raise ValueError(
+                f"{len(actions)} arrays of actions are given; one for each of {len(self.acting)} groups is wanted"
+            )
+        views = simulation.views
+        given = iter(actions)
+        steps: list[Step] = []
+        for group, view, idle in zip(self.groups, views, self._idle, strict=True):
+            if group.scripted:
+                action = desired = group.fly(view)
+            else:
+                action, desired = group.command(next(given), view)
+            steps.append(Step(view, view, action, desired, desired, idle, world.step_size))
+        filtered = [group.filter(step.control, step.before) for group, step in zip(self.groups, steps, strict=True)]
+        for step, found in zip(steps, filtered, strict=True):
+            if found is not None:
+                step.control, step.intervening, step.filtered = (
+                    found.result.control,
+                    found.result.intervening,
+                    found.result,
+                )
+        active = simulation.state.finished == 0
+        everyone = np.count_nonzero(active) == active.size
+        control = self._whole([step.control for step in steps])
+        team = None
+        if self._guard is not None:
+            team = self._filter_team(control, steps)
+            control = team.control
+        if not everyone:
+            control = self._without_ended(control, active, steps)
+        simulation.step(control)
+        after = simulation.views
+        for group, step, seen, found in zip(self.groups, steps, after, filtered, strict=True):
+            step.after = seen
+            if found is not None or team is not None:
+                first = group.first
+                simulation.state.interventions[:, first : first + group.size] += step.intervening.reshape(
+                    -1, group.size
+                )
+            for name, array in found.memory.items() if found is not None else ():
+                seen.memory(GUARD, name)[...] = array
+        if team is not None:
+            view_of_team = self.team()
+            for name, array in team.memory.items():
+                view_of_team.memory(name)[...] = array
+        return self._judge(steps, active, everyone, team)
+
+    def _whole(self, parts: list[FloatArray]) -> FloatArray:
+        """Return the thrusts of all groups as one array, shape (N, D, 3)."""
+        if len(parts) == 1:
+            return parts[0].reshape(self.num_envs, -1, 3)
+        pieces = [part.reshape(self.num_envs, group.size, 3) for part, group in zip(parts, self.groups, strict=True)]
+        return np.concatenate(pieces, axis=1)
+
+    def _filter_team(self, desired: FloatArray, steps: list[Step]) -> TeamFiltered:
+        """Let the team's filter act, and write its thrusts into the groups' steps."""
+        assert self._guard is not None
+        team = self._guard(desired, self.team())
+        what = f"safety filter {self._guard.registered_name}"
+        if team.control.shape != desired.shape:
+            require_shape(what, team.control, desired.shape)
+        if not all_finite(team.control):
+            require_finite(what, team.control, self.state)
+        for group, step in zip(self.groups, steps, strict=True):
+            mine = slice(group.first, group.first + group.size)
+            step.control = team.control[:, mine].reshape(-1, 3)
+            step.intervening = team.intervening[:, mine].reshape(-1)
+        return team
+
+    def _without_ended(self, control: FloatArray, active: BoolArray, steps: list[Step]) -> FloatArray:
+        """Return the thrusts with those of ended agents replaced, and write them into the groups' steps."""
+        instead = self.state.control if self.spec.ended_thrust_on else 0.0
+        control = np.where(active[:, :, None], control, instead)
+        for group, step in zip(self.groups, steps, strict=True):
+            mine = slice(group.first, group.first + group.size)
+            step.control = control[:, mine].reshape(-1, 3)
+            step.intervening = step.intervening & active[:, mine].reshape(-1)
+        return control
+
+    def _judge(self, steps: list[Step], active: BoolArray, everyone: bool, team: TeamFiltered | None) -> TeamTransition:
+        """Return observations, rewards and ends of a step whose dynamics are done."""
+        simulation = self.simulation
+        before = simulation.before
+        transitions = []
+        fired: dict[str, BoolArray] = {}
+        for group, step in zip(self.groups, steps, strict=True):
+            shape = (self.num_envs, group.size)
+            mine = slice(group.first, group.first + group.size)
+            took_part = active[:, mine]
+            observation = group.observe(step.after)
+            reward, terms = group.rewards(step)
+            terminated, truncated, status, said = group.ends(step)
+            group.check_unobserved(step.after, before)
+            if not everyone:
+                out = ~took_part.reshape(-1)
+                reward[out] = 0.0
+                terminated[out], truncated[out] = False, False
+                status[out] = before.finished[:, mine].reshape(-1)[out]
+                for value in terms.values():
+                    value[out] = 0.0
+            if self.spec.shared_dones:
+                for name, rows in said.items():
+                    fired.setdefault(name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = (
+                        rows.reshape(shape) & took_part
+                    )
+            transitions.append(
+                Transition(
+                    observation,
+                    reward.reshape(shape),
+                    {name: value.reshape(shape) for name, value in terms.items()},
+                    took_part,
+                    terminated.reshape(shape),
+                    truncated.reshape(shape),
+                    status.reshape(shape),
+                    step,
+                )
+            )
+        if self.spec.shared_dones:
+            self._share(transitions, active, fired)
+        statuses = (
+            transitions[0].status if len(transitions) == 1 else np.concatenate([t.status for t in transitions], axis=1)
+        )
+        finished = simulation.state.finished
+        if np.count_nonzero(statuses):
+            finished[...] = statuses
+            over = np.asarray((finished[:, self._deciding] != 0).all(axis=1))
+            simulation.end(over)
+            worst = _RANK[finished].max(axis=1)
+            outcome = np.asarray(_STATUS[worst])
+        else:
+            over, outcome = np.zeros(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.int8)
+        return TeamTransition(tuple(transitions), over, outcome, team)
+
+    def _share(self, transitions: list[Transition], active: BoolArray, fired: dict[str, BoolArray]) -> None:
+        """Let the shared done functions end the episodes of all agents that still take part."""
+        world = self.simulation.world
+        before, after = TeamView(self.simulation.before, world), TeamView(self.simulation.state, world)
+        own = np.concatenate([transition.status for transition in transitions], axis=1)
+        step = TeamStep(before, after, fired, own, world.step_size, self._has)
+        shared = np.zeros(self.num_envs, dtype=np.int8)
+        for named in self.spec.shared_dones:
+            status = np.asarray(named.functor(step), dtype=np.int8)
+            if status.shape != shared.shape:
+                require_shape(f"shared done {named.name}", status, shared.shape)
+            shared = np.where(_RANK[status] > _RANK[shared], status, shared)
+        if not np.count_nonzero(shared):
+            return
+        drawn = (shared == DoneStatus.DRAW)[:, None]
+        for transition in transitions:
+            given = np.broadcast_to(shared[:, None], transition.status.shape)
+            ends = transition.active & (given != 0)
+            better = ends & (_RANK[given] > _RANK[transition.status])
+            transition.status[better] = given[better]
+            transition.terminated |= ends & ~drawn
+            transition.truncated |= ends & drawn
+            transition.truncated &= ~transition.terminated
+
+
+#: The status of each rank.
+_STATUS = np.array([0, 3, 1, 2], dtype=np.int8)

@@ -1,0 +1,160 @@
+"""Sensors of the other deputies, of one size for any number of them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.platforms.base import Sensor
+from safe_inspect.simulators.view import View
+from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.units import PositiveLength
+
+
+class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition"):
+    """Positions of the `k` nearest other deputies relative to the own [m], Hill frame, nearest first, shape (R, 3 k).
+
+    A place without a deputy within `max_range` reads as a deputy `max_range` away, straight out from the origin beyond
+    the own position (+x at the origin itself): nobody is near, nobody is on the chief's side, and the reading turns
+    with the scene. `Sensor_NearestDeputiesPresence` tells such places apart without a doubt.
+
+    Attributes:
+        k: Number of places.
+        max_range: Range within which other deputies are seen, and the length of the reading where there is none [m].
+    """
+
+    symbol: ClassVar[str] = "m"
+
+    k: int = Field(default=2, ge=1, le=100)
+    max_range: PositiveLength = 1000.0
+
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """Three for each place, x_0 to z_0 of the nearest first."""
+        return tuple(f"{axis}_{place}" for place in range(self.k) for axis in "xyz")
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """From -max_range to max_range [m]."""
+        return -self.max_range, self.max_range
+
+    def __call__(self, view: View) -> FloatArray:
+        """Return the relative positions [m], Hill frame, shape (R, 3 k)."""
+        from safe_inspect.geometry.neighbours import differences, pad_outwards
+
+        index = _nearest(view, self.k, self.max_range)
+        position, first, size = view.state.position, view.group.first, view.group.size
+        relative = differences(position, index, first, size)
+        pad_outwards(relative, index, position, first, size, self.max_range)
+        return np.asarray(relative.reshape(len(index), -1))
+
+
+class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity"):
+    """Velocities of the `k` nearest other deputies relative to the own [m/s], Hill frame, shape (R, 3 k).
+
+    The places are those of `Sensor_NearestDeputiesPosition` with the same fields; one without a deputy reads 0.
+
+    Attributes:
+        k: Number of places.
+        max_range: Range within which other deputies are seen [m].
+    """
+
+    symbol: ClassVar[str] = "m/s"
+
+    k: int = Field(default=2, ge=1, le=100)
+    max_range: PositiveLength = 1000.0
+
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """Three for each place, v_x_0 to v_z_0 of the nearest first."""
+        return tuple(f"v_{axis}_{place}" for place in range(self.k) for axis in "xyz")
+
+    def __call__(self, view: View) -> FloatArray:
+        """Return the relative velocities [m/s], Hill frame, shape (R, 3 k)."""
+        from safe_inspect.geometry.neighbours import differences
+
+        index = _nearest(view, self.k, self.max_range)
+        relative = differences(view.state.velocity, index, view.group.first, view.group.size)
+        return np.asarray(relative.reshape(len(index), -1))
+
+
+class NearestDeputiesPresenceSensor(Sensor, name="Sensor_NearestDeputiesPresence"):
+    """Which of the `k` places of `Sensor_NearestDeputiesPosition` a deputy takes: 1, else 0 [-], shape (R, k).
+
+    Attributes:
+        k: Number of places.
+        max_range: Range within which other deputies are seen [m].
+    """
+
+    bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
+
+    k: int = Field(default=2, ge=1, le=100)
+    max_range: PositiveLength = 1000.0
+
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """One for each place, present_0 of the nearest first."""
+        return tuple(f"present_{place}" for place in range(self.k))
+
+    def __call__(self, view: View) -> FloatArray:
+        """Return 1 where a deputy takes the place, else 0, shape (R, k)."""
+        return (_nearest(view, self.k, self.max_range) >= 0).astype(np.float64)
+
+
+class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):
+    """Range to the nearest other deputy in each of `bins` sectors about the own [m], Hill frame, shape (R, bins).
+
+    The sectors share out all directions: each holds those that are nearer to its middle than to any other, and the
+    middles are points of a Fibonacci lattice, so that the sectors are of about one size and there are no poles. A
+    sector without a deputy within `max_range` reads `max_range`; a deputy at the very same place is in every sector.
+
+    Attributes:
+        bins: Number of sectors.
+        max_range: Largest range [m].
+    """
+
+    symbol: ClassVar[str] = "m"
+
+    bins: int = Field(default=20, ge=1, le=1000)
+    max_range: PositiveLength = 1000.0
+
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """One for each sector, range_0 first."""
+        return tuple(f"range_{sector}" for sector in range(self.bins))
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """From 0 to max_range [m]."""
+        return 0.0, self.max_range
+
+    @cached_property
+    def directions(self) -> FloatArray:
+        """Unit vectors to the middles of the sectors [-], Hill frame, shape (bins, 3)."""
+        from safe_inspect.geometry.sphere import sphere_points
+
+        return sphere_points("fibonacci", self.bins, 1.0)
+
+    def __call__(self, view: View) -> FloatArray:
+        """Return the ranges [m], shape (R, bins)."""
+        from safe_inspect.geometry.neighbours import scan_deputies
+
+        group, deputies = view.group, view.world.num_deputies
+        found: FloatArray = scan_deputies(
+            view.state.position, deputies, group.first, group.size, self.directions, self.max_range
+        )
+        return found
+
+
+def _nearest(view: View, count: int, max_range: float) -> IntArray:
+    """Return the indices of the nearest other deputies, -1 for none, shape (R, k)."""
+    from safe_inspect.geometry.neighbours import nearest_deputies
+
+    group, deputies = view.group, view.world.num_deputies
+    found: IntArray = nearest_deputies(
+        view.state.position, deputies, group.first, group.size, count, max_range
+    )  # fmt: skip
+    return found
