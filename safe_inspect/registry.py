@@ -29,6 +29,7 @@ BUILT_IN = (
     "safe_inspect.glues",
     "safe_inspect.rewards",
     "safe_inspect.dones",
+    "safe_inspect.policies",
     "safe_inspect.rta",
 )
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import Transition
-from safe_inspect.simulators.simulation import Simulation
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import View
 from safe_inspect.types import AnyArray, IntArray
+
+if TYPE_CHECKING:
+    from safe_inspect.simulators.simulation import Simulation
 
 
 class BatchedEnvironment:

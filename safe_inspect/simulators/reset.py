@@ -111,7 +111,7 @@ class ResetPlan:
             own[name] = drawn
             for key in drawn:  # statistics of the draw: of all deputies together
                 if "/" in key:
-                    base[key] = base[key] + drawn[key]
+                    base[key] = base[key] + drawn[key] if key in base else drawn[key]
         return own
 
     def _tested(self, draw: Draw, index: int, placed: Mapping[str, FloatArray]) -> Draw:

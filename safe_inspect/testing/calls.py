@@ -34,7 +34,7 @@ class Shape:
 
     Attributes:
         of: Shape of a row; None: any.
-        kind: Kind of its elements: ``f`` for float, ``b`` for bool.
+        kind: Kind of its elements: ``f`` for float, ``b`` for bool, ``i`` for integers; empty for any.
         text: The whole shape as a message writes it.
     """
 
@@ -51,7 +51,9 @@ class Call:
         what: How a message names the call.
         function: The function.
         make: Gives the inputs of some rows, from their indices.
-        rows: Number of rows, R.
+        rows: Number of rows that `make` chooses from: environments, N, where the function sees several agents of each.
+        agents: Rows of the result for each of these rows: the agents of the group, G.
+        alone: Gives the inputs of all rows with one agent of the group by itself, from its index.
         shape: What the result, or each array of a mapping of results, is to be.
         shapes: The same for single arrays of a mapping.
     """
@@ -62,6 +64,12 @@ class Call:
     rows: int
     shape: Shape = Shape()
     shapes: Mapping[str, Shape] = field(default_factory=dict)
+    agents: int = 1
+    alone: Callable[[int], Inputs] | None = None
+
+    def results_of(self, rows: AnyArray) -> AnyArray:
+        """Return the rows of the result that belong to some rows."""
+        return np.asarray((rows[:, None] * self.agents + np.arange(self.agents)).reshape(-1))
 
 
 def check_call(call: Call, report: Report) -> Any:
@@ -99,6 +107,7 @@ def check_call(call: Call, report: Report) -> Any:
             f"{call.what} gave another result after calls with other rows",
             "keep nothing between calls; what must be remembered is a declared array of the state",
         )
+        _check_agents(call, kept, report)
     return result
 
 
@@ -116,7 +125,8 @@ def _check_rows(call: Call, kept: dict[str, AnyArray], report: Report) -> bool:
         result = _result(call, call.make(rows), report, f"with {name}")
         if result is _RAISED:
             return False
-        if not _equal({key: array[rows] for key, array in kept.items()}, _arrays(result)):
+        wanted = call.results_of(rows)
+        if not _equal({key: array[wanted] for key, array in kept.items()}, _arrays(result)):
             report.add(
                 "row-wise",
                 f"{call.what} with {name} gave other values than in the whole batch",
@@ -127,26 +137,41 @@ def _check_rows(call: Call, kept: dict[str, AnyArray], report: Report) -> bool:
     return True
 
 
+def _check_agents(call: Call, kept: dict[str, AnyArray], report: Report) -> None:
+    """Check that each agent of a group gets what it gets when it is a group by itself."""
+    for agent in range(call.agents if call.alone is not None else 0):
+        assert call.alone is not None
+        result = _result(call, call.alone(agent), report, "with one agent of several")
+        if result is _RAISED:
+            return
+        if not _equal({key: array[agent :: call.agents] for key, array in kept.items()}, _arrays(result)):
+            report.add(
+                "agents",
+                f"{call.what} gave agent {agent} of the group another value than it gets by itself",
+                "rows go environment by environment and, in each, agent by agent: use the arrays of the view "
+                "(`position`, `own_index`, ...), which have these rows, or its `per_agent` and `per_environment`",
+            )
+            return
+
+
 def _check_shape(call: Call, result: Any, report: Report) -> bool:
     sound = True
     for name, array in _arrays(result).items():
         shape = call.shapes.get(name, call.shape)
         what = f"{call.what}" + (f", {name!r}" if name else "")
-        wanted = {"f": "float", "b": "bool"}[shape.kind]
+        wanted = {"f": "float", "b": "bool", "i": "int", "": "numbers"}[shape.kind]
         remedy = f"return a NumPy array of {wanted}, shape {shape.text}"
         if not isinstance(array, np.ndarray):
             report.add("shape", f"{what} gave {type(array).__name__}, no array", remedy)
             sound = False
             continue
-        rows = array.ndim > 0 and len(array) == call.rows
-        right = rows and (shape.of is None or array.shape[1:] == shape.of)
-        sound &= report.expect(
-            right, "shape", f"{what} gave the shape {array.shape} for R = {call.rows} rows", remedy
-        )  # fmt: skip
-        right = array.dtype.kind == shape.kind
+        rows = call.rows * call.agents
+        right = array.ndim > 0 and len(array) == rows and (shape.of is None or array.shape[1:] == shape.of)
+        sound &= report.expect(right, "shape", f"{what} gave the shape {array.shape} for {rows} rows", remedy)
+        right = shape.kind in ("", array.dtype.kind)
         sound &= report.expect(right, "shape", f"{what} gave elements of the type {array.dtype}", remedy)
         if sound and shape.kind == "f" and not np.isfinite(array).all():
-            row = int(np.flatnonzero(~np.isfinite(array.reshape(call.rows, -1)).all(axis=-1))[0])
+            row = int(np.flatnonzero(~np.isfinite(array.reshape(rows, -1)).all(axis=-1))[0])
             report.add(
                 "finite",
                 f"{what} gave {array[row].tolist()} in row {row} of the sample world",

@@ -12,10 +12,8 @@ from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.samples import sample_spec, sample_steps
-from safe_inspect.testing.values import check_bounds, of_view, spread
+from safe_inspect.testing.values import ROWS, call_of_view, check_bounds, each_world, spread
 from safe_inspect.types import AnyArray
-
-_ROWS = 48
 
 
 def check_glue(plugin: Glue, parts: Sequence[Part], report: Report) -> None:
@@ -35,19 +33,19 @@ def check_glue(plugin: Glue, parts: Sequence[Part], report: Report) -> None:
     report.expect((low <= high).all(), "bounds", f"a lower bound is above the upper: {low}, {high}", "swap them")
     report.expect(len(set(names)) == size, "names", f"a name stands twice in {names}", "name every element once")
     if isinstance(plugin, ObservationGlue):
-        step = sample_steps(None, _ROWS, parts=parts)
         shape = Shape((size,), "f", f"(R, {size})")
-        values = check_call(Call("the glue", plugin, of_view(step), _ROWS, shape), report)
-        if values is not None:
-            check_bounds(values, low, high, "the observation", "`bounds`", report)
+        for step in each_world(plugin, parts, report):
+            values = check_call(call_of_view("the glue", plugin, step, shape), report)
+            if values is not None:
+                check_bounds(values, low, high, "the observation", "`bounds`", report)
     elif isinstance(plugin, ActionGlue):
-        actions = spread(low, high, _ROWS) if size else np.zeros((_ROWS, 0))
+        actions = spread(low, high, ROWS) if size else np.zeros((ROWS, 0))
 
         def make(rows: AnyArray) -> Inputs:
             given = actions[rows].copy()
             return Inputs((given, named), {"the action": given})
 
-        check_call(Call("the glue", plugin, make, _ROWS, Shape((3,), "f", "(R, 3), thrust [N]")), report)
+        check_call(Call("the glue", plugin, make, ROWS, Shape((3,), "f", "(R, 3), thrust [N]")), report)
         if isinstance(plugin, SafetyGlue):
             _check_refusals(plugin, report)
     else:
@@ -56,7 +54,7 @@ def check_glue(plugin: Glue, parts: Sequence[Part], report: Report) -> None:
 
 def _check_refusals(plugin: SafetyGlue, report: Report) -> None:
     """Check which initial states a safety glue refuses: bool (R,) for each constraint."""
-    view = sample_steps(None, _ROWS).after
+    view = sample_steps(None, ROWS).after
 
     def make(rows: AnyArray) -> Inputs:
         states = {
@@ -66,4 +64,4 @@ def _check_refusals(plugin: SafetyGlue, report: Report) -> None:
         }
         return Inputs((states,), states)
 
-    check_call(Call("`refusals`", plugin.refusals, make, _ROWS, Shape((), "b", "(R,) for each constraint")), report)
+    check_call(Call("`refusals`", plugin.refusals, make, ROWS, Shape((), "b", "(R,) for each constraint")), report)

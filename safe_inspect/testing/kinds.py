@@ -9,29 +9,28 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneFunction, DoneStatus
-from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.glues.normalizers import Normalizer
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
 from safe_inspect.plugin import Plugin
 from safe_inspect.rewards.base import Reward
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
+from safe_inspect.testing.flights import fly_twice
 from safe_inspect.testing.glues import check_glue
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.resets import check_initializer, check_parameter, check_simulator
-from safe_inspect.testing.samples import fly, sample_spec, sample_steps
-from safe_inspect.testing.values import check_bounds, of_step, of_view, spread
+from safe_inspect.testing.samples import sample_spec, sample_steps
+from safe_inspect.testing.teams import check_policy, check_shared_done, check_team_safety
+from safe_inspect.testing.values import ROWS, call_of_step, call_of_view, check_bounds, each_world, spread
 from safe_inspect.types import AnyArray
 
 Parts = Sequence[Part]
 
-_ROWS = 48
-
 
 def check_reward(plugin: Reward, parts: Parts, report: Report) -> None:
     """Check a reward: float (R,)."""
-    step = sample_steps(plugin, _ROWS, parts=parts)
-    check_call(Call("the reward", plugin, of_step(step), _ROWS), report)
+    for step in each_world(plugin, parts, report):
+        check_call(call_of_step("the reward", plugin, step, Shape()), report)
 
 
 def check_done(plugin: DoneFunction, parts: Parts, report: Report) -> None:
@@ -43,8 +42,8 @@ def check_done(plugin: DoneFunction, parts: Parts, report: Report) -> None:
         f"the class attribute `status` is {status!r}",
         "set it to DoneStatus.WIN, DoneStatus.LOSE or DoneStatus.DRAW",
     )
-    step = sample_steps(plugin, _ROWS, parts=parts)
-    check_call(Call("the done function", plugin, of_step(step), _ROWS, Shape((), "b", "(R,)")), report)
+    for step in each_world(plugin, parts, report):
+        check_call(call_of_step("the done function", plugin, step, Shape((), "b", "(R,)")), report)
 
 
 def check_part(plugin: Part, parts: Parts, report: Report) -> None:
@@ -67,30 +66,26 @@ def _check_sensor(plugin: Sensor, parts: Parts, report: Report) -> None:
         f"the names of its elements (`elements`, or `element_names`) are {plugin.element_names}",
         "name every element of the reading once",
     )
-    step = sample_steps(plugin, _ROWS, parts=parts)
     shape = Shape((size,), "f", f"(R, {size})")
-    reading = check_call(Call("the sensor", plugin, of_view(step), _ROWS, shape), report)
-    if reading is not None:
-        low, high = plugin.limits
-        check_bounds(reading, np.full(size, low), np.full(size, high), "the reading", "the sensor", report)
-    if plugin.memory(step.after.world):
-        _check_memory(plugin, sample_spec(plugin, parts=parts), report)
+    for step in each_world(plugin, parts, report):
+        reading = check_call(call_of_view("the sensor", plugin, step, shape), report)
+        if reading is not None:
+            low, high = plugin.limits
+            check_bounds(reading, np.full(size, low), np.full(size, high), "the reading", "the sensor", report)
+        if plugin.memory(step.after.world):
+            _check_memory(plugin, sample_spec(plugin, parts=parts, deputies=step.after.group.size), report)
 
 
 def _check_memory(plugin: Sensor, spec: EnvironmentSpec, report: Report) -> None:
     """Check that what a sensor remembers of an environment does not depend on those beside it."""
-    batch, length = 5, 12
-    together = fly(BatchedEnvironment(spec, batch, seed=1), length=length)
-    for slot in (0, batch - 1):
-        alone = fly(BatchedEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)
-        for (whole, _), (single, _) in zip(together, alone, strict=True):
-            if plugin(whole.after)[slot].tobytes() != plugin(single.after)[0].tobytes():
-                report.add(
-                    "row-wise",
-                    f"after {single.after.step[0]} steps the sensor reads another value alone than in a batch",
-                    "let `remember` compute each row from itself, and draw from `view.state.key` alone",
-                )
-                return
+    for together, alone in fly_twice(spec):
+        if plugin(together.step.after).tobytes() != plugin(alone.step.after).tobytes():
+            report.add(
+                "row-wise",
+                f"after {alone.step.after.step[0]} steps the sensor reads another value alone than in a batch",
+                "let `remember` compute each row from itself, and draw from `view.state.key` alone",
+            )
+            return
 
 
 def _check_controller(plugin: Controller, report: Report) -> None:
@@ -99,13 +94,13 @@ def _check_controller(plugin: Controller, report: Report) -> None:
     remedy = "return two arrays of shape (size,), the first below the second"
     if not report.expect(right, "limits", f"the limits are {low} and {high}", remedy):
         return
-    values = spread(low, high, _ROWS)
+    values = spread(low, high, ROWS)
 
     def make(rows: AnyArray) -> Inputs:
         given = values[rows].copy()
         return Inputs((given,), {"the values": given})
 
-    check_call(Call("the controller", plugin, make, _ROWS, Shape((3,), "f", "(R, 3), thrust [N]")), report)
+    check_call(Call("the controller", plugin, make, ROWS, Shape((3,), "f", "(R, 3), thrust [N]")), report)
 
 
 def check_normalizer(plugin: Normalizer, parts: Parts, report: Report) -> None:
@@ -115,7 +110,7 @@ def check_normalizer(plugin: Normalizer, parts: Parts, report: Report) -> None:
         return
     size = 3 if 3 in sizes else sizes[0]
     low, high = -np.arange(1.0, size + 1.0), 2.0 * np.arange(1.0, size + 1.0)
-    values = spread(low, high, _ROWS)
+    values = spread(low, high, ROWS)
 
     def make_from(array: AnyArray) -> Callable[[AnyArray], Inputs]:
         def make(rows: AnyArray) -> Inputs:
@@ -125,10 +120,10 @@ def check_normalizer(plugin: Normalizer, parts: Parts, report: Report) -> None:
         return make
 
     shape = Shape((size,), "f", "(R, k)")
-    normal = check_call(Call("the normaliser", plugin, make_from(values), _ROWS, shape), report)
+    normal = check_call(Call("the normaliser", plugin, make_from(values), ROWS, shape), report)
     if normal is None:
         return
-    back = check_call(Call("`inverse`", plugin.inverse, make_from(normal.copy()), _ROWS, shape), report)
+    back = check_call(Call("`inverse`", plugin.inverse, make_from(normal.copy()), ROWS, shape), report)
     report.expect(
         back is None or np.allclose(back, values, rtol=1e-9, atol=1e-12),
         "inverse",
@@ -147,7 +142,7 @@ def _fits(plugin: Normalizer, size: int) -> bool:
 
 def check_constraint(plugin: Constraint, parts: Parts, report: Report) -> None:
     """Check a constraint: phi, h and rate (R,), gradient (R, 6)."""
-    view = sample_steps(None, _ROWS).after
+    view = sample_steps(None, ROWS).after
 
     def make(rows: AnyArray) -> Inputs:
         state = RelativeState(view.position[rows].copy(), view.velocity[rows].copy(), view.sun_angle[rows].copy())
@@ -157,8 +152,8 @@ def check_constraint(plugin: Constraint, parts: Parts, report: Report) -> None:
         return dict(vars(plugin.evaluate(state)))
 
     shapes = {"gradient": Shape((6,), "f", "(R, 6)")}
-    phi = check_call(Call("the constraint", plugin, make, _ROWS), report)
-    every = check_call(Call("`evaluate`", evaluate, make, _ROWS, shapes=shapes), report)
+    phi = check_call(Call("the constraint", plugin, make, ROWS), report)
+    every = check_call(Call("`evaluate`", evaluate, make, ROWS, shapes=shapes), report)
     if phi is not None and every is not None:
         report.expect(
             np.array_equal(phi, every["phi"]),
@@ -182,13 +177,13 @@ def check_property(plugin: Property, parts: Parts, report: Report) -> None:
     low, high = plugin.limits
     if not report.expect(low < high, "limits", f"the limits are {low} and {high}", "let the first be the smaller"):
         return
-    values = spread(np.array([2.0 * low - high]), np.array([2.0 * high - low]), _ROWS)[:, 0]
+    values = spread(np.array([2.0 * low - high]), np.array([2.0 * high - low]), ROWS)[:, 0]
 
     def make(rows: AnyArray) -> Inputs:
         given = values[rows].copy()
         return Inputs((given,), {"the values": given})
 
-    result = check_call(Call("the property", plugin, make, _ROWS), report)
+    result = check_call(Call("the property", plugin, make, ROWS), report)
     if result is not None:
         check_bounds(result, np.array(low), np.array(high), "the commanded value", "the property", report)
 
@@ -202,8 +197,11 @@ CHECKS: dict[str, Callable[[Any, Parts, Report], None]] = {
     "parameter": check_parameter,
     "part": check_part,
     "platform": check_platform,
+    "policy": check_policy,
     "property": check_property,
     "reward": check_reward,
+    "rta": check_team_safety,
+    "shared_done": check_shared_done,
     "simulator": check_simulator,
 }
 

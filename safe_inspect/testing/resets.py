@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.platforms.base import Part
 from safe_inspect.randomness import Streams
 from safe_inspect.simulators.initializers import Initializer
 from safe_inspect.simulators.inspection_simulator import Simulator
 from safe_inspect.simulators.parameters import Draw, Parameter
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
+from safe_inspect.testing.flights import fly_twice
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import fly, sample_spec, sample_steps
+from safe_inspect.testing.samples import DEPUTIES, sample_spec, sample_steps
 from safe_inspect.testing.values import spread
 from safe_inspect.types import AnyArray, FloatArray
 
@@ -66,18 +66,16 @@ def check_initializer(plugin: Initializer, parts: Sequence[Part], report: Report
 
 def check_simulator(plugin: Simulator, parts: Sequence[Part], report: Report) -> None:
     """Check a simulator: an environment alone goes the way that it goes in a batch."""
-    spec = replace(sample_spec(), simulator=plugin)
-    batch, length = 4, 12
     with report.attempt("the simulator"):
-        together = fly(BatchedEnvironment(spec, batch, seed=1), length=length)
-        for slot in (0, batch - 1):
-            alone = fly(BatchedEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)
-            for (whole, _), (single, _) in zip(together, alone, strict=True):
-                for name, array in single.after.state.arrays.items():
-                    if array[0].tobytes() != whole.after.state.arrays[name][slot].tobytes():
+        for deputies in (1, DEPUTIES):
+            spec = replace(sample_spec(deputies=deputies), simulator=plugin)
+            for together, alone in fly_twice(spec):
+                whole, single = together.step.after.state.arrays, alone.step.after.state.arrays
+                for name, array in single.items():
+                    if array.tobytes() != whole[name].tobytes():
                         report.add(
                             "row-wise",
-                            f"after {single.after.step[0]} steps `{name}` differs alone from what it is in a batch",
+                            f"after {alone.step.after.step[0]} steps `{name}` differs alone from what it is in a batch",
                             "compute each row from itself",
                         )
                         return

@@ -9,150 +9,172 @@ from functools import lru_cache
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.environments.registration import load_spec
+from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.platforms.base import Part, Sensor
 from safe_inspect.platforms.controllers import RateController
 from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
+from safe_inspect.platforms.neighbour_sensors import (
+    DeputyScanSensor,
+    NearestDeputiesPositionSensor,
+    NearestDeputiesPresenceSensor,
+    NearestDeputiesVelocitySensor,
+)
 from safe_inspect.plugin import Plugin
+from safe_inspect.policies.base import ScriptedPolicy
+from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.state import State
+from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.tasks import TASKS
-from safe_inspect.types import AnyArray, BoolArray, FloatArray
+from safe_inspect.testing.flights import Flown, fly, take_rows
+from safe_inspect.types import AnyArray, BoolArray
 
-#: Environments and steps of a flight.
-ENVIRONMENTS, LENGTH = 32, 40
-#: A flight begins a new episode after this many steps, so that all phases of an episode occur.
-HORIZON = 24
+__all__ = ["DEPUTIES", "ENVIRONMENTS", "sample_spec", "sample_steps", "sample_team_steps", "take_rows"]
+
+#: Environments of a flight.
+ENVIRONMENTS = 32
+#: Deputies of the sample world with several of them.
+DEPUTIES = 3
 
 
-def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = ()) -> EnvironmentSpec:
-    """Return the environment of the sample world: the shipped task with one deputy and further parts.
+def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), deputies: int = 1) -> EnvironmentSpec:
+    """Return the environment of the sample world: the shipped task with one deputy or more and further parts.
 
     Every shipped part stands in it under its default name too, so that plugins build from their defaults find it.
 
     Args:
-        plugin: The plugin under test; a part is added to the deputy.
+        plugin: The plugin under test; a part is added to the deputies, a scripted policy flies them, a team's safety
+            filter filters their thrusts.
         parts: Further parts, for a plugin that names them.
+        deputies: Number of deputies, `blue0`, `blue1` and so on, all of them alike.
     """
     spec = load_spec(next(iter(TASKS)))
     agent = spec.agents[0]
     own = (plugin,) if isinstance(plugin, Part) else ()
-    further = (RateController(), EntityPositionSensor(), EntityVelocitySensor(), *parts, *own)
-    named = {**agent.parts, **{part.part_name: part for part in further}}
-    return replace(spec, agents=(replace(agent, parts=named),))
+    named = {**agent.parts, **{part.part_name: part for part in (*_further_parts(), *parts, *own)}}
+    names = tuple(f"blue{index}" for index in range(deputies))
+    pilot = plugin if isinstance(plugin, ScriptedPolicy) else None
+    platform, begin = spec.platforms[agent.platform], spec.reset.deputies[agent.platform]
+    return replace(
+        spec,
+        platforms=dict.fromkeys(names, platform),
+        agents=tuple(
+            replace(agent, name=f"{name}_ctrl", platform=name, parts=named, pilot=pilot, policy=f"{name}_ctrl")
+            for name in names
+        ),
+        reset=replace(spec.reset, deputies=dict.fromkeys(names, begin)),
+        team_safety=plugin if isinstance(plugin, TeamSafety) else None,
+    )
 
 
 def sample_steps(
-    plugin: Plugin | None = None, rows: int = 64, seed: int = 0, *, parts: Sequence[Part] = ()
-) -> Step:  # fmt: skip
+    plugin: Plugin | None = None, rows: int = 64, seed: int = 0, *, parts: Sequence[Part] = (), deputies: int = 1
+) -> Step:
     """Return steps of many episodes as one `Step`: each row is one step of one environment.
 
     Deputies fly at random, at the chief and away from it. Among the rows are first steps, ends of every kind (crash,
-    out of range, all points inspected), lit and dark points, and interventions of a safety filter.
+    out of range, all points inspected), lit and dark points, and interventions of a safety filter; with several
+    deputies also near ones, colliding ones, and such whose agents have ended while others go on.
 
     Args:
         plugin: The plugin under test; a sensor is read, and remembers, in these steps.
-        rows: Number of rows, R.
+        rows: Number of environments, N; with G deputies the step has R = N * G rows, environment by environment.
         seed: Seed of the flight and of the choice of rows.
-        parts: Further parts of the deputy, for a plugin that names them.
+        parts: Further parts of the deputies, for a plugin that names them.
+        deputies: Number of deputies, all of one group.
     """
+    return _sample(plugin, rows, seed, parts, deputies)[0]
+
+
+def sample_team_steps(
+    plugin: Plugin | None = None, rows: int = 64, seed: int = 0, *, parts: Sequence[Part] = (), deputies: int = DEPUTIES
+) -> TeamStep:
+    """Return the same steps as all deputies together see them: N environments, in the order of `sample_steps`.
+
+    Args:
+        plugin: The plugin under test.
+        rows: Number of environments, N.
+        seed: Seed of the flight and of the choice of rows.
+        parts: Further parts of the deputies.
+        deputies: Number of deputies, D.
+    """
+    step, status = _sample(plugin, rows, seed, parts, deputies)
+    active = step.before.state.finished == 0
+    dones = sample_spec(plugin, parts=parts, deputies=deputies).agents[0].dones
+    before, after = (TeamView(view.state, view.world) for view in (step.before, step.after))
+    return TeamStep(
+        before,
+        after,
+        fired={named.name: np.asarray(named.functor(step)).reshape(active.shape) & active for named in dones},
+        status=status,
+        dt=step.dt,
+        has={named.name: np.ones(deputies, dtype=np.bool_) for named in dones},
+    )
+
+
+def _further_parts() -> tuple[Part, ...]:
+    return (
+        RateController(),
+        EntityPositionSensor(),
+        EntityVelocitySensor(),
+        NearestDeputiesPositionSensor(),
+        NearestDeputiesVelocitySensor(),
+        NearestDeputiesPresenceSensor(),
+        DeputyScanSensor(),
+    )
+
+
+def _sample(
+    plugin: Plugin | None, rows: int, seed: int, parts: Sequence[Part], deputies: int
+) -> tuple[Step, AnyArray]:  # fmt: skip
     if rows < 1:
         raise ValueError(f"a sample has at least 1 row, not {rows}")
-    if isinstance(plugin, Sensor) or parts:
-        flown = fly(BatchedEnvironment(sample_spec(plugin, parts=parts), ENVIRONMENTS, seed=seed))
+    if isinstance(plugin, (Sensor, ScriptedPolicy, TeamSafety)) or parts:
+        spec = sample_spec(plugin, parts=parts, deputies=deputies)
+        flown = fly(TeamEnvironment(spec, ENVIRONMENTS, seed=seed))
     else:
-        flown = _shipped_flight(seed)
+        flown = _shipped_flight(seed, deputies)
     generator = np.random.default_rng(seed)
-    ended = np.concatenate([done for _, done in flown])
-    first = np.concatenate([step.first for step, _ in flown])
-    chosen = np.concatenate(
-        [
-            generator.permutation(np.flatnonzero(kind))[: -(-rows // 4)]
-            for kind in (ended, first & ~ended, np.ones(len(ended), dtype=np.bool_))
-        ]
-    )
+    ended = np.concatenate([one.over for one in flown])
+    first = np.concatenate([one.step.before.state.step == 0 for one in flown])
+    near = np.concatenate([_near(one.step.after) for one in flown]) & ~ended & ~first
+    kinds = [ended, first & ~ended, *([near] if deputies > 1 else []), np.ones_like(ended)]
+    share = -(-rows // (len(kinds) + 1))
+    chosen = np.concatenate([generator.permutation(np.flatnonzero(kind))[:share] for kind in kinds])
     others = np.setdiff1d(generator.permutation(len(ended)), chosen)
     chosen = np.resize(np.concatenate((chosen, generator.permutation(others))), rows)
-    return _gather([step for step, _ in flown], generator.permutation(chosen), seed)
+    return _gather(flown, generator.permutation(chosen), seed)
 
 
-def take_rows(step: Step, rows: AnyArray) -> Step:
-    """Return some rows of a step as a step of its own: copies of the states, with nothing computed yet.
-
-    Args:
-        step: A step of agents that are alone in their environment, so that a row is an environment.
-        rows: Indices of the rows, shape (R,).
-    """
-    world, group = step.after.world, step.after.group
-    before, after = (View(view.state.take(rows), world, group) for view in (step.before, step.after))
-    action, control, desired = (step.action[rows], step.control[rows], step.desired_control[rows])
-    return Step(before, after, action.copy(), control.copy(), desired.copy(), step.intervening[rows].copy(), step.dt)
-
-
-def fly(environment: BatchedEnvironment, first_slot: int = 0, length: int = LENGTH) -> list[tuple[Step, BoolArray]]:
-    """Fly rough episodes, and return each step with the rows that ended in it.
-
-    What an environment does depends on its slot and its own state alone, not on those beside it.
-
-    Args:
-        environment: The environments, freshly made.
-        first_slot: Index of their first slot.
-        length: Number of steps.
-    """
-    simulation = environment.simulation
-    environment.reset()
-    flown = []
-    everything = np.arange(environment.num_envs)
-    slots = first_slot + everything
-    for time in range(length):
-        _finish_inspection(simulation.state, (slots % 8 == 7) & (simulation.state.step == 2))
-        action = _rough_action(environment, slots, time)
-        transition = environment.step(action)
-        done = transition.done[:, 0] | (simulation.state.step >= HORIZON)
-        flown.append((take_rows(transition.step, everything), done))
-        if done.any():
-            environment.reset(np.flatnonzero(done))
-    return flown
-
-
-def _rough_action(environment: BatchedEnvironment, slots: AnyArray, time: int) -> FloatArray:
-    """Return actions, shape (N, 1, A): noise and, by slot, a push towards the chief, none, or one away from it."""
-    size = environment.action_layout.size
-    noise = np.stack([np.random.default_rng((int(slot), time)).normal(0.0, 0.4, size) for slot in slots])
-    position = environment.view().position
-    push = (slots % 3 - 1.0)[:, None] * position / environment.view().range_to(None)[:, None]
-    noise[:, :3] += push[:, :size]
-    return noise[:, None, :]
-
-
-def _finish_inspection(state: State, rows: BoolArray) -> None:
-    """Mark every point as inspected by the first deputy, so that successes occur."""
-    for points in state.points.values():
-        points.inspector[rows] = 0
-        points.team_count[rows] = points.inspector.shape[1]
-        points.own_count[rows, 0] = points.inspector.shape[1]
-
-
-def _gather(steps: Sequence[Step], chosen: AnyArray, seed: int) -> Step:
-    """Return the chosen rows of all steps, numbered on from step to step, as one step."""
-    size, model = len(steps[0].action), steps[0].after
-    rows = len(chosen)
-    before, after = State(rows, model.state.specs), State(rows, model.state.specs)
-    action, control = np.zeros((rows, steps[0].action.shape[1])), np.zeros((rows, 3))
+def _gather(flown: Sequence[Flown], chosen: AnyArray, seed: int) -> tuple[Step, AnyArray]:
+    """Return the chosen environments of all steps, numbered on from step to step, as one step and its statuses."""
+    model = flown[0].step
+    size, agents, rows = len(flown[0].over), model.after.group.size, len(chosen)
+    before, after = (State(rows, model.after.state.specs) for _ in range(2))
+    action, control = np.zeros((rows, agents, model.action.shape[1])), np.zeros((rows, agents, 3))
+    status = np.zeros((rows, flown[0].status.shape[1]), dtype=np.int8)
     for number in np.unique(chosen // size):
-        step, here = steps[number], np.flatnonzero(chosen // size == number)
+        one, here = flown[number], np.flatnonzero(chosen // size == number)
         there = chosen[here] % size
-        before.put(here, step.before.state.take(there))
-        after.put(here, step.after.state.take(there))
-        action[here], control[here] = step.action[there], step.control[there]
+        before.put(here, one.step.before.state.take(there))
+        after.put(here, one.step.after.state.take(there))
+        action[here] = one.step.action.reshape(size, agents, -1)[there]
+        control[here] = one.step.control.reshape(size, agents, 3)[there]
+        status[here] = one.status[there]
     generator = np.random.default_rng((seed, 1))
-    intervening = generator.random(rows) < 0.25
-    desired = control + np.where(intervening, generator.uniform(-0.5, 0.5, rows), 0.0)[:, None]
-    first, last = (View(state, model.world, model.group) for state in (before, after))
-    return Step(first, last, action, control, desired, intervening, steps[0].dt)
+    action, control = action.reshape(rows * agents, -1), control.reshape(rows * agents, 3)
+    intervening = generator.random(rows * agents) < 0.25
+    desired = control + np.where(intervening, generator.uniform(-0.5, 0.5, rows * agents), 0.0)[:, None]
+    first, last = (View(state, model.after.world, model.after.group) for state in (before, after))
+    return Step(first, last, action, control, desired, intervening, model.dt), status
+
+
+def _near(view: View) -> BoolArray:
+    """Return the environments in which two deputies are closer than 10 m."""
+    return np.asarray((TeamView(view.state, view.world).distance < 10.0).any(axis=1))
 
 
 @lru_cache(maxsize=4)
-def _shipped_flight(seed: int) -> list[tuple[Step, BoolArray]]:
-    return fly(BatchedEnvironment(sample_spec(), ENVIRONMENTS, seed=seed))
+def _shipped_flight(seed: int, deputies: int) -> list[Flown]:
+    return fly(TeamEnvironment(sample_spec(deputies=deputies), ENVIRONMENTS, seed=seed))

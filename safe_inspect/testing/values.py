@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from safe_inspect.simulators.view import Step
-from safe_inspect.testing.calls import Inputs
+from safe_inspect.platforms.base import Part
+from safe_inspect.plugin import Plugin
+from safe_inspect.simulators.view import Step, View
+from safe_inspect.testing.calls import Call, Inputs, Shape
+from safe_inspect.testing.flights import take_rows
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import take_rows
+from safe_inspect.testing.samples import DEPUTIES, sample_steps
 from safe_inspect.types import AnyArray, FloatArray
 
-Make = Callable[[AnyArray], Inputs]
+#: Environments of a sample.
+ROWS = 48
+
+
+def each_world(plugin: Plugin | None, parts: Sequence[Part], report: Report) -> Iterator[Step]:
+    """Yield steps of the sample world with one deputy and, unless that has shown a breach, with several."""
+    known = len(report.breaches)
+    for deputies in (1, DEPUTIES):
+        if len(report.breaches) == known:
+            yield sample_steps(plugin, ROWS, parts=parts, deputies=deputies)
 
 
 def spread(low: FloatArray, high: FloatArray, rows: int) -> FloatArray:
@@ -23,11 +36,11 @@ def spread(low: FloatArray, high: FloatArray, rows: int) -> FloatArray:
     return np.asarray(low * (1.0 - share) + high * share)
 
 
-def of_step(step: Step) -> Make:
-    """Return what gives rows of a step, as rewards and dones are called with."""
+def call_of_step(what: str, function: Callable[[Step], Any], step: Step, shape: Shape) -> Call:
+    """Return the call of what is called with a `Step`, as rewards and dones are."""
 
-    def make(rows: AnyArray) -> Inputs:
-        taken = take_rows(step, rows)
+    def make(rows: AnyArray, agent: int | None = None) -> Inputs:
+        taken = take_rows(step, rows, agent)
         arrays = {
             "step.action": taken.action,
             "step.control": taken.control,
@@ -38,17 +51,30 @@ def of_step(step: Step) -> Make:
             arrays |= {f"step.{side}'s {name}": array for name, array in view.state.arrays.items()}
         return Inputs((taken,), arrays)
 
-    return make
+    return _call(what, function, step, shape, make)
 
 
-def of_view(step: Step) -> Make:
-    """Return what gives rows of the view at the end of a step, as sensors and glues are called with."""
+def call_of_view(what: str, function: Callable[[View], Any], step: Step, shape: Shape) -> Call:
+    """Return the call of what is called with a `View`, as sensors and glues are: the one at the end of a step."""
 
-    def make(rows: AnyArray) -> Inputs:
-        view = take_rows(step, rows).after
+    def make(rows: AnyArray, agent: int | None = None) -> Inputs:
+        view = take_rows(step, rows, agent).after
         return Inputs((view,), {f"the state's {name}": array for name, array in view.state.arrays.items()})
 
-    return make
+    return _call(what, function, step, shape, make)
+
+
+def _call(
+    what: str, function: Callable[..., Any], step: Step, shape: Shape, make: Callable[..., Inputs]
+) -> Call:  # fmt: skip
+    rows, agents = step.after.state.num_envs, step.after.group.size
+    told = what if agents == 1 else f"{what} with {agents} deputies"
+    everything = np.arange(rows)
+
+    def alone(agent: int) -> Inputs:
+        return make(everything, agent)
+
+    return Call(told, function, make, rows, shape, agents=agents, alone=alone if agents > 1 else None)
 
 
 def check_bounds(

@@ -5,15 +5,21 @@ Their text is no part of this repository. It is looked for in `shared/seeds` bes
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.errors import ConfigError
 
-PUBLISHED = sorted((Path(__file__).parents[3] / "shared" / "seeds").glob("000_*.txt"))
+SEEDS = Path(__file__).parents[3] / "shared" / "seeds"
+PUBLISHED = sorted(SEEDS.glob("000_*.txt"))
+PUBLISHED_TEAM = sorted(SEEDS.glob("002_*.txt"))
+SUCCESS = "success_function_name=SuccessfulInspectionDoneFunction"
 
 
 def blocks(text: str) -> dict[str, str]:
@@ -22,7 +28,8 @@ def blocks(text: str) -> dict[str, str]:
     middle = text.index("Agent Config\n", begin)
     agent = text.index('"agent":', middle)
     end = text.index("\nReferences\n", agent)
-    return {"environment.yml": "{\n" + text[begin:middle] + "}\n", "agent.yml": text[agent:end].rstrip() + "\n"}
+    environment = text[begin:middle].rstrip()
+    return {"environment.yml": "{\n" + environment + "\n}\n", "agent.yml": text[agent:end].rstrip() + "\n"}
 
 
 @pytest.mark.skipif(not PUBLISHED, reason="the published files are not in shared/seeds beside the repository")
@@ -48,3 +55,35 @@ def test_the_published_files_give_the_same_environment(copied, shipped):
     for name, array in environments[0].state.arrays.items():
         np.testing.assert_array_equal(array, environments[1].state.arrays[name])
     assert environments[0].state.points["chief"].team_count.min() > 0
+
+
+@pytest.mark.skipif(not PUBLISHED_TEAM, reason="the published files are not in shared/seeds beside the repository")
+def test_the_published_files_of_several_agents_load_but_for_a_name_that_nobody_has(copied, shipped):
+    ours = copied.parent / "multiagent-translational-inspection"
+    shutil.copytree(configs_root() / ours.name, ours)
+    expected = load_experiment(ours / "experiment.yml")
+    for name, text in blocks(PUBLISHED_TEAM[0].read_text(encoding="utf-8")).items():
+        assert "safe_autonomy_sims" in text
+        (ours / name).write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_experiment(ours / "experiment.yml")
+    (problem,) = caught.value.problems
+    assert "SafeSuccessfulInspectionDoneFunction" in problem.message
+    assert problem.location is not None
+    theirs = load_experiment(ours / "experiment.yml", [SUCCESS])
+    assert [agent.name for agent in theirs.spec.agents] == [agent.name for agent in expected.spec.agents]
+    first, second = (BatchedEnvironment(experiment.spec, 16, seed=11) for experiment in (expected, theirs))
+    seen, also = first.reset(), second.reset()
+    # Their sensors all name blue0, and so all agents see its count; ours see their own.
+    count = first.observation_layout.names.index("Sensor_InspectedPoints.n_inspected")
+    others = [index for index in range(seen.shape[-1]) if index != count]
+    np.testing.assert_array_equal(seen[:, 0], also[:, 0])
+    np.testing.assert_array_equal(also[:, 1:, count], np.repeat(also[:, :1, count], 2, axis=1))
+    thrusts = np.random.default_rng(7).uniform(-0.2, 0.2, (30, 16, 3, 3))
+    for thrust in thrusts:
+        one, two = first.step(thrust), second.step(thrust)
+        np.testing.assert_array_equal(one.observation[..., others[:6]], two.observation[..., others[:6]])
+        np.testing.assert_array_equal(one.status, two.status)
+        for name, term in one.terms.items():
+            np.testing.assert_array_equal(term, two.terms[name])
+    np.testing.assert_array_equal(first.state.position, second.state.position)

@@ -10,7 +10,7 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.loader import load
-from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.tasks import TASKS
 
 FILES = sorted(configs_root().rglob("*.yml"))
@@ -30,12 +30,14 @@ def test_every_file_loads(path):
 @pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.parent.name)
 def test_every_experiment_builds_and_steps(path):
     experiment = load_experiment(path)
-    env = BatchedEnvironment(experiment.spec, 8)
-    observation = env.reset()
+    env = TeamEnvironment(experiment.spec, 8)
+    observations = env.reset()
     for _ in range(20):
-        transition = env.step(np.zeros((8, 1, env.action_layout.size)))
-        assert np.isfinite(transition.reward).all()
-        assert transition.observation.shape == observation.shape
+        transition = env.step([np.zeros((8, group.size, group.action_layout.size)) for group in env.acting])
+        for group in transition.groups:
+            assert np.isfinite(group.reward).all()
+        acting = [told for told, group in zip(transition.groups, env.groups, strict=True) if not group.scripted]
+        assert [told.observation.shape for told in acting] == [seen.shape for seen in observations]
 
 
 def test_the_shipped_task_is_the_documented_one(shipped):

@@ -1,0 +1,94 @@
+"""RLlib's modules as plain functions of a batch of observations, for sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.columns import Columns
+from ray.rllib.models.torch.torch_distributions import TorchDiagGaussian
+
+from safe_inspect.types import AnyArray
+
+#: The results of the matrix products of fewer rows depend on their number, in the last bit.
+LEAST_ROWS = 16
+
+
+class PolicyNet:
+    """Mean and logarithm of the standard deviation of a Gaussian policy, for the observations of one step.
+
+    The rows are padded to `LEAST_ROWS`, so that a row's result does not depend on how many stand beside it.
+
+    Args:
+        module: RLlib's module of the policy; its weights may change, in place.
+        rows: Number of rows of a batch.
+        device: Where the module computes.
+    """
+
+    def __init__(self, module: Any, rows: int, device: Any = "cpu") -> None:
+        self._module = module
+        self._device = torch.device(device)
+        self._rows = rows
+        size = int(np.prod(module.observation_space.shape))
+        batch = torch.zeros((max(rows, LEAST_ROWS), size), dtype=torch.float32)
+        self._batch = batch
+        self._remote = None if self._device.type == "cpu" else batch.to(self._device)
+        #: The observations of the next call, float32, shape (rows, O).
+        self.observations: AnyArray = batch.numpy()[:rows]
+        self._plain = self._plain_layers()
+
+    def __call__(self, explore: bool, step: int) -> AnyArray:
+        """Return the inputs of the action distributions, float32, shape (rows, 2 A).
+
+        Args:
+            explore: Whether the module is asked for actions that explore.
+            step: Steps that the whole training has sampled, for modules that anneal their exploration.
+        """
+        with torch.no_grad():
+            if self._remote is None:
+                batch = self._batch
+            else:
+                batch = self._remote.copy_(self._batch)
+            found = self._ask(batch, explore, step) if self._plain is None else self._plain(batch)
+        return np.asarray(found[: self._rows].cpu().numpy())
+
+    def _ask(self, batch: torch.Tensor, explore: bool, step: int) -> torch.Tensor:
+        asked = {Columns.OBS: batch}
+        outputs = self._module.forward_exploration(asked, t=step) if explore else self._module.forward_inference(asked)
+        found: torch.Tensor = outputs[Columns.ACTION_DIST_INPUTS]
+        return found
+
+    def _plain_layers(self) -> Callable[[torch.Tensor], torch.Tensor] | None:
+        """Return the policy's layers without RLlib's dictionaries about them, which cost as much as the layers.
+
+        None when the module is not RLlib's own, or when its layers do not give what the module gives.
+        """
+        module = self._module
+        ours = DefaultPPOTorchRLModule
+        names = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
+        if not isinstance(module, ours) or any(getattr(type(module), name) is not getattr(ours, name) for name in names):
+            return None
+        try:
+            encoder = module.encoder
+            layers = getattr(encoder, "encoder" if hasattr(encoder, "encoder") else "actor_encoder").net.mlp
+            head = module.pi
+            probe = torch.linspace(-2.0, 2.0, self._batch.numel(), device=self._device).reshape(self._batch.shape)
+            with torch.no_grad():
+                agrees = torch.equal(head(layers(probe)), self._ask(probe, True, 0))
+        except (AttributeError, RuntimeError, TypeError):
+            return None
+        return (lambda batch: head(layers(batch))) if agrees else None
+
+
+def why_not_served(module: Any) -> str:
+    """Return why the batched runner cannot sample with a module; empty when it can."""
+    if module.is_stateful():
+        return "its policy is recurrent"
+    try:
+        distribution = module.get_exploration_action_dist_cls()
+    except (AttributeError, NotImplementedError):
+        return "its policy has no Gaussian actions"
+    return "" if distribution is TorchDiagGaussian else "its policy has no Gaussian actions"

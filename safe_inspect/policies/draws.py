@@ -1,0 +1,40 @@
+"""Random numbers of a deputy within an episode, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from safe_inspect.compiled import njit
+from safe_inspect.philox import philox4x32
+from safe_inspect.types import FloatArray, IntArray
+
+_WORD = np.uint64(0xFFFFFFFF)
+_HALF = np.uint64(32)
+_DROP = np.uint64(11)  # of 64 bits: a double holds 53
+_PURPOSE = np.uint64(0x5C217ED)  # keeps these draws apart from others with the episode's key
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def uniform(key: NDArray[np.uint64], step: IntArray, deputy: IntArray, count: int) -> FloatArray:
+    """Return uniform numbers in [0, 1), each a pure function of its row's key, step and deputy, shape (R, count).
+
+    Args:
+        key: Random key of the episode, shape (R,).
+        step: Steps since the reset, shape (R,).
+        deputy: Index of the deputy, shape (R,).
+        count: How many numbers a row.
+    """
+    out = np.empty((key.shape[0], count))
+    for row in range(key.shape[0]):
+        for number in range(count):
+            high, low, _, _ = philox4x32(
+                np.uint64(step[row]) & _WORD,
+                np.uint64(deputy[row]) & _WORD,
+                np.uint64(number),
+                _PURPOSE,
+                key[row] & _WORD,
+                key[row] >> _HALF,
+            )
+            out[row, number] = ((high << _HALF | low) >> _DROP) * 2.0**-53
+    return out

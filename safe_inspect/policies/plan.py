@@ -1,0 +1,229 @@
+"""What a plan of burns costs: fuel, points that it leaves, limits that it breaks. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.compiled import njit
+from safe_inspect.policies.arcs import fly
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: The price of a plan that leaves points: once, for each of them, and for each by what it lacks to be seen [m/s].
+_INCOMPLETE, _POINT, _SHORTFALL = 0.1, 0.02, 0.1
+#: The price of a limit broken in one step, and of the share by which it is [m/s].
+_BREACH, _DEPTH = 0.02, 0.1
+#: A burn smaller than this is none [m/s].
+NO_BURN = 1e-9
+#: A point this little above the horizon, as a share of the radius squared, is not relied upon.
+_HORIZON = 1.0 + 1e-9
+
+
+class Course(NamedTuple):
+    """What one deputy plans for: J steps from now, in SI units and Hill's frame.
+
+    Attributes:
+        phi: Transition matrices by the number of steps.
+        gamma: Input matrices of a body of 1 kg, likewise.
+        step_size: Length of a step [s].
+        lit: Points that are lit after 0, 1, ... steps, shape (J + 1, P).
+        sun: Unit vector to the sun after 0, 1, ... steps, shape (J + 1, 3).
+        points: The points [m], shape (P, 3).
+        radius: Radius of their sphere [m].
+        sight: Range from which on every point above the horizon is seen [m].
+        needed: Points that the deputy has to inspect, shape (P,).
+        others: Positions of the other deputies after 0, 1, ... steps [m], shape (D - 1, J + 1, 3).
+        wait: Steps for which the limits have to hold at least.
+        margin: Steps for which they have to hold after the last point.
+        phase: Steps since the reset, so that plans made at different times look at the same steps.
+        period: A burn begins a multiple of this many steps from now.
+        reach: Velocity change that one step can give along each axis [m/s], shape (3,).
+        near: Least range to the chief [m].
+        far: Largest range [m].
+        clearance: Least distance of two deputies [m].
+        speed: Largest speed at the range `near` [m/s]; infinite: no limit.
+        slope: What the limit of speed gains with range [1/s].
+        cos_glare: Cosine of the angle about the direction away from the sun that is kept out of; 2: none is.
+        haste: Price of time [m/s^2].
+    """
+
+    phi: FloatArray
+    gamma: FloatArray
+    step_size: float
+    lit: BoolArray
+    sun: FloatArray
+    points: FloatArray
+    radius: float
+    sight: float
+    needed: BoolArray
+    others: FloatArray
+    wait: int
+    margin: int
+    phase: int
+    period: int
+    reach: FloatArray
+    near: float
+    far: float
+    clearance: float
+    speed: float
+    slope: float
+    cos_glare: float
+    haste: float
+
+
+class Outcome(NamedTuple):
+    """What becomes of a plan.
+
+    Attributes:
+        cost: What the search makes small [m/s].
+        delta_v: Velocity change that is spent, sum of the axes [m/s].
+        left: Number of needed points that are not inspected.
+        end: Steps after which the last needed point is inspected; the whole course when points are left.
+        breaches: Number of looks at which a limit is broken.
+    """
+
+    cost: float
+    delta_v: float
+    left: int
+    end: int
+    breaches: int
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def burn_steps(delta_v: FloatArray, reach: FloatArray) -> int:
+    """Return how many steps a burn lasts, 0 for none; the thrust is the same in each."""
+    steps = 0
+    for axis in range(3):
+        size = abs(delta_v[axis])
+        if size > NO_BURN:
+            steps = max(steps, math.ceil(size / reach[axis] - 1e-9))
+    return steps
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _encounters(others: FloatArray, clearance: float, j: int, x: float, y: float, z: float) -> tuple[float, int]:
+    """Return the price of being too near to other deputies after j steps [m/s], and whether it is."""
+    price, broken = 0.0, 0
+    for k in range(others.shape[0]):
+        dx, dy, dz = x - others[k, j, 0], y - others[k, j, 1], z - others[k, j, 2]
+        apart = dx * dx + dy * dy + dz * dz
+        if apart < clearance * clearance:
+            price += _BREACH + _DEPTH * (1.0 - math.sqrt(apart) / clearance)
+            broken = 1
+    return price, broken
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _limits(
+    after: FloatArray, r: float, sx: float, sy: float, near: float, far: float, speed: float, slope: float, glare: float
+) -> tuple[float, int]:
+    """Return the price of the limits of range, speed and glare that a state breaks [m/s], and whether it breaks one."""
+    price, broken = 0.0, 0
+    if r < near:
+        price += _BREACH + _DEPTH * (1.0 - r / near)
+        broken = 1
+    if r > far:
+        price += _BREACH + _DEPTH * (r / far - 1.0)
+        broken = 1
+    if speed < math.inf:
+        limit = speed + slope * (r - near)
+        squared = after[3] * after[3] + after[4] * after[4] + after[5] * after[5]
+        if limit < 0.0 or squared > limit * limit:
+            price += _BREACH + math.sqrt(squared) - limit
+            broken = 1
+    if glare <= 1.0:
+        away = -(after[0] * sx + after[1] * sy) / r
+        if away > glare:
+            price += _BREACH + _DEPTH * (away - glare)
+            broken = 1
+    return price, broken
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def evaluate(
+    course: Course,
+    state: FloatArray,
+    start: IntArray,
+    delta_v: FloatArray,
+    stride: int,
+    left: IntArray,
+    lack: FloatArray,
+) -> Outcome:
+    """Fly a plan and look at every `stride`-th step.
+
+    Args:
+        course: What the plan is for.
+        state: Position [m] and velocity [m/s] now, shape (6,).
+        start: First step of each burn from now, in order and settled, shape (K,).
+        delta_v: Velocity change of each burn [m/s], shape (K, 3).
+        stride: Looks are that many steps apart. 1 is exact; more of them only miss points that are seen in between.
+        left: Room for P numbers.
+        lack: Room for P numbers.
+    """
+    count = 0
+    for p in range(course.needed.shape[0]):
+        if course.needed[p]:
+            left[count], lack[count] = p, 2.0
+            count += 1
+    now, after, acceleration = state.copy(), state.copy(), np.zeros(3)
+    horizon = course.lit.shape[0] - 1
+    points, radius = course.points, course.radius
+    limit = radius * radius * _HORIZON
+    phi, gamma, lit, sun, reach, others = course.phi, course.gamma, course.lit, course.sun, course.reach, course.others
+    near, far, speed, slope, glare = course.near, course.far, course.speed, course.slope, course.cos_glare
+    sight, phase, clearance = course.sight, course.phase, course.clearance
+    time, burn, breaches, spent, price = 0, 0, 0, 0.0, 0.0
+    end = 0 if count == 0 else horizon
+    until = min(horizon, course.wait + course.margin) if count == 0 else horizon
+    while time < until:
+        while burn < start.shape[0] and burn_steps(delta_v[burn], reach) == 0:
+            burn += 1
+        if burn < start.shape[0] and start[burn] <= time:
+            length = burn_steps(delta_v[burn], reach)
+            for axis in range(3):
+                acceleration[axis] = delta_v[burn, axis] / (length * course.step_size)
+                spent += abs(delta_v[burn, axis])
+            burn += 1
+        else:
+            acceleration[:] = 0.0
+            length = horizon if burn == start.shape[0] else start[burn] - time
+        length = min(length, horizon - time)
+        j = 0
+        while j < length and time + j < until:
+            j = min(length, j + stride - (phase + time + j) % stride)
+            fly(phi, gamma, j, now, acceleration, after)
+            x, y, z = after[0], after[1], after[2]
+            r = math.sqrt(x * x + y * y + z * z)
+            more, broken = _limits(after, r, sun[time + j, 0], sun[time + j, 1], near, far, speed, slope, glare)
+            if others.shape[0] > 0:
+                further, met = _encounters(others, clearance, time + j, x, y, z)
+                more += further
+                broken |= met
+            price += more * stride
+            breaches += broken
+            if r < sight or count == 0:
+                continue
+            bright = lit[time + j]
+            q = 0
+            while q < count:
+                p = left[q]
+                if bright[p]:
+                    short = limit - (points[p, 0] * x + points[p, 1] * y + points[p, 2] * z)
+                    if short <= 0.0:
+                        count -= 1
+                        left[q], lack[q] = left[count], lack[count]
+                        continue
+                    lack[q] = min(lack[q], short / (radius * r))
+                q += 1
+            if count == 0:
+                end = time + j
+                until = min(horizon, max(end, course.wait) + course.margin)
+        time += length
+        now[:] = after
+    if count > 0:
+        price += _INCOMPLETE
+        for q in range(count):
+            price += _POINT + _SHORTFALL * lack[q]
+    return Outcome(spent + price + course.haste * course.step_size * end, spent, count, end, breaches)

@@ -1,0 +1,154 @@
+"""Rough flights: episodes of the sample world from which steps are taken to call a plugin with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.view import Step, View
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
+
+#: Steps of a flight.
+LENGTH = 40
+#: A flight begins a new episode after this many steps, so that all phases of an episode occur.
+HORIZON = 24
+#: How fast a scripted deputy is thrown towards the chief or away from it [m/s].
+_SHOVE = 5.0
+#: Of so many environments one has two deputies at the very same place.
+_TOGETHER = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """One step of a flight.
+
+    Attributes:
+        step: The step, of the first group of agents.
+        status: `DoneStatus` of each agent after the step, int8, shape (N, D).
+        over: Environments whose episode ended with the step, shape (N,).
+    """
+
+    step: Step
+    status: AnyArray
+    over: BoolArray
+
+
+def fly(environment: TeamEnvironment, first_slot: int = 0, length: int = LENGTH) -> list[Flown]:
+    """Fly rough episodes, and return each step.
+
+    What an environment does depends on its slot and its own state alone, not on those beside it.
+
+    Args:
+        environment: The environments, freshly made.
+        first_slot: Index of their first slot.
+        length: Number of steps.
+    """
+    simulation = environment.simulation
+    environment.reset()
+    flown = []
+    everything = np.arange(environment.num_envs)
+    slots = first_slot + everything
+    for time in range(length):
+        state = simulation.state
+        _finish_inspection(state, (slots % 8 == 7) & (state.step == 2))
+        _crowd(state, slots, np.flatnonzero((slots % 4 == 1) & (state.step % 3 == 1)))
+        if environment.acting:
+            actions = (_rough_action(environment, slots, time),)
+        else:
+            _shove(state, slots, np.flatnonzero(state.step == 1))
+            actions = ()
+        transition = environment.step(actions)
+        over = transition.over | (simulation.state.step >= HORIZON)
+        status = np.concatenate([group.status for group in transition.groups], axis=1)
+        flown.append(Flown(take_rows(transition.groups[0].step, everything), status.copy(), over))
+        if over.any():
+            environment.reset(np.flatnonzero(over))
+    return flown
+
+
+def fly_twice(spec: EnvironmentSpec, batch: int = 5, length: int = 12) -> Iterator[tuple[Flown, Flown]]:
+    """Fly a batch and some of its environments by themselves; yield each step of these, from both flights."""
+    together = fly(TeamEnvironment(spec, batch, seed=1), length=length)
+    for slot in (0, batch - 1):
+        alone = fly(TeamEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)
+        row = np.array([slot])
+        for whole, single in zip(together, alone, strict=True):
+            yield Flown(take_rows(whole.step, row), whole.status[row], whole.over[row]), single
+
+
+def take_rows(step: Step, rows: AnyArray, agent: int | None = None) -> Step:
+    """Return the step of some environments as a step of its own: copies of the states, with nothing computed yet.
+
+    Args:
+        step: A step of N environments.
+        rows: Indices of the environments, shape (M,); with one deputy they are the rows of the step.
+        agent: Index of the group's agent that is to be a group by itself; all of them unless given.
+    """
+    size = step.after.group.size
+    agents = np.arange(size) if agent is None else np.array([agent])
+    own = (np.asarray(rows)[:, None] * size + agents).reshape(-1)
+    before, after = (_take(view, rows, agent) for view in (step.before, step.after))
+    action, control, desired = step.action[own], step.control[own], step.desired_control[own]
+    return Step(before, after, action, control, desired, step.intervening[own], step.dt)
+
+
+def _take(view: View, rows: AnyArray, agent: int | None) -> View:
+    state, group = view.state.take(rows), view.group
+    if agent is None:
+        return View(state, view.world, group)
+    for key, array in state.memory.items():
+        if key[0] == group.name:
+            state.memory[key] = array.reshape(len(rows), group.size, *array.shape[1:])[:, agent].copy()
+    return View(state, view.world, replace(group, first=group.first + agent, size=1))
+
+
+def _rough_action(environment: TeamEnvironment, slots: AnyArray, time: int) -> FloatArray:
+    """Return actions, shape (N, G, A): noise and, by slot and agent, a push towards the chief, none, or one away."""
+    group, state = environment.acting[0], environment.state
+    shape = group.size, group.action_layout.size
+    noise = np.stack([np.random.default_rng((int(slot), time)).normal(0.0, 0.4, shape) for slot in slots])
+    agents = np.arange(group.first, group.first + group.size)
+    noise[..., :3] += (_sense(slots, agents) * _outwards(state.position[:, agents]))[..., : shape[1]]
+    noise[slots % _TOGETHER == 5, 1:2] = noise[slots % _TOGETHER == 5, :1]
+    return noise
+
+
+def _sense(slots: AnyArray, agents: AnyArray) -> FloatArray:
+    return np.asarray((slots[:, None] + agents) % 3 - 1.0)[..., None]
+
+
+def _outwards(position: FloatArray) -> FloatArray:
+    x, y, z = position[..., 0], position[..., 1], position[..., 2]
+    return np.asarray(position / np.sqrt(x * x + y * y + z * z)[..., None])
+
+
+def _shove(state: State, slots: AnyArray, rows: AnyArray) -> None:
+    """Throw scripted deputies towards the chief, not at all, or away from it."""
+    agents = np.arange(state.control.shape[1])
+    state.velocity[rows[:, None], agents] += (
+        _SHOVE * _sense(slots[rows], agents) * _outwards(state.position[rows[:, None], agents])
+    )
+
+
+def _crowd(state: State, slots: AnyArray, rows: AnyArray) -> None:
+    """Put the second deputy, if there is one, near the first, or into the very same place, where it then stays."""
+    if state.control.shape[1] < 2:
+        return
+    for row in rows:
+        away = np.random.default_rng(int(slots[row])).normal(0.0, 6.0, 3)
+        state.position[row, 1] = state.position[row, 0] + (0.0 if slots[row] % _TOGETHER == 5 else away)
+        state.velocity[row, 1] = state.velocity[row, 0]
+
+
+def _finish_inspection(state: State, rows: BoolArray) -> None:
+    """Mark every point as inspected by the first deputy, so that successes occur."""
+    for points in state.points.values():
+        points.inspector[rows] = 0
+        points.team_count[rows] = points.inspector.shape[1]
+        points.own_count[rows] = 0
+        points.own_count[rows, 0] = points.inspector.shape[1]

@@ -1,0 +1,166 @@
+"""The contract of what concerns several deputies: shared done functions, scripted policies, teams' safety filters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.dones.shared import SharedDoneFunction
+from safe_inspect.platforms.base import Part
+from safe_inspect.policies.base import PILOT, ScriptedPolicy, ThrustLimits
+from safe_inspect.rta.filters.base import INTERVENTION
+from safe_inspect.rta.team import TeamSafety
+from safe_inspect.simulators.team import TeamStep, TeamView
+from safe_inspect.simulators.view import View
+from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
+from safe_inspect.testing.flights import fly_twice
+from safe_inspect.testing.report import Report
+from safe_inspect.testing.samples import DEPUTIES, sample_spec, sample_team_steps
+from safe_inspect.testing.values import ROWS, call_of_view, each_world
+from safe_inspect.types import AnyArray, FloatArray
+
+Parts = Sequence[Part]
+
+
+def check_shared_done(plugin: SharedDoneFunction, parts: Parts, report: Report) -> None:
+    """Check a shared done function: a `DoneStatus` for each environment, int8 (N,)."""
+    for deputies in (1, DEPUTIES):
+        step = sample_team_steps(plugin, ROWS, parts=parts, deputies=deputies)
+
+        def make(rows: AnyArray, step: TeamStep = step) -> Inputs:
+            taken = _take(step, rows)
+            arrays = {"step.status": taken.status}
+            arrays |= {f"step.fired[{name!r}]": array for name, array in taken.fired.items()}
+            arrays |= {f"step.has[{name!r}]": array for name, array in taken.has.items()}
+            for side, team in (("before", taken.before), ("after", taken.after)):
+                arrays |= {f"step.{side}'s {name}": array for name, array in team.state.arrays.items()}
+            return Inputs((taken,), arrays)
+
+        shape = Shape((), "i", "(N,), int8")
+        given = check_call(Call(_told("the shared done function", deputies), plugin, make, ROWS, shape), report)
+        if given is None:
+            return
+        unknown = sorted(set(given.tolist()) - {int(status) for status in DoneStatus})
+        report.expect(
+            not unknown, "status", f"it gave the status {unknown}", "give 0 or a DoneStatus: WIN, LOSE or DRAW"
+        )
+
+
+def check_policy(plugin: ScriptedPolicy, parts: Parts, report: Report) -> None:
+    """Check a scripted policy: thrust [N] (R, 3)."""
+    limits = ThrustLimits(np.full(3, -1.0), np.full(3, 1.0))
+    for array in (limits.low, limits.high):
+        array.flags.writeable = False
+
+    def fly(view: View) -> Any:
+        own = [array for key, array in view.state.memory.items() if key[:2] == (view.group.name, PILOT)]
+        kept = [array.copy() for array in own]
+        try:
+            return plugin(view, limits)
+        finally:  # the policy may write what it remembers, and that alone
+            for array, value in zip(own, kept, strict=True):
+                array[...] = value
+
+    shape = Shape((3,), "f", "(R, 3), thrust [N]")
+    for step in each_world(plugin, parts, report):
+        check_call(call_of_view("the policy", fly, step, shape), report)
+        _check_flight(plugin, parts, step.after.group.size, report)
+
+
+def check_team_safety(plugin: TeamSafety, parts: Parts, report: Report) -> None:
+    """Check a team's safety filter: thrusts [N] (N, D, 3) and what it tells of them, and which states it refuses."""
+    known = len(report.breaches)
+    for deputies in (1, DEPUTIES):
+        if plugin.enabled and len(report.breaches) == known:
+            _check_filter(plugin, parts, deputies, report)
+            _check_flight(plugin, parts, deputies, report)
+    team = sample_team_steps(None, ROWS).after
+    for deputies in range(1, DEPUTIES + 1):
+
+        def make(rows: AnyArray, deputies: int = deputies) -> Inputs:
+            states = {
+                "position": team.position[rows, :deputies],
+                "velocity": team.velocity[rows, :deputies],
+                "sun_angle": team.sun_angle[rows],
+            }
+            return Inputs((states,), states)
+
+        for name, kind in (("refusals", "b"), ("safety", "f")):
+            shape = Shape((), kind, "(R,) for each constraint")
+            check_call(Call(_told(f"`{name}`", deputies), getattr(plugin, name), make, ROWS, shape), report)
+
+
+def _check_filter(plugin: TeamSafety, parts: Parts, deputies: int, report: Report) -> None:
+    sample = sample_team_steps(plugin, ROWS, parts=parts, deputies=deputies).after
+    desired = np.random.default_rng(3).uniform(-1.0, 1.0, (ROWS, deputies, 3))
+    declared = plugin.memory(sample.world)
+
+    def make(rows: AnyArray) -> Inputs:
+        thrust, team = desired[rows], TeamView(sample.state.take(rows), sample.world)
+        arrays = {f"the state's {name}": array for name, array in team.state.arrays.items()}
+        return Inputs((thrust, team), {"the desired thrust": thrust, **arrays})
+
+    def run(thrust: FloatArray, team: TeamView) -> dict[str, AnyArray]:
+        given = plugin(thrust, team)
+        told = {name: getattr(given, name) for name in ("control", "intervening", "infeasible", "backup")}
+        return {**told, **{f"memory {name}": array for name, array in given.memory.items()}}
+
+    shapes = {
+        "control": Shape((deputies, 3), "f", "(N, D, 3), thrust [N]"),
+        "intervening": Shape((deputies,), "b", "(N, D)"),
+        "infeasible": Shape((), "b", "(N,)"),
+        "backup": Shape((), "b", "(N,)"),
+    }
+    for name, spec in declared.items():
+        shapes[f"memory {name}"] = Shape(spec.shape, np.dtype(spec.dtype).kind, f"(N, ...) with {spec.shape} behind N")
+    told = check_call(Call(_told("the filter", deputies), run, make, ROWS, Shape(None, ""), shapes), report)
+    if told is None:
+        return
+    unknown = sorted(set(told) - set(shapes))
+    report.expect(not unknown, "memory", f"it remembers {unknown}, which it has not declared", "declare it in `memory`")
+    _check_interventions(desired, told, sample, report)
+
+
+def _check_interventions(
+    desired: FloatArray, told: Mapping[str, AnyArray], team: TeamView, report: Report
+) -> None:  # fmt: skip
+    changed = ((told["control"] - desired) ** 2).sum(axis=-1) > INTERVENTION**2
+    wrong = (changed != told["intervening"]) & (team.finished == 0)
+    report.expect(
+        not wrong.any(),
+        "intervening",
+        f"`intervening` is wrong for {int(wrong.sum())} of {wrong.size} deputies",
+        f"tell it where the thrust differs from the desired one by more than {INTERVENTION} N",
+    )
+
+
+def _check_flight(plugin: ScriptedPolicy | TeamSafety, parts: Parts, deputies: int, report: Report) -> None:
+    """Check that an environment goes the same way alone and in a batch, with all that the plugin remembers."""
+    for together, alone in fly_twice(sample_spec(plugin, parts=parts, deputies=deputies)):
+        arrays = alone.step.after.state.arrays
+        same = alone.step.control.tobytes() == together.step.control.tobytes() and all(
+            array.tobytes() == together.step.after.state.arrays[name].tobytes() for name, array in arrays.items()
+        )
+        if not same:
+            report.add(
+                "row-wise",
+                _told(
+                    f"after {alone.step.after.step[0]} steps a deputy flies otherwise alone than in a batch", deputies
+                ),
+                "compute each row from itself, remember in declared arrays alone, and draw from `state.key` alone",
+            )
+            return
+
+
+def _take(step: TeamStep, rows: AnyArray) -> TeamStep:
+    before, after = (TeamView(team.state.take(rows), team.world) for team in (step.before, step.after))
+    fired = {name: array[rows] for name, array in step.fired.items()}
+    has = {name: array.copy() for name, array in step.has.items()}
+    return TeamStep(before, after, fired, step.status[rows], step.dt, has)
+
+
+def _told(what: str, deputies: int) -> str:
+    return what if deputies == 1 else f"{what} with {deputies} deputies"
