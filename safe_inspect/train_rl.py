@@ -14,6 +14,7 @@ from safe_inspect.errors import ConfigError, SafeInspectError
 
 if TYPE_CHECKING:
     from safe_inspect.config.experiment import Experiment
+    from safe_inspect.environments.group import AgentGroup
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -65,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
                 output=arguments.output or Path(task.env_config.output_path),
                 resume=arguments.resume,
                 command=[sys.executable, "-m", "safe_inspect.train_rl", *sys.argv[1:]],
+                policies=tuple(experiment.policies.values()),
             )
         )
     except ConfigError as error:
@@ -77,24 +79,47 @@ def dry_run(experiment: Experiment, steps: int = 20) -> str:
     """Build the experiment's environment, step it with random actions and describe it."""
     import numpy as np
 
-    from safe_inspect.environments.vector import InspectionVectorEnv
+    from safe_inspect.environments import TeamEnvironment
 
-    environment = InspectionVectorEnv(experiment.spec, num_envs=4)
+    environment = TeamEnvironment(experiment.spec, num_envs=4)
     environment.reset()
     generator = np.random.default_rng(0)
-    low, high = environment.core.action_layout.low, environment.core.action_layout.high
     for _ in range(steps):
-        environment.step(generator.uniform(low, high, (4, len(low))).astype(np.float32))
-    agent, core = experiment.spec.agents[0], environment.core
+        over = environment.step(
+            [
+                generator.uniform(layout.low, layout.high, (4, size, layout.size))
+                for layout, size in ((group.action_layout, group.size) for group in environment.acting)
+            ]
+        ).over
+        if over.any():
+            environment.reset(np.flatnonzero(over))
+    lines = [
+        f"{experiment.source}: built and stepped {steps} times, one action for {experiment.spec.step_size:g} s",
+    ]
+    for group in environment.groups:
+        lines += _describe(group)
+    shared = ", ".join(named.name for named in experiment.spec.shared_dones)
+    if shared:
+        lines.append(f"dones of all agents: {shared}")
+    for policy in experiment.policies.values():
+        how = f"trained by {policy.algorithm}" if policy.trains else f"not trained, from {policy.checkpoint}"
+        lines.append(f"policy {policy.name} of {', '.join(policy.agents)}: {how}")
+    return "\n".join(lines)
+
+
+def _describe(group: AgentGroup) -> list[str]:
+    """Describe a group of agents."""
+    agent = group.agent
     terms = ", ".join(named.name for named in agent.rewards)
     ends = ", ".join(named.name for named in agent.dones)
-    return (
-        f"{experiment.source}: built and stepped {steps} times\n"
-        f"agent {agent.name} on {agent.platform}, one action for {experiment.spec.step_size:g} s\n"
-        f"observation, {core.observation_layout.size} elements:\n{core.observation_layout}\n"
-        f"action, {core.action_layout.size} elements:\n{core.action_layout}\n"
-        f"rewards: {terms}\ndones: {ends}"
-    )
+    head = f"agent {agent.name} on {agent.platform}" if group.size == 1 else f"agents {', '.join(group.agents)}"
+    if group.scripted:
+        lines = [f"{head}, flown by {type(agent.pilot).__name__}"]
+    else:
+        observation, action = group.observation_layout, group.action_layout
+        lines = [head, f"observation, {observation.size} elements:", str(observation)]
+        lines += [f"action, {action.size} elements:", str(action)]
+    return [*lines, f"rewards: {terms}", f"dones: {ends}"]
 
 
 def _closing(result: Any) -> str:

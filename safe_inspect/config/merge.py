@@ -15,6 +15,7 @@ APPEND = "+"
 def merge(items: Any) -> LocatedDict:
     """Merge a list of mappings from left to right; a single mapping is itself.
 
+    An item that is a list itself, such as an included file, is merged first.
     Mappings merge key by key to any depth; of everything else, lists included,
     the later value wins. A key that ends in ``+`` appends its list to the list
     of the key without it: ``rewards+`` adds to ``rewards``. Marks follow the
@@ -31,14 +32,15 @@ def merge(items: Any) -> LocatedDict:
     problems = [
         Problem(f"item {index} of a list to be merged is no mapping but {item!r}", location=locate(items, (index,)))
         for index, item in enumerate(items)
-        if not isinstance(item, Mapping)
+        if not isinstance(item, (Mapping, list, tuple))
     ]
     if problems:
         raise ConfigError(problems)
-    if len(items) == 1:
-        return _located(items[0])
+    mappings = [merge(item) for item in items]
+    if len(mappings) == 1:
+        return mappings[0]
     merged = LocatedDict()
-    for item in items:
+    for item in mappings:
         merged = _pair(merged, item)
     merged.location = getattr(items, "location", None) or merged.location
     return merged

@@ -105,3 +105,9 @@ def test_a_key_with_a_plus_appends_to_the_list():
 def test_appending_to_no_list_is_an_error(more):
     with pytest.raises(ConfigError, match="is no list"):
         merge([{"rewards": [1]}, more])
+
+
+def test_a_list_within_the_list_is_merged_first():
+    assert merge([[{"a": 1}, {"b": [2]}], {"b+": [3]}]) == {"a": 1, "b": [2, 3]}
+    with pytest.raises(ConfigError, match="no mapping but 7"):
+        merge([{"a": 1}, [{"b": 2}, 7]])

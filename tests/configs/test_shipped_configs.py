@@ -14,7 +14,7 @@ from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.tasks import TASKS
 
 FILES = sorted(configs_root().rglob("*.yml"))
-EXPERIMENTS = sorted(configs_root().rglob("experiment.yml"))
+EXPERIMENTS = sorted(configs_root().rglob("experiment*.yml"))
 
 
 def test_there_are_files():
@@ -27,7 +27,7 @@ def test_every_file_loads(path):
     assert load(path)
 
 
-@pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_every_experiment_builds_and_steps(path):
     experiment = load_experiment(path)
     env = TeamEnvironment(experiment.spec, 8)

@@ -42,7 +42,7 @@ def test_the_environment_steps_with_the_plugins() -> None:
     environment = BatchedEnvironment(safe_inspect.load_experiment(_EXPERIMENT, [_BY_PATH]).spec, 4, seed=3)
     environment.reset()
     assert environment.observation_layout.names[-1] == "Sensor_RangeRate.range_rate"
-    assert [named.name for named in environment.agent.dones][3:] == ["FuelSpentDone", "EpisodeLengthDone"]
+    assert [named.name for named in environment.agents.agent.dones][3:] == ["FuelSpentDone", "EpisodeLengthDone"]
     view = environment.view()
     for _ in range(10):
         transition = environment.step(np.array([[[1.0, -1.0, 1.0]]] * 4))
