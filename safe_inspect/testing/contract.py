@@ -13,7 +13,7 @@ from safe_inspect.registry import registry
 from safe_inspect.testing.declaration import check_declaration, check_names
 from safe_inspect.testing.kinds import check_behaviour
 from safe_inspect.testing.report import ContractError, Report
-from safe_inspect.testing.samples import sample_spec
+from safe_inspect.testing.samples import DEPUTIES, sample_spec
 
 
 def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -> None:
@@ -34,10 +34,14 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     initializer  named states, position and velocity (R, 3)
     normalizer   float (R, k), and `inverse` brings it back
     constraint   phi, h and rate float (R,), gradient float (R, 6)
+    shared_done  a `DoneStatus` or 0, int (N,)
+    policy       thrust [N] (R, 3)
+    rta          a `TeamFiltered`, thrusts [N] (N, D, 3); the initial states that it refuses
     simulator    an environment alone and in a batch go the same way
     ===========  ================================================================================
 
-    The rows come from the sample world, see `safe_inspect.testing.sample_steps`.
+    The rows come from the sample world, see `safe_inspect.testing.sample_steps`, with one deputy and with several. An
+    agent that is computed together with others gets what it gets by itself.
 
     Args:
         plugin: A plugin class, which is built from its defaults; or a plugin, where defaults will not do.
@@ -57,7 +61,7 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     made = _build(cls, report) if isinstance(plugin, type) else plugin
     if made is not None and _check_registration(cls, report):
         check_declaration(made, report)
-        if check_names(made, sample_spec(made, parts=parts), report):
+        if check_names(made, sample_spec(made, parts=parts, deputies=DEPUTIES), report):
             with report.attempt("the check"):
                 check_behaviour(made, parts, report)
     if report.breaches:

@@ -57,11 +57,9 @@ def fly(environment: TeamEnvironment, first_slot: int = 0, length: int = LENGTH)
         state = simulation.state
         _finish_inspection(state, (slots % 8 == 7) & (state.step == 2))
         _crowd(state, slots, np.flatnonzero((slots % 4 == 1) & (state.step % 3 == 1)))
-        if environment.acting:
-            actions = (_rough_action(environment, slots, time),)
-        else:
+        if not environment.acting:
             _shove(state, slots, np.flatnonzero(state.step == 1))
-            actions = ()
+        actions = (_rough_action(environment, slots, time),) if environment.acting else ()
         transition = environment.step(actions)
         over = transition.over | (simulation.state.step >= HORIZON)
         status = np.concatenate([group.status for group in transition.groups], axis=1)

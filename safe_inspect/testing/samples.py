@@ -27,13 +27,13 @@ from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.tasks import TASKS
-from safe_inspect.testing.flights import Flown, fly, take_rows
+from safe_inspect.testing.flights import HORIZON, LENGTH, Flown, fly, take_rows
 from safe_inspect.types import AnyArray, BoolArray
 
 __all__ = ["DEPUTIES", "ENVIRONMENTS", "sample_spec", "sample_steps", "sample_team_steps", "take_rows"]
 
-#: Environments of a flight.
-ENVIRONMENTS = 32
+#: Environments of a flight, and of one that may take its time: with several deputies, or flown by the plugin itself.
+ENVIRONMENTS, FEW_ENVIRONMENTS = 32, 8
 #: Deputies of the sample world with several of them.
 DEPUTIES = 3
 
@@ -113,6 +113,14 @@ def sample_team_steps(
     )
 
 
+def team_sizes(plugin: Plugin | None) -> tuple[int, ...]:
+    """Return the numbers of deputies of the sample worlds that have the deputies which a plugin names."""
+    references = {} if plugin is None else plugin.references()
+    named = {getattr(plugin, field) for field, kind in references.items() if kind in ("entity", "platform")}
+    further = {f"blue{index}" for index in range(1, DEPUTIES)}
+    return (DEPUTIES,) if named & further else (1, DEPUTIES)
+
+
 def _further_parts() -> tuple[Part, ...]:
     return (
         RateController(),
@@ -132,7 +140,9 @@ def _sample(
         raise ValueError(f"a sample has at least 1 row, not {rows}")
     if isinstance(plugin, (Sensor, ScriptedPolicy, TeamSafety)) or parts:
         spec = sample_spec(plugin, parts=parts, deputies=deputies)
-        flown = fly(TeamEnvironment(spec, ENVIRONMENTS, seed=seed))
+        slow = deputies > 1 or isinstance(plugin, (ScriptedPolicy, TeamSafety))
+        environments, length = (FEW_ENVIRONMENTS, HORIZON) if slow else (ENVIRONMENTS, LENGTH)
+        flown = fly(TeamEnvironment(spec, environments, seed=seed), length=length)
     else:
         flown = _shipped_flight(seed, deputies)
     generator = np.random.default_rng(seed)
@@ -163,11 +173,11 @@ def _gather(flown: Sequence[Flown], chosen: AnyArray, seed: int) -> tuple[Step, 
         control[here] = one.step.control.reshape(size, agents, 3)[there]
         status[here] = one.status[there]
     generator = np.random.default_rng((seed, 1))
-    action, control = action.reshape(rows * agents, -1), control.reshape(rows * agents, 3)
+    flat = control.reshape(rows * agents, 3)
     intervening = generator.random(rows * agents) < 0.25
-    desired = control + np.where(intervening, generator.uniform(-0.5, 0.5, rows * agents), 0.0)[:, None]
+    desired = flat + np.where(intervening, generator.uniform(-0.5, 0.5, rows * agents), 0.0)[:, None]
     first, last = (View(state, model.after.world, model.after.group) for state in (before, after))
-    return Step(first, last, action, control, desired, intervening, model.dt), status
+    return Step(first, last, action.reshape(rows * agents, -1), flat, desired, intervening, model.dt), status
 
 
 def _near(view: View) -> BoolArray:

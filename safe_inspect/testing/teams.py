@@ -9,6 +9,7 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.dones.shared import SharedDoneFunction
+from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.platforms.base import Part
 from safe_inspect.policies.base import PILOT, ScriptedPolicy, ThrustLimits
 from safe_inspect.rta.filters.base import INTERVENTION
@@ -18,8 +19,8 @@ from safe_inspect.simulators.view import View
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
 from safe_inspect.testing.flights import fly_twice
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import DEPUTIES, sample_spec, sample_team_steps
-from safe_inspect.testing.values import ROWS, call_of_view, each_world
+from safe_inspect.testing.samples import DEPUTIES, sample_spec, sample_team_steps, team_sizes
+from safe_inspect.testing.values import FEW_ROWS, ROWS, call_of_view, each_world
 from safe_inspect.types import AnyArray, FloatArray
 
 Parts = Sequence[Part]
@@ -27,7 +28,7 @@ Parts = Sequence[Part]
 
 def check_shared_done(plugin: SharedDoneFunction, parts: Parts, report: Report) -> None:
     """Check a shared done function: a `DoneStatus` for each environment, int8 (N,)."""
-    for deputies in (1, DEPUTIES):
+    for deputies in team_sizes(plugin):
         step = sample_team_steps(plugin, ROWS, parts=parts, deputies=deputies)
 
         def make(rows: AnyArray, step: TeamStep = step) -> Inputs:
@@ -65,7 +66,7 @@ def check_policy(plugin: ScriptedPolicy, parts: Parts, report: Report) -> None:
                 array[...] = value
 
     shape = Shape((3,), "f", "(R, 3), thrust [N]")
-    for step in each_world(plugin, parts, report):
+    for step in each_world(plugin, parts, report, FEW_ROWS):
         check_call(call_of_view("the policy", fly, step, shape), report)
         _check_flight(plugin, parts, step.after.group.size, report)
 
@@ -73,8 +74,8 @@ def check_policy(plugin: ScriptedPolicy, parts: Parts, report: Report) -> None:
 def check_team_safety(plugin: TeamSafety, parts: Parts, report: Report) -> None:
     """Check a team's safety filter: thrusts [N] (N, D, 3) and what it tells of them, and which states it refuses."""
     known = len(report.breaches)
-    for deputies in (1, DEPUTIES):
-        if plugin.enabled and len(report.breaches) == known:
+    for deputies in team_sizes(plugin):
+        if plugin.enabled and len(report.breaches) == known and _remembers_what_it_declares(plugin, deputies, report):
             _check_filter(plugin, parts, deputies, report)
             _check_flight(plugin, parts, deputies, report)
     team = sample_team_steps(None, ROWS).after
@@ -93,9 +94,19 @@ def check_team_safety(plugin: TeamSafety, parts: Parts, report: Report) -> None:
             check_call(Call(_told(f"`{name}`", deputies), getattr(plugin, name), make, ROWS, shape), report)
 
 
+def _remembers_what_it_declares(plugin: TeamSafety, deputies: int, report: Report) -> bool:
+    environment = TeamEnvironment(sample_spec(plugin, deputies=deputies), 2)
+    environment.reset()
+    given = plugin(np.zeros((2, deputies, 3)), environment.team())
+    unknown = sorted(set(given.memory) - set(plugin.memory(environment.simulation.world)))
+    return report.expect(
+        not unknown, "memory", f"it remembers {unknown}, which it has not declared", "declare it in `memory`"
+    )
+
+
 def _check_filter(plugin: TeamSafety, parts: Parts, deputies: int, report: Report) -> None:
-    sample = sample_team_steps(plugin, ROWS, parts=parts, deputies=deputies).after
-    desired = np.random.default_rng(3).uniform(-1.0, 1.0, (ROWS, deputies, 3))
+    sample = sample_team_steps(plugin, FEW_ROWS, parts=parts, deputies=deputies).after
+    desired = np.random.default_rng(3).uniform(-1.0, 1.0, (FEW_ROWS, deputies, 3))
     declared = plugin.memory(sample.world)
 
     def make(rows: AnyArray) -> Inputs:
@@ -116,11 +127,9 @@ def _check_filter(plugin: TeamSafety, parts: Parts, deputies: int, report: Repor
     }
     for name, spec in declared.items():
         shapes[f"memory {name}"] = Shape(spec.shape, np.dtype(spec.dtype).kind, f"(N, ...) with {spec.shape} behind N")
-    told = check_call(Call(_told("the filter", deputies), run, make, ROWS, Shape(None, ""), shapes), report)
+    told = check_call(Call(_told("the filter", deputies), run, make, FEW_ROWS, Shape(None, ""), shapes), report)
     if told is None:
         return
-    unknown = sorted(set(told) - set(shapes))
-    report.expect(not unknown, "memory", f"it remembers {unknown}, which it has not declared", "declare it in `memory`")
     _check_interventions(desired, told, sample, report)
 
 

@@ -13,19 +13,21 @@ from safe_inspect.simulators.view import Step, View
 from safe_inspect.testing.calls import Call, Inputs, Shape
 from safe_inspect.testing.flights import take_rows
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import DEPUTIES, sample_steps
+from safe_inspect.testing.samples import sample_steps, team_sizes
 from safe_inspect.types import AnyArray, FloatArray
 
-#: Environments of a sample.
-ROWS = 48
+#: Environments of a sample, and of one for a plugin that may take its time.
+ROWS, FEW_ROWS = 48, 16
 
 
-def each_world(plugin: Plugin | None, parts: Sequence[Part], report: Report) -> Iterator[Step]:
-    """Yield steps of the sample world with one deputy and, unless that has shown a breach, with several."""
+def each_world(
+    plugin: Plugin | None, parts: Sequence[Part], report: Report, rows: int = ROWS
+) -> Iterator[Step]:  # fmt: skip
+    """Yield steps of the sample world with one deputy, if that will do, and, unless it shows a breach, with several."""
     known = len(report.breaches)
-    for deputies in (1, DEPUTIES):
+    for deputies in team_sizes(plugin):
         if len(report.breaches) == known:
-            yield sample_steps(plugin, ROWS, parts=parts, deputies=deputies)
+            yield sample_steps(plugin, rows, parts=parts, deputies=deputies)
 
 
 def spread(low: FloatArray, high: FloatArray, rows: int) -> FloatArray:

@@ -4,8 +4,19 @@ from __future__ import annotations
 
 import pytest
 
+from safe_inspect.dones import CollisionDoneFunction, MultiagentSuccessDoneFunction, SetAllDoneFunction
 from safe_inspect.glues import ControllerGlue, LinearNormalizer, Normalization, ObserveSensor, StandardNormalNormalizer
-from safe_inspect.platforms import InspectedPointsSensor, RateController, SunAngleSensor, UninspectedPointsSensor
+from safe_inspect.platforms import (
+    DeputyScanSensor,
+    EntityPositionSensor,
+    InspectedPointsSensor,
+    NearestDeputiesPositionSensor,
+    NearestDeputiesPresenceSensor,
+    NearestDeputiesVelocitySensor,
+    RateController,
+    SunAngleSensor,
+    UninspectedPointsSensor,
+)
 from safe_inspect.plugin import Plugin
 from safe_inspect.registry import registry
 from safe_inspect.rewards import InspectionCrashReward, InspectionDeltaVReward
@@ -39,32 +50,44 @@ def test_registered_plugin_keeps_the_contract(kind: str, name: str) -> None:
 
 
 def test_every_kind_of_the_package_is_there() -> None:
-    expected = {"constraint", "done", "glue", "initializer", "normalizer", "parameter", "part", "platform", "property",
-                "reward", "simulator"}  # fmt: skip
+    expected = {"constraint", "done", "glue", "initializer", "normalizer", "parameter", "part", "platform", "policy",
+                "property", "reward", "shared_done", "simulator"}  # fmt: skip
     assert expected <= set(registry.kinds())
 
 
 _SCALED = Normalization(normalizer="StandardNormalNormalizer", config={"mu": 1.0, "sigma": [2.0, 3.0, 4.0]})
+_OF_TWO = Normalization(normalizer="StandardNormalNormalizer", config={"sigma": [0.5] * 6})
 _SWITCHED_OFF = Normalization(enabled=False)
 
 
 @pytest.mark.parametrize(
     "plugin",
     [
+        CollisionDoneFunction(safety_constraint="0.02 km"),
         ConstantParameter(value=3.0, units="km"),
         ControllerGlue(controller="X Thrust", normalization=_SWITCHED_OFF),
         ControllerGlue(controller="Y Thrust"),
+        DeputyScanSensor(bins=1, max_range=40.0),
+        EntityPositionSensor(entity_name="blue2"),
         InspectedPointsSensor(inspector_entity_name="blue0"),
+        InspectedPointsSensor(inspector_entity_name="blue1"),
         InspectionCrashReward(reference_position_sensor_name="reference_position"),
         InspectionDeltaVReward(mode="constant", scale=-0.5, step_size="1 min", mass=6.0),
         InspectionSimulator(illumination_params=IlluminationParams(bin_ray_flag=False), field_of_view="60 deg"),
         InspectionSimulator(illumination_params=None, delta_v_scale_bounds=(-0.2, -0.1)),
         LinearNormalizer(minimum=0.0, maximum=10.0),
+        MultiagentSuccessDoneFunction(success_function_name="CrashDoneFunction"),
+        NearestDeputiesPositionSensor(k=5, max_range="0.1 km"),
+        NearestDeputiesPresenceSensor(k=1, max_range=30.0),
+        NearestDeputiesVelocitySensor(k=1),
+        ObserveSensor(sensor="Sensor_DeputyScan", output_units="km", normalization=Normalization()),
+        ObserveSensor(sensor="Sensor_NearestDeputiesVelocity", normalization=_OF_TWO),
         ObserveSensor(sensor="Sensor_Position", output_units="km", normalization=_SCALED),
         ObserveSensor(sensor="Sensor_UninspectedPoints"),
         RateController(name="Fine", axis=2, properties={"low": -0.5, "high": 0.25}),
         RejectionSamplerInitializer(states=("position", "velocity", "sun_angle")),
         RTAGlueCWHInspection1v1(wrapped=tuple(ControllerGlue(controller=f"{axis} Thrust") for axis in "XYZ")),
+        SetAllDoneFunction(statuses=("lose",)),
         SimAttributeAccessor(attribute_name="init_state.sun_angle"),
         SunAngleSensor(wrap=False),
         StandardNormalNormalizer(mu=(1.0, 2.0), sigma=(0.5, 4.0)),

@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.dones import CrashDoneFunction, MaxDistanceDoneFunction, SuccessfulInspectionDoneFunction
+from safe_inspect.dones import (
+    CollisionDoneFunction,
+    CrashDoneFunction,
+    DoneStatus,
+    MaxDistanceDoneFunction,
+    MultiagentSuccessDoneFunction,
+    SetAllDoneFunction,
+    SuccessfulInspectionDoneFunction,
+)
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.platforms import UninspectedPointsSensor
 from safe_inspect.rewards import ObservedPointsReward
-from safe_inspect.testing import sample_spec, sample_steps, take_rows
+from safe_inspect.testing import sample_spec, sample_steps, sample_team_steps, take_rows
 
 
 def test_the_sample_has_every_phase_of_an_episode() -> None:
@@ -36,6 +44,46 @@ def test_a_row_is_one_step_of_one_environment() -> None:
     np.testing.assert_allclose(step.after.delta_v - step.before.delta_v, step.delta_v, atol=1e-12)
     np.testing.assert_allclose(step.after.sun_angle - step.before.sun_angle, 0.01027, atol=1e-12)
     assert (step.new_points("chief") >= 0).all()
+
+
+def test_the_sample_of_a_team_has_what_concerns_several_deputies() -> None:
+    step = sample_team_steps(rows=256)
+    assert step.after.position.shape == (256, 3, 3)
+    for done, endings in (
+        (CollisionDoneFunction(), {DoneStatus.RUNNING, DoneStatus.LOSE}),
+        (MultiagentSuccessDoneFunction(), {DoneStatus.RUNNING, DoneStatus.WIN}),
+        (SetAllDoneFunction(), {DoneStatus.RUNNING, DoneStatus.LOSE, DoneStatus.WIN}),
+    ):
+        assert set(done(step).tolist()) == endings, done
+    ended = step.before.finished != 0
+    assert (ended.any(axis=1) & ~ended.all(axis=1)).any()
+    assert (step.after.distance == 0.0).any()
+    assert ((step.after.distance > 0.0) & (step.after.distance < 10.0)).any()
+
+
+def test_agents_and_team_see_the_same_steps() -> None:
+    step, team = sample_steps(rows=20, deputies=3), sample_team_steps(rows=20)
+    assert step.after.num_rows == len(step.control) == 60
+    np.testing.assert_array_equal(step.after.position.reshape(20, 3, 3), team.after.position)
+    for name, fired in team.fired.items():
+        assert fired.shape == (20, 3), name
+        assert not (fired & (team.before.finished != 0)).any()
+    assert (team.status[team.before.finished != 0] == team.before.finished[team.before.finished != 0]).all()
+    ended = np.logical_or.reduce(list(team.fired.values()))
+    assert ((team.status != 0) == (ended | (team.before.finished != 0))).all()
+
+
+def test_one_agent_of_several_by_itself() -> None:
+    step = sample_steps(rows=10, deputies=3)
+    rows = np.array([7, 2])
+    alone = take_rows(step, rows, agent=1)
+    assert alone.after.own_index.tolist() == [1, 1]
+    np.testing.assert_array_equal(alone.after.position, step.after.position.reshape(10, 3, 3)[rows, 1])
+    np.testing.assert_array_equal(alone.control, step.control.reshape(10, 3, 3)[rows, 1])
+    centres = step.after.memory("Sensor_UninspectedPoints", "centres").reshape(10, 3, -1, 3)
+    np.testing.assert_array_equal(alone.after.memory("Sensor_UninspectedPoints", "centres"), centres[rows, 1])
+    together = step.after.reading("Sensor_UninspectedPoints").reshape(10, 3, 3)
+    np.testing.assert_array_equal(alone.after.reading("Sensor_UninspectedPoints"), together[rows, 1])
 
 
 @pytest.mark.parametrize("rows", [1, 5, 64, 3000])

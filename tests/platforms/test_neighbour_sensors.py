@@ -252,3 +252,24 @@ def test_fields_that_are_refused(fields) -> None:
 def test_bins_that_are_refused(bins: int) -> None:
     with pytest.raises(ValueError, match="bins"):
         DeputyScanSensor(bins=bins)
+
+
+def test_the_observation_has_one_size_for_any_team() -> None:
+    """What a policy has learned with three deputies it can fly with five."""
+    from dataclasses import replace
+
+    from safe_inspect.environments.team import TeamEnvironment
+    from safe_inspect.testing import sample_spec
+
+    layouts = set()
+    for deputies in (1, 3, 5):
+        spec = sample_spec(deputies=deputies)
+        glues = tuple(ObserveSensor(sensor=sensor.part_name) for sensor in sensors(k=2))
+        spec = replace(spec, agents=tuple(replace(agent, glues=(*agent.glues, *glues)) for agent in spec.agents))
+        environment = TeamEnvironment(spec, 2, seed=1)
+        (observation,) = environment.reset()
+        layouts.add(environment.acting[0].observation_layout.names)
+        assert observation.shape == (2, deputies, 11 + 6 + 6 + 2 + 20)
+        presence = observation[:, :, 11 + 12 : 11 + 14]
+        assert (presence.sum(axis=-1) == min(deputies - 1, 2)).all()
+    assert len(layouts) == 1
