@@ -1,9 +1,10 @@
 """Speed of the environment: steps/s for several batch sizes, beside a plain loop over scikit-learn's K-means.
 
-    python benchmarks/environment.py [--envs 1 64 1024] [--seconds 2] [--json result.json]
+    python benchmarks/environment.py [--envs 1 64 1024] [--deputies 1 3 10] [--seconds 2] [--json result.json]
 
-Everything counts: dynamics, points, clustering, sensors, rewards, dones, and the resets of the episodes that end. One
-BLAS thread. The measurements take turns over several rounds, so that a ratio compares what ran under the same load.
+Teams of several deputies fly the multi-agent task. Everything counts: dynamics, points, clustering, sensors, rewards,
+dones, and the resets of the episodes that end. One BLAS thread. The measurements take turns over several rounds, so
+that a ratio compares what ran under the same load.
 """
 
 from __future__ import annotations
@@ -13,8 +14,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,22 +23,24 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ[_variable] = "1"  # before NumPy is imported
 
 import platform  # noqa: E402
-from unittest.mock import patch  # noqa: E402
 
 import numba  # noqa: E402
 import numpy as np  # noqa: E402
+from stopwatch import Stopwatch, on_the_watch  # noqa: E402
 
+from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.config.spec import EnvironmentSpec  # noqa: E402
-from safe_inspect.environments import BatchedEnvironment, load_spec  # noqa: E402
-from safe_inspect.simulators import simulation  # noqa: E402
+from safe_inspect.environments import TeamEnvironment, load_spec  # noqa: E402
 from safe_inspect.version import __version__  # noqa: E402
 
 TASK = "safe_inspect/TranslationalInspection-v0"
+TEAM_TASK = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
 #: Random thrust as a share of the largest: episodes of a hundred steps and more, and of about thirty.
 THRUSTS = {"small": 0.02, "full": 1.0}
 SENSOR = "Sensor_UninspectedPoints"
 LEGEND = """
-steps/s    environment steps by the clock, median of the rounds (best: the best round)
+batch      the task of one deputy; team: the multi-agent task with D deputies
+steps/s    steps of agents by the clock, N * D in each step of the batch, median of the rounds (best: the best round)
 per CPU s  the same for a second of processor time, which other work on the machine changes little
 us/step    of one step of all N environments, resets included
 ratio      of `per CPU s`, to K-means at every step with the same thrust
@@ -52,12 +54,17 @@ class Case:
     name: str
     num_envs: int
     thrust: str
-    environment: BatchedEnvironment
-    before_step: Callable[[BatchedEnvironment], None] | None = None
+    environment: TeamEnvironment
+    before_step: Callable[[TeamEnvironment], None] | None = None
     steps: int = 0
     resets: int = 0
     per_second: list[float] = field(default_factory=list)
     per_cpu_second: list[float] = field(default_factory=list)
+
+    @property
+    def deputies(self) -> int:
+        """Number of deputies, D."""
+        return len(self.environment.agents)
 
     def run(self, seconds: float) -> None:
         """Step for about so many seconds and note the rates."""
@@ -68,16 +75,16 @@ class Case:
                 self.step(action)
             steps += len(actions)
         cpu = time.process_time() - cpu
-        self.steps += steps * self.num_envs
-        self.per_second.append(steps * self.num_envs / spent)
-        self.per_cpu_second.append(steps * self.num_envs / max(cpu, 1e-9))
+        agents = self.num_envs * self.deputies
+        self.steps += steps * agents
+        self.per_second.append(steps * agents / spent)
+        self.per_cpu_second.append(steps * agents / max(cpu, 1e-9))
 
     def step(self, action: np.ndarray) -> None:
         """Step once and reset what has ended."""
         if self.before_step is not None:
             self.before_step(self.environment)
-        transition = self.environment.step(action)
-        ended = transition.done[:, 0]
+        ended = self.environment.step((action,)).over
         if np.count_nonzero(ended):
             rows = np.flatnonzero(ended)
             self.environment.reset(rows)
@@ -87,16 +94,17 @@ class Case:
         size = THRUSTS[self.thrust]
         draw = np.random.default_rng(0)
         count = max(1, 64 // self.num_envs)
-        return [draw.uniform(-size, size, (self.num_envs, 1, 3)) for _ in range(count)]
+        return [draw.uniform(-size, size, (self.num_envs, self.deputies, 3)) for _ in range(count)]
 
     def report(self) -> dict[str, Any]:
         """Return what was measured."""
         return {
             "case": self.name,
             "num_envs": self.num_envs,
+            "deputies": self.deputies,
             "thrust": self.thrust,
             "steps": self.steps,
-            "resets_per_1000_steps": 1000.0 * self.resets / self.steps,
+            "resets_per_1000_steps": 1000.0 * self.resets * self.deputies / self.steps,
             "steps_per_second_median": float(np.median(self.per_second)),
             "steps_per_second_best": max(self.per_second),
             "steps_per_cpu_second": float(np.median(self.per_cpu_second)),
@@ -113,64 +121,11 @@ def with_sklearn(spec: EnvironmentSpec) -> EnvironmentSpec:
     return replace(spec, agents=(replace(agent, parts=parts),))
 
 
-def forget_clusters(environment: BatchedEnvironment) -> None:
+def forget_clusters(environment: TeamEnvironment) -> None:
     """Make the sensor cluster at this step, whether its candidates have changed or not."""
     for name, array in environment.state.arrays.items():
         if name.endswith("/settled"):
             array[...] = False
-
-
-class Stopwatch:
-    """Adds up the time of each section, without that of the sections inside it."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._inner = [0.0]
-
-    def wrap(self, section: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the function with its time on the watch."""
-
-        def timed(*args: Any, **kwargs: Any) -> Any:
-            begin = time.perf_counter()
-            self._inner.append(0.0)
-            try:
-                return function(*args, **kwargs)
-            finally:
-                spent = time.perf_counter() - begin
-                self.seconds[section] = self.seconds.get(section, 0.0) + spent - self._inner.pop()
-                self._inner[-1] += spent
-
-        return timed
-
-
-@contextmanager
-def on_the_watch(watch: Stopwatch, environment: BatchedEnvironment) -> Iterator[None]:
-    """Put the parts of an environment's step on the watch."""
-    agent = environment.agent
-    places: dict[tuple[Any, str], str] = {
-        (simulation, "advance"): "dynamics",
-        (simulation, "inspect_points"): "points",
-        (simulation.State, "copy_from"): "copy of the state",
-        (simulation.Simulation, "step"): "rest of the simulator",
-        (BatchedEnvironment, "reset"): "resets",
-        (BatchedEnvironment, "step"): "rest of the environment",
-    }
-    for sensor in agent.sensors.values():
-        if "remember" in vars(type(sensor)):
-            places[type(sensor), "remember"] = "clustering"
-    plugins = {
-        "control": [leaf for glue in agent.action_glues for leaf in (glue, *glue.leaves())],
-        "sensors and glues": (*agent.observation_glues, *agent.sensors.values()),
-        "rewards": [named.functor for named in agent.rewards],
-        "dones": [named.functor for named in agent.dones],
-    }
-    for section, group in plugins.items():
-        for plugin in group:
-            places[type(plugin), "__call__"] = section
-    with ExitStack() as stack:
-        for (owner, name), section in places.items():
-            stack.enter_context(patch.object(owner, name, watch.wrap(section, getattr(owner, name))))
-        yield
 
 
 def profile(case: Case, seconds: float) -> dict[str, float]:
@@ -201,17 +156,52 @@ def machine() -> dict[str, Any]:
     }
 
 
-def measure(envs: list[int], seconds: float, rounds: int, plain: bool) -> dict[str, Any]:
-    """Measure every case in turns and return the report."""
+def make_cases(envs: list[int], deputies: list[int], plain: bool) -> list[Case]:
+    """Return what is to be measured."""
     spec = load_spec(TASK)
-    cases = [
-        Case("batch", count, thrust, BatchedEnvironment(spec, count, seed=1)) for count in envs for thrust in THRUSTS
-    ]
+    cases = [Case("batch", count, thrust, TeamEnvironment(spec, count, seed=1)) for count in envs for thrust in THRUSTS]
     if plain:
         slow = with_sklearn(spec)
         for thrust in THRUSTS:
-            every = Case("K-means at every step", 1, thrust, BatchedEnvironment(slow, 1, seed=1), forget_clusters)
-            cases += [every, Case("K-means when points change", 1, thrust, BatchedEnvironment(slow, 1, seed=1))]
+            every = Case("K-means at every step", 1, thrust, TeamEnvironment(slow, 1, seed=1), forget_clusters)
+            cases += [every, Case("K-means when points change", 1, thrust, TeamEnvironment(slow, 1, seed=1))]
+    for size in deputies:
+        team = load_spec(TEAM_TASK, [f"blue#_ctrl.count={size}"])
+        cases += [
+            Case("team", count, thrust, TeamEnvironment(team, count, seed=1)) for count in envs for thrust in THRUSTS
+        ]
+    return cases
+
+
+def costs(cases: list[Case]) -> list[dict[str, Any]]:
+    """Return what a step of the smallest batch costs with several deputies, as multiples of one deputy's.
+
+    Each round gives a ratio of processor times, of measurements that follow each other; the median counts.
+    """
+    smallest = min(case.num_envs for case in cases)
+    told = []
+    for one in cases:
+        if one.deputies > 1 or one.num_envs != smallest or one.name not in ("batch", "team"):
+            continue
+        for team in cases:
+            if team.deputies > 1 and (team.num_envs, team.thrust) == (smallest, one.thrust):
+                pairs = zip(one.per_cpu_second, team.per_cpu_second, strict=True)
+                ratio = float(np.median([single / several * team.deputies for single, several in pairs]))
+                told.append(
+                    {
+                        "deputies": team.deputies,
+                        "num_envs": smallest,
+                        "thrust": one.thrust,
+                        "of": "the task of one deputy" if one.name == "batch" else "a team of one",
+                        "cost_of_a_step": ratio,
+                    }
+                )
+    return told
+
+
+def measure(envs: list[int], deputies: list[int], seconds: float, rounds: int, plain: bool) -> dict[str, Any]:
+    """Measure every case in turns and return the report."""
+    cases = make_cases(envs, deputies, plain)
     for case in cases:
         case.environment.reset()
         case.run(min(0.3, seconds))  # compile, and let the episodes of a batch drift apart
@@ -225,40 +215,51 @@ def measure(envs: list[int], seconds: float, rounds: int, plain: bool) -> dict[s
     for row in rows:
         if base:
             row["ratio"] = row["steps_per_cpu_second"] / base[row["thrust"]]["steps_per_cpu_second"]
+    told = costs(cases)
     shares = [
-        {"num_envs": case.num_envs, "thrust": case.thrust, "shares": profile(case, seconds / 2.0)}
+        {
+            "num_envs": case.num_envs,
+            "deputies": case.deputies,
+            "thrust": case.thrust,
+            "shares": profile(case, seconds / 2.0),
+        }
         for case in cases
-        if case.name == "batch"
+        if case.name == "batch" or (case.name == "team" and case.deputies == 3)
     ]
-    return {"machine": machine(), "rates": rows, "profiles": shares}
+    return {"machine": machine(), "rates": rows, "costs": told, "profiles": shares}
 
 
 def show(report: dict[str, Any]) -> None:
     """Print the report as tables."""
     print("  ".join(f"{key} {value}" for key, value in report["machine"].items()))
-    head = ("case", "N", "thrust", "steps/s", "best", "per CPU s", "us/step", "resets/1000", "ratio")
+    head = ("case", "N", "D", "thrust", "steps/s", "best", "per CPU s", "us/step", "resets/1000", "ratio")
     rows = [
         (
             row["case"],
             str(row["num_envs"]),
+            str(row["deputies"]),
             row["thrust"],
             f"{row['steps_per_second_median']:,.0f}",
             f"{row['steps_per_second_best']:,.0f}",
             f"{row['steps_per_cpu_second']:,.0f}",
-            f"{1e6 * row['num_envs'] / row['steps_per_second_median']:,.0f}",
+            f"{1e6 * row['num_envs'] * row['deputies'] / row['steps_per_second_median']:,.0f}",
             f"{row['resets_per_1000_steps']:.1f}",
             f"{row['ratio']:,.1f}" if "ratio" in row else "-",
         )
         for row in report["rates"]
     ]
     print()
-    _table([head, *rows], left=3)
+    _table([head, *rows], left=4)
     print(LEGEND)
+    for row in report["costs"]:
+        told = f"a step with {row['deputies']} deputies costs {row['cost_of_a_step']:.2f} times that of {row['of']}"
+        print(f"N = {row['num_envs']}, {row['thrust']} thrust: {told}")
+    print()
     columns = report["profiles"]
     names = sorted(
         {name for item in columns for name in item["shares"]}, key=lambda name: -columns[0]["shares"].get(name, 0)
     )
-    head = ("share of the time", *(f"N={item['num_envs']} {item['thrust']}" for item in columns))
+    head = ("share of the time", *(f"N={item['num_envs']} D={item['deputies']} {item['thrust']}" for item in columns))
     _table(
         [head, *((name, *(f"{100 * item['shares'].get(name, 0.0):.1f} %" for item in columns)) for name in names)],
         left=1,
@@ -278,14 +279,15 @@ def _table(rows: list[tuple[str, ...]], left: int) -> None:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--envs", type=int, nargs="+", default=[1, 64, 1024], help="batch sizes N")
+    parser.add_argument("--deputies", type=int, nargs="+", default=[1, 3, 10], help="sizes D of the teams")
     parser.add_argument("--seconds", type=float, default=5.0, help="time for each case")
     parser.add_argument("--rounds", type=int, default=10, help="turns that the cases take")
     parser.add_argument("--no-sklearn", action="store_true", help="leave the plain loop out")
     parser.add_argument("--json", type=Path, help="write the report to this file")
     arguments = parser.parse_args(argv)
-    if min(arguments.envs) < 1 or arguments.rounds < 1 or not arguments.seconds > 0.0:
-        parser.error("--envs, --rounds and --seconds are positive")
-    report = measure(arguments.envs, arguments.seconds, arguments.rounds, not arguments.no_sklearn)
+    if min(*arguments.envs, *arguments.deputies) < 1 or arguments.rounds < 1 or not arguments.seconds > 0.0:
+        parser.error("--envs, --deputies, --rounds and --seconds are positive")
+    report = measure(arguments.envs, arguments.deputies, arguments.seconds, arguments.rounds, not arguments.no_sklearn)
     show(report)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")

@@ -1,7 +1,7 @@
 """Safe reinforcement learning of spacecraft inspection and rendezvous.
 
-Importing the package registers its Gymnasium ids. `make`, `make_vec` and `load_experiment` are imported when they are
-first used; neither they nor the package load Ray or Torch.
+Importing the package registers its Gymnasium ids. `make`, `make_vec`, `make_parallel`, `make_parallel_vec` and
+`load_experiment` are imported when they are first used; neither they nor the package load Ray or Torch.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from typing import Any
 from safe_inspect.tasks import register_tasks
 from safe_inspect.version import __version__
 
-__all__ = ["__version__", "load_experiment", "make", "make_vec"]
+__all__ = ["__version__", "load_experiment", "make", "make_parallel", "make_parallel_vec", "make_vec"]
 
 _HOMES = {
     "load_experiment": "safe_inspect.config.experiment",
     "make": "safe_inspect.environments.registration",
+    "make_parallel": "safe_inspect.environments.registration",
+    "make_parallel_vec": "safe_inspect.environments.registration",
     "make_vec": "safe_inspect.environments.registration",
 }
 

@@ -7,6 +7,11 @@ import gymnasium
 #: The experiment file of every registered id, below the shipped configurations.
 TASKS = {"safe_inspect/TranslationalInspection-v0": "translational-inspection/experiment.yml"}
 
+#: The experiment file of every id that stands for several agents; Gymnasium knows single agents only.
+TEAM_TASKS = {
+    "safe_inspect/MultiagentTranslationalInspection-v0": "multiagent-translational-inspection/experiment.yml",
+}
+
 
 def register_tasks() -> None:
     """Register the ids with Gymnasium; what they stand for is imported when one is made."""

@@ -192,7 +192,7 @@ class AgentEntry(Model):
         policy_name: Agents of one name share one policy; the agent's own name unless given.
     """
 
-    name: str = Field(min_length=1)
+    name: str = Field(min_length=1, pattern=r"^[^/\s]+$")
     count: int | None = None
     platforms: tuple[str, ...]
     config: AgentConfig

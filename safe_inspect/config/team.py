@@ -10,6 +10,7 @@ import numpy as np
 
 from safe_inspect.config.models import EnvironmentConfig, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
+from safe_inspect.config.templates import MOST
 from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.base import SafetyGlue
@@ -49,6 +50,8 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
             message = f"{entry.name} acts at {entry.config.config.frame_rate:g} Hz, {lead.name} at "
             place = (*where, "config", "config", "frame_rate")
             report(place, f"{message}{lead.config.config.frame_rate:g} Hz; all agents act at one rate")
+    if len(config.agent_config) > MOST:
+        report(("agent_config",), f"{len(config.agent_config)} agents are too many for one environment; {MOST} at most")
     done_names = {named.name for agent in agents for named in agent.dones}
     seen: set[str] = set()
     for index, named in enumerate(config.config.config.env_config.dones.shared):
@@ -62,6 +65,9 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
                 message = f"no agent has a done function named {value!r}; {did_you_mean(value, done_names)}"
                 report((*where, "config", field), message)
     guard = config.config.config.env_config.rta
+    if guard is not None and guard.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
+        message = "the environment's `rta` counts on ended deputies that coast; let them `coast`, or switch it off"
+        report((*_ENVIRONMENT, "ended_deputies"), message)
     for index, agent in enumerate(agents):
         own = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
         if guard is not None and guard.enabled and own:

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.dones.base import DoneStatus
+from safe_inspect.errors import PluginValueError
 from safe_inspect.plugin import DoneName, Plugin
 from safe_inspect.simulators.team import TeamStep
 from safe_inspect.types import AnyArray, BoolArray
@@ -16,6 +17,8 @@ from safe_inspect.units import PositiveLength
 
 #: What counts when agents end in several ways at once: the first of these.
 _WORST_FIRST = (DoneStatus.LOSE, DoneStatus.WIN, DoneStatus.DRAW)
+#: As NumPy's numbers: an array is compared with them ten times as fast as with the members of an enumeration.
+_RUNNING, _WIN, _LOSE = np.int8(DoneStatus.RUNNING), np.int8(DoneStatus.WIN), np.int8(DoneStatus.LOSE)
 
 
 class SharedDoneFunction(Plugin):
@@ -44,7 +47,7 @@ class CollisionDoneFunction(SharedDoneFunction):
 
     def __call__(self, step: TeamStep) -> AnyArray:
         """Return `DoneStatus.LOSE` where two deputies have collided, int8, shape (N,)."""
-        return _where((step.after.distance < self.safety_constraint).any(axis=-1), DoneStatus.LOSE)
+        return _where((step.after.distance < self.safety_constraint).any(axis=-1), _LOSE)
 
 
 class MultiagentSuccessDoneFunction(SharedDoneFunction):
@@ -62,10 +65,12 @@ class MultiagentSuccessDoneFunction(SharedDoneFunction):
     def __call__(self, step: TeamStep) -> AnyArray:
         """Return `DoneStatus.WIN` where every agent has won, int8, shape (N,)."""
         name = self.success_function_name
+        if name not in step.has:  # the configuration's check finds this in a file
+            raise PluginValueError(f"{self.registered_name}: no agent has a done function named {name!r}")
         asked = np.asarray(step.has[name])
-        won = (step.fired[name] & (step.status != DoneStatus.LOSE)) | (step.before.finished == DoneStatus.WIN)
+        won = (step.fired[name] & (step.status != _LOSE)) | (step.before.finished == _WIN)
         everybody = (won | ~asked).all(axis=-1)
-        return _where(everybody & asked.any(), DoneStatus.WIN)
+        return _where(everybody & asked.any(), _WIN)
 
 
 class SetAllDoneFunction(SharedDoneFunction):
@@ -88,5 +93,5 @@ class SetAllDoneFunction(SharedDoneFunction):
         return found
 
 
-def _where(rows: BoolArray, status: DoneStatus) -> AnyArray:
-    return np.where(rows, np.int8(status), np.int8(DoneStatus.RUNNING))
+def _where(rows: BoolArray, status: np.int8) -> AnyArray:
+    return np.where(rows, status, _RUNNING)

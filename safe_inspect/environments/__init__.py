@@ -1,21 +1,48 @@
-"""Environments: the batched core and its façades."""
+"""Environments: the batched core and its façades. `InspectionParallelEnv` is imported when it is first used."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from safe_inspect.environments.core import BatchedEnvironment
-from safe_inspect.environments.registration import build_spec, load_spec, make, make_vec
+from safe_inspect.environments.multi_vector import MultiAgentVectorEnv
+from safe_inspect.environments.registration import (
+    build_spec,
+    load_spec,
+    make,
+    make_parallel,
+    make_parallel_vec,
+    make_vec,
+)
 from safe_inspect.environments.single import InspectionEnv
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.environments.vector import InspectionVectorEnv
 
+if TYPE_CHECKING:
+    from safe_inspect.environments.parallel import InspectionParallelEnv
+
 __all__ = [
     "BatchedEnvironment",
     "InspectionEnv",
+    "InspectionParallelEnv",
     "InspectionVectorEnv",
+    "MultiAgentVectorEnv",
     "TeamEnvironment",
     "TeamTransition",
     "Transition",
     "build_spec",
     "load_spec",
     "make",
+    "make_parallel",
+    "make_parallel_vec",
     "make_vec",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name != "InspectionParallelEnv":
+        raise AttributeError(f"module 'safe_inspect.environments' has no attribute {name!r}")
+    from safe_inspect.environments.parallel import InspectionParallelEnv  # PettingZoo takes half a second to import
+
+    return InspectionParallelEnv

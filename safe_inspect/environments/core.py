@@ -9,6 +9,7 @@ from safe_inspect.environments.group import AgentGroup
 from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import Transition
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import View
 from safe_inspect.types import AnyArray, IntArray
@@ -40,7 +41,7 @@ class BatchedEnvironment:
         acting = self.team.acting
         if len(acting) != 1:
             names = ", ".join(group.name for group in acting) or "none"
-            raise ValueError(f"one group of agents acts from outside here, not {names}; use TeamEnvironment")
+            raise ValueError(f"equal agents act from outside here; these differ: {names}; use TeamEnvironment")
         self.agents: AgentGroup = acting[0]
         self.spec = spec
         self._index = self.team.groups.index(self.agents)
@@ -89,3 +90,23 @@ class BatchedEnvironment:
             action: Action of each agent, clipped to its bounds, shape (N, G, A).
         """
         return self.team.step((action,)).groups[self._index]
+
+
+def require_one_agent(spec: EnvironmentSpec, taker: str, instead: str) -> None:
+    """Stop when not exactly one agent acts from outside.
+
+    Args:
+        spec: The task.
+        taker: What takes one agent.
+        instead: What takes any number of them.
+
+    Raises:
+        SafeInspectError: Another number does.
+    """
+    names = [agent.name for agent in spec.agents if agent.pilot is None]
+    if len(names) != 1:
+        told = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "") or "none"
+        raise SafeInspectError(
+            f"{taker} takes one agent, but {len(names)} act from outside here ({told}); "
+            f"use safe_inspect.environments.{instead}"
+        )

@@ -10,7 +10,8 @@ from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.guard import all_finite, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
-from safe_inspect.glues.base import ActionGlue, Glue, Parts
+from safe_inspect.environments.thrust import Thrusters
+from safe_inspect.glues.base import Glue, Parts
 from safe_inspect.policies.base import ThrustLimits
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.simulators.state import State
@@ -25,6 +26,9 @@ class AgentGroup:
         name: Name of the group: its agent's, or those of its first and last agent.
         agents: Names of the agents.
         policies: Name of each agent's policy.
+        first: Index of the first deputy among all.
+        size: Number of agents, G.
+        scripted: Whether a scripted policy flies the deputies, so that no action is taken from outside.
         group: What views of the state know of the group.
         observation_layout: Layout of one agent's observation.
         action_layout: Layout of one agent's action.
@@ -39,15 +43,11 @@ class AgentGroup:
         self.agent = agent
         guards = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
         self.guard = guards[0] if guards else None
+        self.first, self.size, self.scripted = first, len(specs), agent.pilot is not None
         self.group = Group(self.name, first, len(specs), agent.sensors, self.guard, agent.pilot)
         self.observation_layout: Layout = observation_layout(agent)
         self.action_layout: Layout = action_layout(agent)
-        self._commands: list[tuple[ActionGlue, slice]] = []
-        start = 0
-        for glue in (leaf for outer in agent.action_glues for leaf in outer.leaves()):
-            end = start + len(glue.names(agent.parts))
-            self._commands.append((glue, slice(start, end)))
-            start = end
+        self._thrust = Thrusters(agent)
         self.limits = self._thrust_limits()
         self._glues = agent.observation_glues
         self._sizes = [len(glue.names(agent.parts)) for glue in self._glues]
@@ -57,31 +57,21 @@ class AgentGroup:
         order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
         self._dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
 
-    @property
-    def first(self) -> int:
-        """Index of the first deputy among all."""
-        return self.group.first
-
-    @property
-    def size(self) -> int:
-        """Number of agents, G."""
-        return self.group.size
-
-    @property
-    def scripted(self) -> bool:
-        """Whether a scripted policy flies the deputies, so that no action is taken from outside."""
-        return self.group.pilot is not None
-
     def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
         """Return the actions within their bounds, shape (R, A), and the thrust that they ask for [N], shape (R, 3)."""
         layout = self.action_layout
-        action = np.asarray(action, dtype=np.float64).reshape(view.num_rows, layout.size)
+        action = np.asarray(action, dtype=np.float64)
+        wanted = (view.state.num_envs, self.size, layout.size)
+        if action.shape != wanted:
+            raise ValueError(f"the actions of {self.name} have the shape {action.shape}; {wanted} is wanted")
+        action = action.reshape(view.num_rows, layout.size)
         if not all_finite(action):
-            require_finite(f"the action of {self.name}", action, view.state)
+            bad = int(np.flatnonzero(~np.isfinite(action).all(axis=1))[0])
+            require_finite(f"the action of {self.agents[bad % self.size]}", action, view.state)
         action = np.minimum(np.maximum(action, layout.low), layout.high)
         thrust = self._thrust(action)
         if not all_finite(thrust):
-            for glue, columns in self._commands:
+            for glue, columns in self._thrust.commands:
                 parts = self.agent.parts
                 require_finite(_title(glue, parts), glue(action[:, columns], parts), view.state)
         return action, thrust
@@ -146,19 +136,14 @@ class AgentGroup:
                 status[done] = named.functor.status
                 ended = truncated if named.functor.truncates else terminated
                 ended |= done
-        return terminated, truncated & ~terminated, status, fired
+                truncated &= ~terminated
+        return terminated, truncated, status, fired
 
     def check_unobserved(self, after: View, before: State) -> None:
         """Stop when a sensor that only rewards and dones read gave NaN, which would silently compare as false."""
         for name in self._unobserved:
             if name in after.readings and not all_finite(after.readings[name]):
                 require_finite(f"sensor {name}", after.readings[name], after.state, before)
-
-    def _thrust(self, action: FloatArray) -> FloatArray:
-        thrust = np.zeros((len(action), 3))
-        for glue, columns in self._commands:
-            thrust += glue(action[:, columns], self.agent.parts)
-        return thrust
 
     def _thrust_limits(self) -> ThrustLimits:
         corners = self._thrust(np.stack((self.action_layout.low, self.action_layout.high)))

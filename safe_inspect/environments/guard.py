@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import tempfile
 
@@ -13,6 +14,19 @@ from safe_inspect.types import AnyArray
 
 #: Folder for the states that caused an error; the run folder during a training.
 CRASH_FOLDER_VARIABLE = "SAFE_INSPECT_CRASH_FOLDER"
+
+
+def checked_seed(seed: int) -> int:
+    """Return a seed as a number.
+
+    Raises:
+        TypeError: It is no whole number.
+        ValueError: It is out of range.
+    """
+    number = operator.index(seed)
+    if not 0 <= number < 2**64:
+        raise ValueError(f"a seed is a whole number from 0 to 2**64 - 1, not {number}")
+    return number
 
 
 def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gymnasium.vector import AutoresetMode
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.multi_vector import MultiAgentVectorEnv
 from safe_inspect.environments.single import InspectionEnv
 from safe_inspect.environments.vector import InspectionVectorEnv
-from safe_inspect.tasks import TASKS
+from safe_inspect.tasks import TASKS, TEAM_TASKS
+
+if TYPE_CHECKING:
+    from safe_inspect.environments.parallel import InspectionParallelEnv
 
 
 def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> EnvironmentSpec:
@@ -26,7 +30,8 @@ def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Env
     Raises:
         ConfigError: The file has mistakes.
     """
-    path = configs_root() / TASKS[str(cfg)] if str(cfg) in TASKS else cfg
+    tasks = TASKS | TEAM_TASKS
+    path = configs_root() / tasks[str(cfg)] if str(cfg) in tasks else cfg
     return load_experiment(path, overrides).spec
 
 
@@ -50,3 +55,22 @@ def make_vec(
 ) -> InspectionVectorEnv:
     """Make N environments that step together; see `InspectionVectorEnv`."""
     return InspectionVectorEnv(load_spec(cfg, overrides), num_envs, autoreset_mode=autoreset_mode, **kwargs)
+
+
+def make_parallel(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionParallelEnv:
+    """Make one environment of any number of agents for PettingZoo; see `InspectionParallelEnv`."""
+    from safe_inspect.environments.parallel import InspectionParallelEnv  # the only one that needs PettingZoo
+
+    return InspectionParallelEnv(load_spec(cfg, overrides), **kwargs)
+
+
+def make_parallel_vec(
+    cfg: str | os.PathLike[str],
+    num_envs: int = 1,
+    overrides: Iterable[str] = (),
+    *,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+    **kwargs: Any,
+) -> MultiAgentVectorEnv:
+    """Make N environments of any number of agents that step together; see `MultiAgentVectorEnv`."""
+    return MultiAgentVectorEnv(load_spec(cfg, overrides), num_envs, autoreset_mode=autoreset_mode, **kwargs)

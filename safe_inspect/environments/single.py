@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.core import BatchedEnvironment
-from safe_inspect.environments.episodes import facts, row, step_facts
+from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
+from safe_inspect.environments.episodes import facts, row, step_facts, step_info
 from safe_inspect.environments.spaces import box
 from safe_inspect.errors import SafeInspectError
 
@@ -21,9 +20,10 @@ Observation = NDArray[np.float32]
 class InspectionEnv(gymnasium.Env[Observation, Observation]):
     """One environment.
 
-    The info of every step holds ``inspected_count``, ``inspected_fraction``, ``delta_v`` (of the episode [m/s]),
-    ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every term. With a safety filter it
-    also holds what `step_facts` lists, ``rta/active`` as names, and ``desired_control`` and ``control`` [N].
+    The info of every step holds ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
+    the episode [m/s]), ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every term. With
+    a safety filter it also holds what `step_facts` lists, ``rta/active`` as names, and ``desired_control`` and
+    ``control`` [N].
 
     Args:
         spec: The task.
@@ -36,6 +36,7 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
     def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
         if render_mode is not None:
             raise ValueError(f"render_mode {render_mode!r} is not supported; record an episode and plot it")
+        require_one_agent(spec, "InspectionEnv", "make_parallel")
         self.core = BatchedEnvironment(spec, 1, first_slot=slot)
         self.observation_space = box(self.core.observation_layout)
         self.action_space = box(self.core.action_layout)
@@ -48,7 +49,7 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
         super().reset(seed=seed)
         observation = self.core.reset(seed=seed)[0, 0]
         self._running = True
-        return observation, _named(row(facts(self.core.view()) | self.core.simulation.reset_facts, 0))
+        return observation, row(facts(self.core.view()) | self.core.simulation.reset_facts, 0)
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold an action over one step.
@@ -61,14 +62,5 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
         transition = self.core.step(np.asarray(action)[None, None])
         terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
         self._running = not (terminated or truncated)
-        info = _named(row(step_facts(transition), 0))
-        filtered = transition.step.filtered
-        if filtered is not None:
-            info["rta/active"] = filtered.active_names(0)
-            info["desired_control"], info["control"] = transition.step.desired_control[0], transition.step.control[0]
+        info = step_info(transition, step_facts(transition), 0)
         return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info
-
-
-def _named(told: dict[str, Any]) -> dict[str, Any]:
-    told["status"] = DoneStatus(told["status"]).name.lower()
-    return told

@@ -9,7 +9,7 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.group import AgentGroup, group_agents
-from safe_inspect.environments.guard import all_finite, require_finite, require_shape
+from safe_inspect.environments.guard import all_finite, checked_seed, require_finite, require_shape
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.rta.team import TeamFiltered
 from safe_inspect.simulators.state import State
@@ -35,6 +35,7 @@ class TeamEnvironment:
             same episodes, whatever the batch they stand in.
 
     Attributes:
+        num_envs: Number of environments, N.
         groups: Agents with equal terms, in agent order.
         acting: The groups whose actions come from outside; the others fly by scripted policies.
     """
@@ -54,10 +55,13 @@ class TeamEnvironment:
             reset=spec.reset,
             step_size=spec.step_size,
             num_envs=num_envs,
-            seed=spec.seed if seed is None else seed,
+            seed=checked_seed(spec.seed if seed is None else seed),
             first_slot=first_slot,
             team_guard=self._guard,
         )
+        self.num_envs = num_envs
+        self._everyone = np.ones((num_envs, len(spec.agents)), dtype=np.bool_)
+        self._everyone.flags.writeable = False  # every step in which all take part gives this one out
         self._idle = [np.zeros(num_envs * group.size, dtype=np.bool_) for group in self.groups]
         deciding = self.acting or self.groups
         self._deciding = np.concatenate([np.arange(group.first, group.first + group.size) for group in deciding])
@@ -66,11 +70,6 @@ class TeamEnvironment:
             for agent in spec.agents
             for named in agent.dones
         }
-
-    @property
-    def num_envs(self) -> int:
-        """Number of environments, N."""
-        return self.simulation.num_envs
 
     @property
     def state(self) -> State:
@@ -90,6 +89,10 @@ class TeamEnvironment:
         """Return the current state as all deputies together."""
         return TeamView(self.state, self.simulation.world)
 
+    def outcome(self) -> AnyArray:
+        """Return how the current episodes stand for the team, int8, shape (N,); see `TeamTransition.outcome`."""
+        return np.asarray(_STATUS[_RANK[self.state.finished].max(axis=1)])
+
     def reset(self, rows: IntArray | None = None, *, seed: int | None = None) -> tuple[AnyArray, ...]:
         """Begin new episodes.
 
@@ -99,13 +102,18 @@ class TeamEnvironment:
 
         Returns:
             For each acting group the first observation of these rows, float32, shape (R, G, O).
+
+        Raises:
+            ValueError: A seed is given for some rows or is out of range, or a mask stands for indices.
         """
         if seed is not None:
             if rows is not None:
                 raise ValueError("a seed begins the run of all environments again; reset them all, or give no seed")
-            self.simulation.seed(seed)
-        rows = np.arange(self.num_envs) if rows is None else np.asarray(rows, dtype=np.int64)
-        fresh = self.simulation.reset(rows)
+            self.simulation.seed(checked_seed(seed))
+        rows = np.arange(self.num_envs) if rows is None else np.asarray(rows)
+        if rows.dtype == np.bool_:
+            raise ValueError("a mask is given; give the indices of the environments, np.flatnonzero(mask)")
+        fresh = self.simulation.reset(rows.astype(np.int64))
         for what in ("position", "velocity", "sun_angle"):
             require_finite(f"the initialiser of the {what}", fresh.arrays[what], fresh)
         world = self.simulation.world
@@ -120,7 +128,7 @@ class TeamEnvironment:
 
         Raises:
             PluginValueError: A plugin gave NaN or infinity (the state that caused it is saved), or a wrong shape.
-            ValueError: There are not as many actions as acting groups.
+            ValueError: There are not as many actions as acting groups, or they have another shape.
         """
         simulation, world = self.simulation, self.simulation.world
         if len(actions) != len(self.acting):
@@ -144,8 +152,8 @@ class TeamEnvironment:
                     found.result.intervening,
                     found.result,
                 )
-        active = simulation.state.finished == 0
-        everyone = np.count_nonzero(active) == active.size
+        everyone = not np.count_nonzero(simulation.state.finished)
+        active = self._everyone if everyone else simulation.state.finished == 0
         control = self._whole([step.control for step in steps])
         team = None
         if self._guard is not None:
@@ -225,9 +233,11 @@ class TeamEnvironment:
                     value[out] = 0.0
             if self.spec.shared_dones:
                 for name, rows in said.items():
-                    fired.setdefault(name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = (
-                        rows.reshape(shape) & took_part
-                    )
+                    ended = rows.reshape(shape) if everyone else rows.reshape(shape) & took_part
+                    if shape == active.shape:
+                        fired[name] = ended
+                    else:
+                        fired.setdefault(name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = ended
             transitions.append(
                 Transition(
                     observation,
@@ -242,32 +252,37 @@ class TeamEnvironment:
             )
         if self.spec.shared_dones:
             self._share(transitions, active, fired)
-        statuses = (
-            transitions[0].status if len(transitions) == 1 else np.concatenate([t.status for t in transitions], axis=1)
-        )
+        statuses = self._statuses(transitions)
         finished = simulation.state.finished
         if np.count_nonzero(statuses):
             finished[...] = statuses
             over = np.asarray((finished[:, self._deciding] != 0).all(axis=1))
             simulation.end(over)
-            worst = _RANK[finished].max(axis=1)
-            outcome = np.asarray(_STATUS[worst])
+            outcome = self.outcome()
         else:
             over, outcome = np.zeros(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.int8)
         return TeamTransition(tuple(transitions), over, outcome, team)
+
+    @staticmethod
+    def _statuses(transitions: list[Transition]) -> AnyArray:
+        """Return the status of every agent, shape (N, D)."""
+        if len(transitions) == 1:
+            return transitions[0].status
+        return np.concatenate([transition.status for transition in transitions], axis=1)
 
     def _share(self, transitions: list[Transition], active: BoolArray, fired: dict[str, BoolArray]) -> None:
         """Let the shared done functions end the episodes of all agents that still take part."""
         world = self.simulation.world
         before, after = TeamView(self.simulation.before, world), TeamView(self.simulation.state, world)
-        own = np.concatenate([transition.status for transition in transitions], axis=1)
+        own = self._statuses(transitions)
         step = TeamStep(before, after, fired, own, world.step_size, self._has)
         shared = np.zeros(self.num_envs, dtype=np.int8)
         for named in self.spec.shared_dones:
             status = np.asarray(named.functor(step), dtype=np.int8)
             if status.shape != shared.shape:
                 require_shape(f"shared done {named.name}", status, shared.shape)
-            shared = np.where(_RANK[status] > _RANK[shared], status, shared)
+            if np.count_nonzero(status):
+                shared = np.where(_RANK[status] > _RANK[shared], status, shared)
         if not np.count_nonzero(shared):
             return
         drawn = (shared == DoneStatus.DRAW)[:, None]

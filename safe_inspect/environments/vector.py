@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.environments.core import BatchedEnvironment
+from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.episodes import facts, step_facts
 from safe_inspect.environments.spaces import box
 from safe_inspect.errors import SafeInspectError
@@ -23,8 +23,8 @@ Observation = NDArray[np.float32]
 class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, AnyArray]):
     """N environments that step together.
 
-    Infos hold arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``delta_v`` (of the episode [m/s]),
-    ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term.
+    Infos hold arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
+    the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term.
 
     Args:
         spec: The task.
@@ -45,6 +45,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         seed: int | None = None,
         first_slot: int = 0,
     ) -> None:
+        require_one_agent(spec, "InspectionVectorEnv", "make_parallel_vec or make_parallel")
         self.num_envs = num_envs
         self.core = BatchedEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
         self.autoreset_mode = AutoresetMode(autoreset_mode)

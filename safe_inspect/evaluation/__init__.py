@@ -1,12 +1,15 @@
 """Evaluation: rollouts, baselines, summaries and figures. Matplotlib is imported when a figure is drawn."""
 
-from safe_inspect.evaluation.policies import BASELINES, Flight, Policy, baseline, random_policy, zero_thrust
+from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.policies import BASELINES, Flight, Policy, baseline, with_scripted
 from safe_inspect.evaluation.rollout import rollout
-from safe_inspect.evaluation.summary import Statistic, Summary, summarise
-from safe_inspect.evaluation.trajectory import Episodes, Trajectory
+from safe_inspect.evaluation.summary import AgentSummary, Statistic, Summary, summarise
+from safe_inspect.evaluation.trajectory import Trajectory
 
 __all__ = [
     "BASELINES",
+    "AgentEpisodes",
+    "AgentSummary",
     "Episodes",
     "Flight",
     "Policy",
@@ -14,8 +17,7 @@ __all__ = [
     "Summary",
     "Trajectory",
     "baseline",
-    "random_policy",
     "rollout",
     "summarise",
-    "zero_thrust",
+    "with_scripted",
 ]

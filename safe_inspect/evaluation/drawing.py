@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # Okabe and Ito's palette, which people with any of the common colour-vision deficiencies can tell apart.
 BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 BLACK, GREY, PALE = "#222222", "#7A7A7A", "#D9D9D9"
-DEPUTY_COLOURS = (BLUE, GREEN, PURPLE, ORANGE, SKY)
+DEPUTY_COLOURS = (BLUE, GREEN, PURPLE, VERMILION, SKY)
 #: Perceptually uniform, and as readable for colour-blind eyes and in grey.
 SEQUENTIAL = "viridis"
 
@@ -42,6 +42,19 @@ _STYLE: Any = {
     "lines.linewidth": 1.4,
     "legend.frameon": False,
 }
+
+
+def deputy_line(index: int) -> dict[str, Any]:
+    """Return colour and dashes of a deputy's lines; after five deputies the colours come again, with other dashes."""
+    return {
+        "color": DEPUTY_COLOURS[index % len(DEPUTY_COLOURS)],
+        "linestyle": ("-", (0, (4, 1.5)), (0, (1, 1)))[index // len(DEPUTY_COLOURS) % 3],
+    }
+
+
+def deputy_marker(index: int) -> str:
+    """Return the marker of the points that a deputy has inspected."""
+    return ("o", "^", "s")[index // len(DEPUTY_COLOURS) % 3]
 
 
 def style() -> Any:

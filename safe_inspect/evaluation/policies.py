@@ -1,25 +1,35 @@
-"""Policies that need no training: the baselines that a trained policy is compared with."""
+"""Policies for `rollout`: functions of observations, and the baselines that a trained policy is compared with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import PydanticCustomError
 
+from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.layout import Layout
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.randomness import Streams
+from safe_inspect.functor import build
+from safe_inspect.policies.base import ScriptedPolicy
+from safe_inspect.registry import registry
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 Observation: TypeAlias = NDArray[np.float32]
 
-#: From observations, float32, shape (N, O), to actions, shape (N, A). A policy that keeps something from step to step
-#: has a method ``begin(flight: Flight)``, which is called before the first step of every batch.
+#: From observations, float32, shape (R, O), to actions, shape (R, A). There are R = N * K rows for the K agents that it
+#: flies in N environments, environment by environment. A policy that keeps something from step to step has a method
+#: ``begin(flight: Flight)``, which is called before the first step of every batch.
 Policy: TypeAlias = Callable[[Observation], AnyArray]
+
+#: The baselines: the scripted policy of each, with its defaults.
+BASELINES: Mapping[str, str] = MappingProxyType(
+    {"zero-thrust": "ZeroThrust", "random": "RandomThrust", "inspector": "NaturalMotionInspector"}
+)
 
 
 @dataclass(frozen=True)
@@ -27,12 +37,13 @@ class Flight:
     """What a policy is told before the first step of a batch of episodes.
 
     Attributes:
-        slots: Global index of the environment slot of each row, shape (N,).
+        slots: Global index of the environment slot of each row, shape (R,).
         observation: Layout of the observation.
         action: Layout of the action.
         step_size: Length of a step [s].
         mean_motion: Mean motion of the chief's orbit [rad/s].
         masses: Mass of each deputy [kg], shape (D,).
+        deputies: Index of the deputy of each row, shape (R,).
     """
 
     slots: IntArray
@@ -41,67 +52,57 @@ class Flight:
     step_size: float
     mean_motion: float
     masses: FloatArray
+    deputies: IntArray
 
 
-class _ZeroThrust:
-    """The action 0 in every row; see `zero_thrust`."""
-
-    def __init__(self) -> None:
-        self._size = 0
-
-    def begin(self, flight: Flight) -> None:
-        self._size = flight.action.size
-
-    def __call__(self, observation: Observation) -> AnyArray:
-        return np.zeros((len(observation), self._size))
-
-
-class _Random:
-    """Actions uniform within their bounds; see `random_policy`."""
-
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
-        self._step = 0
-        self._flight: Flight | None = None
-
-    def begin(self, flight: Flight) -> None:
-        self._flight, self._step = flight, 0
-
-    def __call__(self, observation: Observation) -> AnyArray:
-        flight = self._flight
-        assert flight is not None, "begin() comes before the first step"
-        low, high = flight.action.low, flight.action.high
-        streams = Streams(self._seed, flight.slots, np.zeros_like(flight.slots))
-        draws = streams.uniform("policy", count=flight.action.size, index=self._step)
-        self._step += 1
-        return np.asarray(low + draws * (high - low))
-
-
-def zero_thrust() -> Policy:
-    """Return the policy that never thrusts: the action 0 (no thrust unless a controller's limits are lopsided)."""
-    return _ZeroThrust()
-
-
-def random_policy(seed: int = 0) -> Policy:
-    """Return the policy that draws every action uniformly within its bounds.
-
-    A draw is a pure function of (seed, slot, step), so an episode does not depend on the batch in which it is flown.
-    """
-    return _Random(seed)
-
-
-#: The baselines by name: functions of a seed that return a policy.
-BASELINES: Mapping[str, Callable[[int], Policy]] = MappingProxyType(
-    {"random": random_policy, "zero-thrust": lambda seed: zero_thrust()}
-)
-
-
-def baseline(name: str, seed: int = 0) -> Policy:
-    """Return a baseline by its name.
+def baseline(name: str) -> ScriptedPolicy:
+    """Return a baseline, or any scripted policy with its defaults, by its name.
 
     Raises:
-        SafeInspectError: There is none of that name.
+        SafeInspectError: There is none of that name, or it has no defaults.
     """
-    if name not in BASELINES:
-        raise SafeInspectError(f"no baseline {name!r}; {did_you_mean(name, BASELINES)}")
-    return BASELINES[name](seed)
+    try:
+        plugin = build("policy", BASELINES.get(name, name))
+    except PydanticCustomError as error:
+        known = {*BASELINES, *(registered for registered, _ in registry.items("policy"))}
+        if name not in known and "." not in name:
+            raise SafeInspectError(f"no scripted policy {name!r}; {did_you_mean(name, known)}") from None
+        told = "; ".join(str(problem["msg"]) for problem in (error.context or {})["errors"])
+        raise SafeInspectError(f"scripted policy {name!r}: {told}") from None
+    assert isinstance(plugin, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
+    return plugin
+
+
+def with_scripted(
+    spec: EnvironmentSpec, policy: ScriptedPolicy | str, agents: Iterable[str] | None = None
+) -> EnvironmentSpec:
+    """Return the task with agents that a scripted policy flies inside the environment.
+
+    Args:
+        spec: The task.
+        policy: The plugin, or the name of a baseline or of any scripted policy.
+        agents: Names of the agents; all of them unless given.
+
+    Raises:
+        SafeInspectError: There is no such policy or agent, or the policy names something that the task lacks.
+    """
+    plugin = baseline(policy) if isinstance(policy, str) else policy
+    names = [agent.name for agent in spec.agents]
+    chosen = names if agents is None else list(agents)
+    for name in chosen:
+        if name not in names:
+            raise SafeInspectError(f"no agent is named {name!r}; {did_you_mean(name, names)}")
+    known = {
+        "entity": {*spec.platforms, *spec.reset.entities},
+        "platform": set(spec.platforms),
+        "points": set(getattr(spec.simulator, "inspection_points_map", ())),
+    }
+    for field, kind in plugin.references().items():
+        value = getattr(plugin, field)
+        if value is not None and value not in known.get(kind, {value}):
+            raise SafeInspectError(
+                f"the `{field}` of {plugin.registered_name}: no {kind} is named {value!r}; "
+                f"{did_you_mean(value, known[kind])}"
+            )
+    flown = tuple(replace(agent, pilot=plugin) if agent.name in chosen else agent for agent in spec.agents)
+    return replace(spec, agents=flown)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.core import BatchedEnvironment
+from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.types import AnyArray, IntArray
 
@@ -21,7 +21,7 @@ class Recorder:
         first_slot: Global index of the environment slot of the first row.
     """
 
-    def __init__(self, environment: BatchedEnvironment, rows: int, first_slot: int) -> None:
+    def __init__(self, environment: TeamEnvironment, rows: int, first_slot: int) -> None:
         self._environment = environment
         self._rows = rows
         self._slot = first_slot
@@ -30,6 +30,7 @@ class Recorder:
         points = environment.simulation.world.points
         self._points = points[self._body].points if self._body is not None else np.zeros((0, 3))
         self._inspected_at = np.full((rows, len(self._points)), np.inf)
+        self._inspector = np.full((rows, len(self._points)), -1, dtype=np.int64)
         self.keep()
 
     def keep(self) -> None:
@@ -42,10 +43,11 @@ class Recorder:
             array = getattr(state, name)[: self._rows]
             kept.append((array[:, :deputies] if array.ndim > 1 else array).copy())
         if self._body is not None:
-            inspected = state.points[self._body].inspector[: self._rows] >= 0
-            now = np.broadcast_to(state.time[: self._rows, None], inspected.shape)
-            fresh = inspected & np.isinf(self._inspected_at)
+            inspector = state.points[self._body].inspector[: self._rows]
+            now = np.broadcast_to(state.time[: self._rows, None], inspector.shape)
+            fresh = (inspector >= 0) & np.isinf(self._inspected_at)
             self._inspected_at[fresh] = now[fresh]
+            self._inspector[fresh] = inspector[fresh]
 
     def trajectories(self, length: IntArray, status: AnyArray) -> list[Trajectory]:
         """Return the recorded episodes, each cut at its own number of steps."""
@@ -55,12 +57,13 @@ class Recorder:
         made = []
         for row in range(self._rows):
             states = {name: array[row, : length[row] + 1] for name, array in whole.items()}
-            when = self._inspected_at[row]
+            seen = self._inspected_at[row] <= states["time"][-1]  # not what it coasted past
             made.append(
                 Trajectory(
                     **(states | {"control": states["control"][1:]}),  # the thrust held over the step that led there
                     points=self._points,
-                    inspected_at=np.where(when <= states["time"][-1], when, np.inf),  # not what it coasted past
+                    inspected_at=np.where(seen, self._inspected_at[row], np.inf),
+                    inspector=np.where(seen, self._inspector[row], -1),
                     status=DoneStatus(int(status[row])),
                     slot=self._slot + row,
                     deputies=self._environment.simulation.world.platforms,

@@ -1,14 +1,13 @@
-"""What a rollout returns: a row of figures for each episode, and the trajectories of some of them."""
+"""`Trajectory`: one recorded episode."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.types import AnyArray, FloatArray, IntArray
+from safe_inspect.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +23,7 @@ class Trajectory:
         sun_angle: Angle of the sun [rad], shape (T + 1,); the sun stands at [cos, -sin, 0] of it.
         points: Position of the inspection points about the chief's centre [m], shape (P, 3).
         inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
+        inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
         status: How the episode ended.
         slot: Global index of the environment slot.
         deputies: Name of each deputy.
@@ -37,6 +37,7 @@ class Trajectory:
     sun_angle: FloatArray
     points: FloatArray
     inspected_at: FloatArray
+    inspector: IntArray
     status: DoneStatus
     slot: int
     deputies: tuple[str, ...]
@@ -52,6 +53,11 @@ class Trajectory:
         when = np.sort(self.inspected_at)
         return np.searchsorted(when, self.time, side="right") / len(when)
 
+    def coverage_of(self, deputy: int) -> FloatArray:
+        """Fraction of the points that a deputy, by its index, was the first to inspect so far [-], shape (T + 1,)."""
+        when = np.sort(np.where(self.inspector == deputy, self.inspected_at, np.inf))
+        return np.searchsorted(when, self.time, side="right") / len(when)
+
     def until(self, time: float) -> Trajectory:
         """Return the episode up to a time since its reset [s]; it runs on when it is cut before its end."""
         last = max(int(np.searchsorted(self.time, time, side="right")), 1)
@@ -59,43 +65,17 @@ class Trajectory:
             return self
         rows = {name: getattr(self, name)[:last] for name in ("time", "position", "velocity", "delta_v", "sun_angle")}
         seen = np.where(self.inspected_at <= self.time[last - 1], self.inspected_at, np.inf)
-        return replace(self, **rows, control=self.control[: last - 1], inspected_at=seen, status=DoneStatus.RUNNING)
+        return replace(
+            self,
+            **rows,
+            control=self.control[: last - 1],
+            inspected_at=seen,
+            inspector=np.where(np.isfinite(seen), self.inspector, -1),
+            status=DoneStatus.RUNNING,
+        )
 
     @property
     def sun_direction(self) -> FloatArray:
         """Unit vector from the chief to the sun, Hill frame, shape (T + 1, 3)."""
         angle = self.sun_angle
         return np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class Episodes:
-    """E episodes; row k is the first episode of environment slot k.
-
-    Attributes:
-        seed: Seed of the run.
-        returns: Sum of the rewards [-], shape (E,).
-        terms: Sum of each reward term [-] by its name, each of shape (E,).
-        length: Number of steps, shape (E,).
-        status: `DoneStatus` at the end, int8, shape (E,).
-        inspected_fraction: Fraction of the points inspected at the end [-], shape (E,).
-        delta_v: Velocity change spent [m/s], shape (E,).
-        trajectories: The recorded episodes, the first ones, in order.
-    """
-
-    seed: int
-    returns: FloatArray
-    terms: Mapping[str, FloatArray]
-    length: IntArray
-    status: AnyArray
-    inspected_fraction: FloatArray
-    delta_v: FloatArray
-    trajectories: tuple[Trajectory, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.returns)
-
-    @property
-    def success(self) -> AnyArray:
-        """Episodes that were won, shape (E,)."""
-        return np.asarray(self.status == DoneStatus.WIN)

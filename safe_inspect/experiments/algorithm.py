@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.experiments.environment import ENVIRONMENT
+from safe_inspect.experiments.policies import PolicySettings
 from safe_inspect.experiments.translation import Translation
 from safe_inspect.experiments.values import GRID, is_searched
 
@@ -17,19 +18,38 @@ if TYPE_CHECKING:
 #: Attribute of `AlgorithmConfig` for a key whose name is another.
 ATTRIBUTES = {"lambda": "lambda_"}
 
-_OWN = ("algorithm", "model_config", "torch_num_threads", "evaluation_config")
+_OWN = ("algorithm", "model_config", "torch_num_threads", "env_runner", "evaluation_config")
 _UNSET = -1  # RLlib's mark of a removed attribute
 
 
-def build_config(rllib: Translation, env_config: Mapping[str, Any]) -> AlgorithmConfig:
+class PolicyOf:
+    """RLlib's function from an agent to its policy.
+
+    Args:
+        policies: The policies by name.
+    """
+
+    def __init__(self, policies: Mapping[str, PolicySettings]) -> None:
+        self._by_agent = {agent: policy.name for policy in policies.values() for agent in policy.agents}
+
+    def __call__(self, agent: str, episode: Any = None, **kwargs: Any) -> str:
+        """Return the name of the policy that flies an agent."""
+        return self._by_agent[agent]
+
+
+def build_config(
+    rllib: Translation, env_config: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
+) -> AlgorithmConfig:
     """Return the configuration of the algorithm, ready for Tune.
 
     Args:
         rllib: The settings, from `translate_rllib`, without problems.
         env_config: What the environments are built from; see `environment_settings`.
+        policies: The policies by name where there are several agents.
 
     Raises:
         ConfigError: A key that the algorithm does not have, or values that it refuses together.
+        CheckpointError: A policy's checkpoint that cannot be read.
     """
     from safe_inspect.experiments.callbacks import RunCallbacks
 
@@ -37,11 +57,15 @@ def build_config(rllib: Translation, env_config: Mapping[str, Any]) -> Algorithm
     config = default_config(settings["algorithm"])
     _check_names(config, rllib)
     _apply(config, settings)
-    config.environment(ENVIRONMENT, env_config=dict(env_config))
-    config.gym_env_vectorize_mode = "vector_entry_point"
+    config.environment(ENVIRONMENT, env_config={**env_config, "several": bool(policies)}, disable_env_checking=True)
+    config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
     config.callbacks(callbacks_class=RunCallbacks)
-    _set_policies(config, settings["model_config"])
+    _set_policies(config, settings["model_config"], policies or {})
+    if settings["env_runner"] == "batched":
+        from safe_inspect.experiments.env_runners import BatchedEnvRunner, BatchedTeamRunner
+
+        config.env_runners(env_runner_cls=BatchedTeamRunner if policies else BatchedEnvRunner)
     evaluation = settings.get("evaluation_config")
     if evaluation is not None:
         config.evaluation(evaluation_config={ATTRIBUTES.get(key, key): item for key, item in evaluation.items()})
@@ -120,8 +144,32 @@ def _apply(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
             setattr(config, attribute, value)
 
 
-def _set_policies(config: AlgorithmConfig, model: Mapping[str, Any]) -> None:
-    """Give the one agent its policy; several agents will get theirs here."""
+def _set_policies(config: AlgorithmConfig, model: Mapping[str, Any], policies: Mapping[str, PolicySettings]) -> None:
+    """Tell RLlib which policies there are, which agents they fly and what each has of its own."""
     from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
+    from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
+    from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
     config.rl_module(model_config=DefaultModelConfig(**model))
+    if not policies:
+        return
+    specs = {}
+    for name, policy in policies.items():
+        if policy.trains:
+            own = DefaultModelConfig(**{**model, **policy.settings.get("model_config", {})})
+            specs[name] = RLModuleSpec(model_config=own)
+        else:
+            from safe_inspect.experiments.frozen import frozen_spec
+
+            specs[name] = frozen_spec(policy)
+    config.rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=specs))
+    overrides = {
+        name: {ATTRIBUTES.get(key, key): value for key, value in policy.settings.items() if key != "model_config"}
+        for name, policy in policies.items()
+    }
+    config.multi_agent(
+        policies=set(policies),
+        policy_mapping_fn=cast(Any, PolicyOf(policies)),
+        policies_to_train=[name for name, policy in policies.items() if policy.trains],
+        algorithm_config_overrides_per_module={name: own for name, own in overrides.items() if own},
+    )

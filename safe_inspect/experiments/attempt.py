@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from ray import tune
 
-from safe_inspect.errors import CheckpointError
+from safe_inspect.errors import CheckpointError, ConfigError
 from safe_inspect.experiments import cluster, environment, run_folder
 from safe_inspect.experiments.algorithm import build_config, claimed_processors, environment_settings
 from safe_inspect.experiments.checkpoints import Checkpoint
+from safe_inspect.experiments.frozen import check_frozen
+from safe_inspect.experiments.policies import check_layouts
 from safe_inspect.experiments.run_folder import RunFolder
 from safe_inspect.experiments.tune_hooks import Monitor, RunCallback, RunStopper, monitored, read_failure, trial_name
 
@@ -21,14 +23,24 @@ if TYPE_CHECKING:
     from safe_inspect.experiments.train import Settings, TrainingRun
 
 
-def check(settings: Settings) -> None:
+def check(run: TrainingRun, settings: Settings) -> None:
     """Check what only the loaded RLlib knows: the keys of another algorithm than PPO, and values together.
+
+    With several agents also that their policies fit them.
 
     Raises:
         ConfigError: Something that RLlib does not take.
+        CheckpointError: A policy's checkpoint that cannot be read or does not fit.
     """
     _quiet()
-    config = build_config(settings.rllib, environment_settings({}, settings.rllib.settings))
+    environments = environment_settings(run.experiment, settings.rllib.settings, maker=run.maker)
+    if settings.policies:
+        groups = environment.build_team(environments, 1, 0, False).groups
+        problems = check_layouts(settings.policies, groups)
+        if problems:
+            raise ConfigError(problems)
+        check_frozen(settings.policies, groups)
+    config = build_config(settings.rllib, environments, settings.policies)
     processors = settings.ray.settings.get("num_cpus")
     if processors:
         cluster.check_size(claimed_processors(config, settings.rllib.settings), processors)
@@ -77,7 +89,8 @@ def _config(
             "iteration": start.iteration,
             "seconds": start.seconds,
         }
-    config = build_config(settings.rllib, environment_settings(run.experiment, settings.rllib.settings, **more))
+    environments = environment_settings(run.experiment, settings.rllib.settings, **more)
+    config = build_config(settings.rllib, environments, settings.policies)
     if number and isinstance(config.seed, int):
         config.seed += 10_000 * number  # the noise of the actions is not to repeat either
     return config

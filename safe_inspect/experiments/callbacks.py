@@ -12,7 +12,7 @@ from safe_inspect.experiments.episode_sums import Report
 from safe_inspect.experiments.training_env import TrainingEnv
 
 #: Values of an episode that RLlib logs by itself, under other names.
-LOGGED_BY_RLLIB = frozenset({"return", "length"})
+LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})
 
 
 class RunCallbacks(RLlibCallback):
@@ -50,10 +50,8 @@ class RunCallbacks(RLlibCallback):
         **kwargs: Any,
     ) -> None:
         """Log what a stock runner's environment says about the episode that ends."""
-        if isinstance(env, TrainingEnv):
-            report = env.report(env_index)
-        else:
-            report = env.envs[env_index].unwrapped.report()
+        one = isinstance(env, TrainingEnv)
+        report = env.report(env_index) if one else env.envs[env_index].unwrapped.report()
         if report is not None and metrics_logger is not None:
             log_reports(metrics_logger, env_runner.config, [report])
 
@@ -75,7 +73,7 @@ def log_reports(logger: Any, config: Any, reports: list[Report]) -> None:
 
 def window_of(config: Any) -> int:
     """Return over how many episodes a runner's means go: it keeps its part of the window, as RLlib's own do."""
-    return max(1, math.ceil(config.metrics_num_episodes_for_smoothing / (config.num_env_runners or 1)))
+    return int(max(1, math.ceil(config.metrics_num_episodes_for_smoothing / (config.num_env_runners or 1))))
 
 
 def set_threads(config: Any) -> None:

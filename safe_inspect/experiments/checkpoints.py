@@ -14,9 +14,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.errors import CheckpointError
+from safe_inspect.errors import CheckpointError, did_you_mean
 
 SEAL = "safe_inspect.json"
+
+_MODULES = Path("learner_group", "learner", "rl_module")
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,29 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
         if found[name] != expected[name]:
             raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is not what was saved")
     return checkpoint
+
+
+def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual: str = "") -> Path:
+    """Return the folder of a policy in a checkpoint.
+
+    Args:
+        path: The checkpoint.
+        policy: Name of the policy; where it is missing, the only one, or the one with the usual name.
+        usual: See `policy`.
+
+    Raises:
+        CheckpointError: The checkpoint is missing, incomplete or damaged, or has no such policy.
+    """
+    folder = read_checkpoint(path).path.absolute() / _MODULES
+    names = sorted(item.name for item in folder.iterdir() if item.is_dir()) if folder.is_dir() else []
+    if policy is None:
+        if len(names) != 1 and usual not in names:
+            known = ", ".join(names) or "none"
+            raise CheckpointError(f"{path}: the checkpoint has the policies {known}; name one of them with `policy`")
+        policy = names[0] if len(names) == 1 else usual
+    if policy not in names:
+        raise CheckpointError(f"{path}: the checkpoint has no policy {policy!r}; {did_you_mean(policy, names)}")
+    return folder / policy
 
 
 def find_newest(folder: Path, digest: str = "") -> Found:

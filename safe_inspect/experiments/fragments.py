@@ -55,9 +55,9 @@ def multi_agent_episodes(
         weights: Number of the weights that flew it.
         mapping: RLlib's function from agent to policy.
     """
-    observation_space = {agent: pair[0] for agent, pair in spaces.items()}
-    action_space = {agent: pair[1] for agent, pair in spaces.items()}
-    modules = {seat.agent: seat.policy for seat in seats}
+    observation_space: Any = {agent: pair[0] for agent, pair in spaces.items()}
+    action_space: Any = {agent: pair[1] for agent, pair in spaces.items()}
+    modules: dict[Any, str] = {seat.agent: seat.policy for seat in seats}
     episodes = []
     for piece, name in zip(rollout.pieces, names, strict=True):
         whole = MultiAgentEpisode(
@@ -86,12 +86,10 @@ def multi_agent_episodes(
                     multi_agent_episode_id=name,
                 )
                 whole.agent_episodes[seat.agent] = part
-                whole.env_t_to_agent_t[seat.agent].extend(
-                    range(piece.begun, piece.begun + span.length + 1)
-                )
+                whole.env_t_to_agent_t[seat.agent].extend(range(piece.begun, piece.begun + span.length + 1))
         if piece.over:
-            whole.is_terminated = any(span.terminated for span in piece.spans)
-            whole.is_truncated = not whole.is_terminated
+            whole.is_truncated = any(span.truncated for span in piece.spans)
+            whole.is_terminated = not whole.is_truncated
         if whole.agent_episodes:
             episodes.append(whole)
     return episodes
@@ -108,7 +106,9 @@ def _episode(
     track, member = rollout.tracks[seat.group], seat.member
     stop = piece.start + span.length
     part = (member, piece.env, slice(piece.start, stop))
-    observations: AnyArray = track.observations[member, piece.env, piece.start : stop + 1]
+    observations: Any = track.observations[member, piece.env, piece.start : stop + 1]
+    actions: Any = track.actions[part]
+    rewards: Any = track.rewards[part]
     if piece.over and stop == piece.stop:  # behind the end stands the first observation of the next episode
         observations = np.concatenate((observations[:-1], piece.finals[seat.group][None, member]))
     outputs: dict[str, AnyArray] = {WEIGHTS_SEQ_NO: np.full(span.length, weights)}
@@ -120,9 +120,9 @@ def _episode(
         observations=observations,
         observation_space=spaces[0],
         infos=[{}] * (span.length + 1),
-        actions=track.actions[part],
+        actions=actions,
         action_space=spaces[1],
-        rewards=track.rewards[part],
+        rewards=rewards,
         terminated=span.terminated,
         truncated=span.truncated,
         extra_model_outputs=outputs,

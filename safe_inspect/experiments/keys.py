@@ -152,7 +152,23 @@ OWN_KEYS: dict[str, Key] = {
     "algorithm": _TEXT,
     "model_config": _MAPPING,
     "torch_num_threads": _POSITIVE,
+    "env_runner": Key("text", choices=("batched", "stock")),
 }
+
+#: What policies that learn together may have of their own.
+POLICY_KEYS = (
+    "lr",
+    "grad_clip",
+    "grad_clip_by",
+    "clip_param",
+    "vf_clip_param",
+    "vf_loss_coeff",
+    "entropy_coeff",
+    "use_kl_loss",
+    "kl_coeff",
+    "kl_target",
+    "model_config",
+)
 
 _ACTIVATION = Key("text", choices=("tanh", "relu", "swish", "silu", "linear"), optional=True)
 
@@ -196,6 +212,7 @@ COMMON_DEFAULTS: dict[str, Any] = {
     "log_sys_usage": False,
     "seed": 0,
     "torch_num_threads": 1,  # more threads collapse on a busy machine
+    "env_runner": "batched",
 }
 
 PPO_DEFAULTS: dict[str, Any] = {
@@ -221,5 +238,5 @@ PLACE_KEYS = frozenset(
     for name in (*COMMON_KEYS, *OWN_KEYS)
     if name.startswith(("num_cpus", "num_gpus", "custom_resources", "log_", "torch_compile", "env_runner_"))
     or name.endswith(("_timeout_s", "_restarts_s", "_restarts", "_tolerance"))
-    or name in ("torch_num_threads", "placement_strategy", "local_gpu_idx", "num_env_runners")
+    or name in ("env_runner", "torch_num_threads", "placement_strategy", "local_gpu_idx", "num_env_runners")
 )

@@ -1,8 +1,8 @@
-"""`TeamMultiAgentEnv`: one environment with several agents as RLlib's `MultiAgentEnv`. A façade; it holds no formula."""
+"""`TeamMultiAgentEnv`: an environment with several agents as RLlib's `MultiAgentEnv`. A façade without a formula."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,10 @@ from safe_inspect.experiments.episode_sums import EpisodeSums, Report
 from safe_inspect.experiments.sampler import Seat, seats_of
 from safe_inspect.types import AnyArray
 
-ByAgent = dict[str, Any]
+ByAgent = dict[Any, Any]
 
 
-class TeamMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]
+class TeamMultiAgentEnv(MultiAgentEnv):
     """One environment; its agents that act from outside observe and act in every step until they end.
 
     An agent that has ended appears no more until the next reset, while the others go on. Use it with RLlib like this:
@@ -41,7 +41,7 @@ class TeamMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]
         acting = self.team.acting
         self.observation_spaces = {seat.agent: box(acting[seat.group].observation_layout) for seat in self._seats}
         self.action_spaces = {seat.agent: box(acting[seat.group].action_layout) for seat in self._seats}
-        super().__init__()
+        super().__init__()  # type: ignore[no-untyped-call]
 
     def place(self, worker_index: int, num_envs: int, index: int, evaluation: bool) -> None:
         """Take a slot of a runner; call it before the first reset.
@@ -77,7 +77,9 @@ class TeamMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]
         self._sums.restart(np.arange(1))
         return self._told(observations, self.agents), {agent: {} for agent in self.agents}
 
-    def step(self, action_dict: Mapping[str, AnyArray]) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, ByAgent]:
+    def step(  # type: ignore[override]  # Gymnasium's signature is that of one agent
+        self, action_dict: Mapping[Any, AnyArray]
+    ) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, ByAgent]:
         """Take a step with the actions of the agents that have not ended; they are clipped to their bounds."""
         actions = [np.zeros((1, group.size, group.action_layout.size)) for group in self.team.acting]
         for seat in self._seats:
@@ -89,7 +91,10 @@ class TeamMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]
         found = [transition.groups[index] for index in self._groups]
         flying = [seat for seat in self._seats if seat.agent in self.agents]
         observations = self._told([group.observation for group in found], self.agents)
-        rewards, terminated, truncated, infos = {}, {}, {}, {}
+        rewards: ByAgent = {}
+        terminated: ByAgent = {}
+        truncated: ByAgent = {}
+        infos: ByAgent = {}
         for seat in flying:
             agent, group, member = seat.agent, found[seat.group], seat.member
             rewards[agent] = float(group.reward[0, member])
@@ -98,7 +103,11 @@ class TeamMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]
             infos[agent] = {f"reward/{name}": float(value[0, member]) for name, value in group.terms.items()}
         over = bool(transition.over[0])
         self._report = self._sums.reports([0], transition)[0] if over else None
-        cut = over and all(truncated.values())
+        cut = over and any(truncated.values())
+        if cut:
+            # RLlib takes an episode for terminated, and bootstraps no value, once each agent is named as done. So those
+            # that are truncated with the whole episode are named under `__all__` alone.
+            truncated = {agent: False for agent in truncated if not truncated[agent]}
         terminated["__all__"], truncated["__all__"] = over and not cut, cut
         if not over:
             self.agents = [agent for agent in self.agents if not (terminated[agent] or truncated[agent])]
@@ -108,7 +117,7 @@ class TeamMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]
         """Return what the episode came to, once it has ended."""
         return self._report
 
-    def _told(self, observations: Any, agents: list[str]) -> ByAgent:
+    def _told(self, observations: Any, agents: Sequence[Any]) -> ByAgent:
         return {
             seat.agent: observations[seat.group][0, seat.member].copy() for seat in self._seats if seat.agent in agents
         }

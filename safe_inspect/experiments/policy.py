@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,10 +12,8 @@ from numpy.typing import NDArray
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.rl_module import RLModule
 
-from safe_inspect.experiments.checkpoints import read_checkpoint
+from safe_inspect.experiments.checkpoints import policy_folder
 from safe_inspect.types import FloatArray
-
-_MODULE = Path("learner_group", "learner", "rl_module", "default_policy")
 
 
 class TrainedPolicy:
@@ -37,28 +34,37 @@ class TrainedPolicy:
         return np.asarray(mean.numpy(), dtype=np.float64)
 
 
-def load_policy(checkpoint: str | os.PathLike[str]) -> TrainedPolicy:
-    """Return the policy of a checkpoint.
+def load_policy(checkpoint: str | os.PathLike[str], policy: str | None = None) -> TrainedPolicy:
+    """Return a policy of a checkpoint.
+
+    Args:
+        checkpoint: The checkpoint's folder.
+        policy: Name of the policy, where the checkpoint holds several.
 
     Raises:
-        CheckpointError: The checkpoint is missing or damaged.
+        CheckpointError: The checkpoint is missing or damaged, or has no such policy.
     """
-    return TrainedPolicy(_load(checkpoint))
+    return TrainedPolicy(_load(checkpoint, policy))
 
 
-def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0) -> TrainedPolicy:
+def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0, policy: str | None = None) -> TrainedPolicy:
     """Return a policy of the same make as a checkpoint's, with fresh random weights.
 
+    Args:
+        checkpoint: The checkpoint's folder.
+        seed: Seed of the weights.
+        policy: Name of the policy, where the checkpoint holds several.
+
     Raises:
-        CheckpointError: The checkpoint is missing or damaged.
+        CheckpointError: The checkpoint is missing or damaged, or has no such policy.
     """
-    module = _load(checkpoint)
+    module = _load(checkpoint, policy)
     arguments, keywords = module.get_ctor_args_and_kwargs()
     torch.manual_seed(seed)
     return TrainedPolicy(type(module)(*arguments, **keywords))
 
 
-def _load(checkpoint: str | os.PathLike[str]) -> Any:
-    folder = read_checkpoint(checkpoint).path
+def _load(checkpoint: str | os.PathLike[str], policy: str | None) -> Any:
+    folder = policy_folder(checkpoint, policy)
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
-    return RLModule.from_checkpoint(str(folder / _MODULE))
+    return RLModule.from_checkpoint(str(folder))

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
-from ray.rllib.models.torch.torch_distributions import TorchDiagGaussian
+from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussian
 
 from safe_inspect.types import AnyArray
 
@@ -48,10 +48,7 @@ class PolicyNet:
             step: Steps that the whole training has sampled, for modules that anneal their exploration.
         """
         with torch.no_grad():
-            if self._remote is None:
-                batch = self._batch
-            else:
-                batch = self._remote.copy_(self._batch)
+            batch = self._batch if self._remote is None else self._remote.copy_(self._batch)
             found = self._ask(batch, explore, step) if self._plain is None else self._plain(batch)
         return np.asarray(found[: self._rows].cpu().numpy())
 
@@ -69,7 +66,9 @@ class PolicyNet:
         module = self._module
         ours = DefaultPPOTorchRLModule
         names = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
-        if not isinstance(module, ours) or any(getattr(type(module), name) is not getattr(ours, name) for name in names):
+        if not isinstance(module, ours) or any(
+            getattr(type(module), name) is not getattr(ours, name) for name in names
+        ):
             return None
         try:
             encoder = module.encoder

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TextIO
 
 #: Column of progress.csv, and where RLlib reports it.
@@ -31,8 +31,11 @@ COLUMNS: dict[str, str] = {
 
 _REWARD = "env_runners/reward/"
 _INTERVENTIONS = "env_runners/interventions"
-_LEARNERS = "learners/default_policy/"
+_AGENTS = "env_runners/agents/"
+_LEARNERS = "learners/"
+_SINGLE = "default_policy"
 _LEARNER_VALUES = ("policy_loss", "vf_loss", "entropy", "mean_kl_loss", "vf_explained_var")
+_SHOWN = 5  # agents that have a place in the line of an iteration
 _ENDLESS = 1e15  # the peer's way to say "no limit" is 9e18
 
 
@@ -62,10 +65,19 @@ def row_of(flat: Mapping[str, float]) -> dict[str, float]:
             row[f"reward/{key.removeprefix(_REWARD)}"] = flat[key]
     if _INTERVENTIONS in flat:  # a safety filter is enabled
         row["interventions"] = flat[_INTERVENTIONS]
-    for name in _LEARNER_VALUES:
-        if _LEARNERS + name in flat:
-            row[name] = flat[_LEARNERS + name]
+    for key in sorted(flat):
+        if key.startswith(_AGENTS):
+            row[f"agents/{key.removeprefix(_AGENTS)}"] = flat[key]
+        elif key.startswith(_LEARNERS):
+            policy, _, name = key.removeprefix(_LEARNERS).partition("/")
+            if name in _LEARNER_VALUES:
+                row[name if policy == _SINGLE else f"policies/{policy}/{name}"] = flat[key]
     return row
+
+
+def agents_of(flat: Mapping[str, float]) -> list[str]:
+    """Return the names of the agents whose values are reported one by one."""
+    return sorted({key.removeprefix(_AGENTS).partition("/")[0] for key in flat if key.startswith(_AGENTS)})
 
 
 def time_left(stop: Mapping[str, float], now: Mapping[str, float], rates: Mapping[str, float]) -> float:
@@ -134,7 +146,8 @@ class Progress:
         """Return the line of an iteration."""
         limit = self._stop.get("training_iteration", math.inf)
         total = f"/{limit:.0f}" if limit < _ENDLESS else ""
-        return self._label + "  ".join(
+        agents = agents_of(flat)
+        line = self._label + "  ".join(
             (
                 f"iteration {flat.get('training_iteration', 0):>4.0f}{total}",
                 f"steps {flat.get('num_env_steps_sampled_lifetime', 0):>10,.0f}",
@@ -146,6 +159,7 @@ class Progress:
                 f"left {clock(self._left(flat))}",
             )
         )
+        return f"{line}\n{_of_agents(flat, agents)}" if agents else line
 
     def bar(self, flat: Mapping[str, float], width: int = 40) -> str:
         """Return the bar: the share of the way to the nearest limit."""
@@ -185,3 +199,20 @@ def _number(flat: Mapping[str, float], name: str, form: str) -> str:
 def _percent(flat: Mapping[str, float], name: str) -> str:
     value = flat.get(f"env_runners/{name}", math.nan)
     return f"{100 * value:3.0f} %" if math.isfinite(value) else "  - %"
+
+
+def _of_agents(flat: Mapping[str, float], agents: Sequence[str]) -> str:
+    """Return the return of each agent and what it inspected; of many the range only."""
+
+    def values(name: str) -> list[float]:
+        return [flat.get(f"{_AGENTS}{agent}/{name}", math.nan) for agent in agents]
+
+    returns, counts = values("return"), values("inspected_count")
+    if len(agents) > _SHOWN:
+        spread = f"return {min(returns):.3f} to {max(returns):.3f}, points {min(counts):.0f} to {max(counts):.0f}"
+        return f"    {len(agents)} agents: {spread}"
+    each = (
+        f"{agent} {value:.3f}" + (f", {count:.0f} points" if math.isfinite(count) else "")
+        for agent, value, count in zip(agents, returns, counts, strict=True)
+    )
+    return "    " + "   ".join(each)

@@ -20,13 +20,14 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.keys import PLACE_KEYS
+from safe_inspect.experiments.policies import PolicySettings
 from safe_inspect.version import __version__
 
 _MISSING = "nothing"
@@ -168,14 +169,18 @@ def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str =
     return len(record["attempts"]) - 1
 
 
-def learning_configuration(experiment: Mapping[str, Any], rllib: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what decides the result of a training: the experiment and the settings of the algorithm.
+def learning_configuration(
+    experiment: Mapping[str, Any], rllib: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
+) -> dict[str, Any]:
+    """Return what decides the result of a training: the experiment, the settings of the algorithm and the policies.
 
     What only says where, how fast and how long the run computes is left out: a resumed run may change it.
     The experiment's own `rllib_configs` are left out too, as `rllib` holds them translated.
     """
     settings = {key: value for key, value in rllib.items() if key not in PLACE_KEYS}
     learning = {"experiment": _without(experiment, _APART), "rllib_configs": settings}
+    if policies:
+        learning["policies"] = {name: asdict(policy) for name, policy in policies.items()}
     plain: dict[str, Any] = json.loads(json.dumps(learning, default=str))
     return plain
 
@@ -195,6 +200,12 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
     record = read_record(folder)
     if record["digest"] == digest(configuration):
         return
+    theirs, ours = (_flown(item) for item in (record["configuration"], configuration))
+    if theirs != ours:
+        raise CheckpointError(
+            f"{folder.path}: the run's checkpoints have the policies {theirs}; this experiment has {ours}\n"
+            "resume it without --cfg and overrides, or start a new run"
+        )
     found = [
         f"  {path}: {_short(old)} in the run, {_short(new)} now"
         for path, old, new in differences(record["configuration"], configuration)
@@ -204,6 +215,14 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
         f"{folder.path}: the run has another configuration, so it cannot be resumed with this one:\n{shown}\n"
         "resume it without --cfg and overrides, or start a new run"
     )
+
+
+def _flown(configuration: Mapping[str, Any]) -> str:
+    """Name the policies of a configuration and their agents."""
+    policies = configuration.get("policies") or {}
+    if not policies:
+        return "default_policy (one agent)"
+    return ", ".join(f"{name} ({', '.join(policy['agents'])})" for name, policy in policies.items())
 
 
 def differences(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:

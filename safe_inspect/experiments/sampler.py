@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 
@@ -35,15 +36,15 @@ class Seat:
     deputy: int
 
 
-def seats_of(environment: TeamEnvironment, policy: str | None = None) -> tuple[Seat, ...]:
+def seats_of(environment: TeamEnvironment, policy_of: Callable[[str], str] | None = None) -> tuple[Seat, ...]:
     """Return the agents that act from outside, in order.
 
     Args:
         environment: The environments.
-        policy: Name of the policy of every agent; the agents' own unless given.
+        policy_of: Function from an agent to its policy; the environments' own unless given.
     """
     return tuple(
-        Seat(agent, policy or group.policies[member], index, member, group.first + member)
+        Seat(agent, policy_of(agent) if policy_of else group.policies[member], index, member, group.first + member)
         for index, group in enumerate(environment.acting)
         for member, agent in enumerate(group.agents)
     )
@@ -88,6 +89,7 @@ class Sampler:
         self._sums = EpisodeSums(environment)
         self._step: IntArray = np.zeros(count, dtype=np.int64)
         self._flying: BoolArray = np.ones((len(seats), count), dtype=np.bool_)
+        self._since = [perf_counter()] * count
         self._observations: list[AnyArray] = []
         #: What the episodes that have ended came to, until someone takes it.
         self.reports: list[Report] = []
@@ -99,6 +101,7 @@ class Sampler:
         self._sums.restart(rows)
         self._step[:] = 0
         self._flying[:] = True
+        self._since = [perf_counter()] * len(rows)
 
     def roll(self, steps: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Rollout:
         """Take a number of steps in every environment.
@@ -206,7 +209,11 @@ class Sampler:
             for row in rows.tolist()
             if rollout.finish(row, time + 1, int(episodes[row]), [found[row].copy() for found in self._observations])
         ]
-        self.reports += self._sums.reports(kept, transition)
+        now = perf_counter()
+        for row, report in zip(kept, self._sums.reports(kept, transition), strict=True):
+            self.reports.append({**report, "seconds": now - self._since[row]})
+        for row in rows.tolist():
+            self._since[row] = now
         self._sums.restart(rows)
         self._step[rows] = 0
         self._flying[:, rows] = True

@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from safe_inspect import errors
+from safe_inspect.config.spec import Policy
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments import cluster, run_folder
 from safe_inspect.experiments.checkpoints import Checkpoint, find_newest
 from safe_inspect.experiments.environment import DEFAULT_MAKER
+from safe_inspect.experiments.policies import PolicySettings, read_policies
 from safe_inspect.experiments.run_folder import RunFolder
 from safe_inspect.experiments.translation import Translation, translate_ray, translate_rllib, translate_tune
 from safe_inspect.experiments.values import is_searched
@@ -37,6 +39,7 @@ class TrainingRun:
         resume: The folder of an earlier run that is to go on.
         command: The command line, for the record.
         maker: ``module:function`` that builds the environments, see `environment.make_environment`.
+        policies: The policies of the agents that act from outside; needed for several agents only.
     """
 
     experiment: Mapping[str, Any]
@@ -49,6 +52,7 @@ class TrainingRun:
     resume: Path | None = None
     command: Sequence[str] = ()
     maker: str = DEFAULT_MAKER
+    policies: Sequence[Policy] = ()
 
 
 @dataclass(frozen=True)
@@ -78,21 +82,33 @@ class TrainingResult:
 
 @dataclass(frozen=True)
 class Settings:
-    """The three mappings of an experiment that concern the training, translated."""
+    """The three mappings of an experiment that concern the training, translated.
+
+    Attributes:
+        rllib: Settings of the algorithm.
+        tune: Settings of Tune.
+        ray: Settings of Ray.
+        policies: The policies by name where there are several agents.
+        policy_notes: What was translated in the policies' own keys.
+        policy_problems: The mistakes in them.
+    """
 
     rllib: Translation
     tune: Translation
     ray: Translation
+    policies: Mapping[str, PolicySettings] = field(default_factory=dict)
+    policy_notes: tuple[str, ...] = ()
+    policy_problems: tuple[errors.Problem, ...] = ()
 
     @property
     def problems(self) -> tuple[errors.Problem, ...]:
         """All mistakes."""
-        return self.rllib.problems + self.tune.problems + self.ray.problems
+        return self.rllib.problems + self.policy_problems + self.tune.problems + self.ray.problems
 
     @property
     def notes(self) -> tuple[str, ...]:
         """All that was translated or dropped."""
-        return self.rllib.notes + self.tune.notes + self.ray.notes
+        return self.rllib.notes + self.policy_notes + self.tune.notes + self.ray.notes
 
     @property
     def single(self) -> bool:
@@ -101,10 +117,14 @@ class Settings:
         return self.tune.settings["num_samples"] == 1 and not searched
 
 
-def read_settings(rllib: Mapping[str, Any], tune: Mapping[str, Any], ray: Mapping[str, Any]) -> Settings:
-    """Translate and check the three mappings, without loading Ray."""
+def read_settings(
+    rllib: Mapping[str, Any], tune: Mapping[str, Any], ray: Mapping[str, Any], policies: Sequence[Policy] = ()
+) -> Settings:
+    """Translate and check the three mappings and what several policies have of their own, without loading Ray."""
     tuned = translate_tune(tune)
-    return Settings(translate_rllib(rllib, tuned.settings.get("algorithm")), tuned, translate_ray(ray))
+    translated = translate_rllib(rllib, tuned.settings.get("algorithm"))
+    found, notes, problems = read_policies(policies, translated.settings["algorithm"])
+    return Settings(translated, tuned, translate_ray(ray), found, tuple(notes), tuple(problems))
 
 
 def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
@@ -121,17 +141,17 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         SafeInspectError: A user's error in an environment or a plugin.
     """
     stream = stream or sys.stderr
-    settings = read_settings(run.rllib, run.tune, run.ray)
+    settings = read_settings(run.rllib, run.tune, run.ray, run.policies)
     if settings.problems:
         raise ConfigError(settings.problems)
-    learning = run_folder.learning_configuration(run.experiment, settings.rllib.settings)
+    learning = run_folder.learning_configuration(run.experiment, settings.rllib.settings, settings.policies)
     if run.resume is not None:
         run_folder.check_configuration(run_folder.open_run_folder(run.resume), learning)
     started = time.monotonic()
     cluster.set_environment()
     from safe_inspect.experiments import attempt  # loads Ray and Torch
 
-    attempt.check(settings)  # names of keys that only the loaded Ray knows, before anything is written
+    attempt.check(run, settings)  # names of keys that only the loaded Ray knows, before anything is written
     with ExitStack() as stack:
         folder, start = _open(run, settings, learning, stack, stream)
         if start is not None and _is_over(start, settings.tune.settings["stop"]):

@@ -12,6 +12,7 @@ from typing import Any
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments import keys, old_keys, run_keys
 from safe_inspect.experiments.keys import Key
+from safe_inspect.experiments.runner_choice import choose_runner
 from safe_inspect.experiments.values import check_value, is_searched
 
 
@@ -70,11 +71,9 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
     if not problems:
         problems += _fit_batch(settings, found.given)
     notes = list(found.notes)
-    if settings.get("batch_mode") == "complete_episodes" and settings["num_envs_per_env_runner"] != 1:
-        notes.append(
-            "`batch_mode: complete_episodes` throws unfinished episodes away and so favours short ones; "
-            "`truncate_episodes` keeps them"
-        )
+    notes_of_runner, problems_of_runner = choose_runner(settings)
+    notes += notes_of_runner
+    problems += problems_of_runner
     return Translation(settings, tuple(notes), tuple(problems), found.unchecked, found.given)
 
 
@@ -102,6 +101,28 @@ def translate_ray(mapping: Mapping[str, Any]) -> Translation:
     """Return the arguments of `ray.init`; without an address they start a Ray of the run's own."""
     found = _translate(mapping, "ray_config", _RAY)
     return Translation({**run_keys.RAY_DEFAULTS, **found.settings}, found.notes, found.problems, (), found.given)
+
+
+def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> Translation:
+    """Return what one of several policies that learn together has of its own.
+
+    Args:
+        mapping: RLlib keys of the policy, without those that all policies have alike.
+        name: Name of the policy.
+        algorithm: Name of the algorithm.
+    """
+    path = f"policies.{name}"
+    found = _rllib(mapping, path, algorithm)
+    problems = list(found.problems)
+    for key in found.settings:
+        if key not in keys.POLICY_KEYS:
+            message = f"`{key}` concerns all policies, so {name} cannot have a value of its own"
+            hint = f"give all policies the same; each may have {', '.join(keys.POLICY_KEYS)} of its own"
+            problems.append(Problem(message, f"{path}.{key}", hint=hint))
+        elif is_searched(found.settings[key]):
+            message = "`grid_search` is possible for what all policies have alike only"
+            problems.append(Problem(message, f"{path}.{key}"))
+    return Translation(found.settings, found.notes, tuple(problems), found.unchecked, found.given)
 
 
 def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, list[Problem]]:

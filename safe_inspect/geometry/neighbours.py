@@ -22,7 +22,7 @@ def _squared_distance(position: FloatArray, env: int, one: int, other: int) -> f
     x = position[env, other, 0] - position[env, one, 0]
     y = position[env, other, 1] - position[env, one, 1]
     z = position[env, other, 2] - position[env, one, 2]
-    return x * x + y * y + z * z
+    return float(x * x + y * y + z * z)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -169,3 +169,23 @@ def scan_deputies(
                         best, most = bin, along
                 ranges[row, best] = min(ranges[row, best], math.sqrt(squared))
     return ranges
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def pair_distances(position: FloatArray, deputies: int, distance: FloatArray) -> None:
+    """Write the distance of every pair of the first bodies: 0-1, 0-2, ..., 1-2, ... [m].
+
+    Args:
+        position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
+        deputies: Number of deputies, D.
+        distance: Takes the distances [m], shape (N, D (D - 1) / 2).
+    """
+    for n in range(position.shape[0]):
+        pair = 0
+        for i in range(deputies):
+            for j in range(i + 1, deputies):
+                x = position[n, i, 0] - position[n, j, 0]
+                y = position[n, i, 1] - position[n, j, 1]
+                z = position[n, i, 2] - position[n, j, 2]
+                distance[n, pair] = math.sqrt(x * x + y * y + z * z)
+                pair += 1

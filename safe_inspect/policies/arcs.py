@@ -83,7 +83,7 @@ def coast_of_others(
         far: Largest range [m].
         lit: Points that are lit after 0, 1, ... steps, shape (J + 1, P).
         needed: Points that have to be inspected yet, shape (P,); those that the others will inspect are struck off.
-        track: Receives the positions of the others after 0, 1, ... steps [m], shape (D - 1, J + 1, 3).
+        track: Receives positions and velocities of the others after 0, 1, ... steps, shape (D - 1, J + 1, 6).
 
     Returns:
         Number of steps after which the last of those points is inspected.
@@ -96,7 +96,7 @@ def coast_of_others(
         for j in range(lit.shape[0]):
             fly(phi, gamma, j, state, coasting, after)
             x, y, z = after[0], after[1], after[2]
-            track[k, j, 0], track[k, j, 1], track[k, j, 2] = x, y, z
+            track[k, j] = after
             r2 = x * x + y * y + z * z
             inside = inside and radius * radius <= r2 <= far * far
             if j == 0 or not inside or r2 < sight * sight:

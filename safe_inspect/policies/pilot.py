@@ -16,7 +16,7 @@ _ASTRAY, _ASTRAY_SPEED = 1e-4, 1e-7
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def who_plans(
     step: IntArray,
-    deputy: IntArray,
+    turn: IntArray,
     deputies: int,
     finished: AnyArray,
     position: FloatArray,
@@ -34,7 +34,7 @@ def who_plans(
 
     Args:
         step: Steps since the reset, shape (R,).
-        deputy: Index of the deputy, shape (R,).
+        turn: Turn of the deputy among all, shape (R,).
         deputies: Number of deputies, D.
         finished: Status with which the episode has ended for the deputy, shape (R,).
         position: Position [m], shape (R, 3).
@@ -55,7 +55,7 @@ def who_plans(
                 or abs(velocity[row, axis] - expected[row, 3 + axis]) > _ASTRAY_SPEED
             ):
                 review[row] = 0
-        if step[row] % deputies != deputy[row]:
+        if step[row] % deputies != turn[row]:
             continue
         due[row] = step[row] >= review[row]
         for k in range(start.shape[1]):

@@ -13,8 +13,9 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: The price of a plan that leaves points: once, for each of them, and for each by what it lacks to be seen [m/s].
 _INCOMPLETE, _POINT, _SHORTFALL = 0.1, 0.02, 0.1
-#: The price of a limit broken in one step, and of the share by which it is [m/s].
-_BREACH, _DEPTH = 0.02, 0.1
+#: The price of a limit broken in one step [m/s]; of the square of the share by which a body is too near; and of the
+#: share, at most 1, by which the chief is too far, which can be mended later.
+_BREACH, _TOO_NEAR, _TOO_FAR = 0.02, 20.0, 0.1
 #: A burn smaller than this is none [m/s].
 NO_BURN = 1e-9
 #: A point this little above the horizon, as a share of the radius squared, is not relied upon.
@@ -34,7 +35,7 @@ class Course(NamedTuple):
         radius: Radius of their sphere [m].
         sight: Range from which on every point above the horizon is seen [m].
         needed: Points that the deputy has to inspect, shape (P,).
-        others: Positions of the other deputies after 0, 1, ... steps [m], shape (D - 1, J + 1, 3).
+        others: Positions [m] and velocities [m/s] of the other deputies after 0, 1, ... steps, shape (D - 1, J + 1, 6).
         wait: Steps for which the limits have to hold at least.
         margin: Steps for which they have to hold after the last point.
         phase: Steps since the reset, so that plans made at different times look at the same steps.
@@ -103,14 +104,24 @@ def burn_steps(delta_v: FloatArray, reach: FloatArray) -> int:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _encounters(others: FloatArray, clearance: float, j: int, x: float, y: float, z: float) -> tuple[float, int]:
-    """Return the price of being too near to other deputies after j steps [m/s], and whether it is."""
+def _encounters(others: FloatArray, clearance: float, j: int, after: FloatArray, half: float) -> tuple[float, int]:
+    """Return the price of being too near to other deputies [m/s], and whether it is.
+
+    What counts is the least distance within `half` [s] before and after j steps, as if both went straight on, so that
+    nobody slips through between two looks.
+    """
     price, broken = 0.0, 0
     for k in range(others.shape[0]):
-        dx, dy, dz = x - others[k, j, 0], y - others[k, j, 1], z - others[k, j, 2]
-        apart = dx * dx + dy * dy + dz * dz
-        if apart < clearance * clearance:
-            price += _BREACH + _DEPTH * (1.0 - math.sqrt(apart) / clearance)
+        apart, along, squared = 0.0, 0.0, 0.0
+        for axis in range(3):
+            offset, speed = after[axis] - others[k, j, axis], after[3 + axis] - others[k, j, 3 + axis]
+            apart += offset * offset
+            along += offset * speed
+            squared += speed * speed
+        reach = abs(along) if abs(along) < half * squared else half * squared
+        nearest = apart - (2.0 * abs(along) - reach) * (reach / squared) if squared > 0.0 else apart
+        if nearest < clearance * clearance:
+            price += _BREACH + _TOO_NEAR * (1.0 - math.sqrt(max(0.0, nearest)) / clearance) ** 2
             broken = 1
     return price, broken
 
@@ -122,10 +133,10 @@ def _limits(
     """Return the price of the limits of range, speed and glare that a state breaks [m/s], and whether it breaks one."""
     price, broken = 0.0, 0
     if r < near:
-        price += _BREACH + _DEPTH * (1.0 - r / near)
+        price += _BREACH + _TOO_NEAR * (1.0 - r / near) ** 2
         broken = 1
     if r > far:
-        price += _BREACH + _DEPTH * (r / far - 1.0)
+        price += _BREACH + _TOO_FAR * min(1.0, r / far - 1.0)
         broken = 1
     if speed < math.inf:
         limit = speed + slope * (r - near)
@@ -136,7 +147,7 @@ def _limits(
     if glare <= 1.0:
         away = -(after[0] * sx + after[1] * sy) / r
         if away > glare:
-            price += _BREACH + _DEPTH * (away - glare)
+            price += _BREACH + away - glare
             broken = 1
     return price, broken
 
@@ -150,6 +161,7 @@ def evaluate(
     stride: int,
     left: IntArray,
     lack: FloatArray,
+    bar: float = math.inf,
 ) -> Outcome:
     """Fly a plan and look at every `stride`-th step.
 
@@ -161,6 +173,7 @@ def evaluate(
         stride: Looks are that many steps apart. 1 is exact; more of them only miss points that are seen in between.
         left: Room for P numbers.
         lack: Room for P numbers.
+        bar: The flight breaks off as soon as the plan costs more than this [m/s]; its cost is then infinite.
     """
     count = 0
     for p in range(course.needed.shape[0]):
@@ -174,6 +187,7 @@ def evaluate(
     phi, gamma, lit, sun, reach, others = course.phi, course.gamma, course.lit, course.sun, course.reach, course.others
     near, far, speed, slope, glare = course.near, course.far, course.speed, course.slope, course.cos_glare
     sight, phase, clearance = course.sight, course.phase, course.clearance
+    half = 0.5 * stride * course.step_size
     time, burn, breaches, spent, price = 0, 0, 0, 0.0, 0.0
     end = 0 if count == 0 else horizon
     until = min(horizon, course.wait + course.margin) if count == 0 else horizon
@@ -198,11 +212,13 @@ def evaluate(
             r = math.sqrt(x * x + y * y + z * z)
             more, broken = _limits(after, r, sun[time + j, 0], sun[time + j, 1], near, far, speed, slope, glare)
             if others.shape[0] > 0:
-                further, met = _encounters(others, clearance, time + j, x, y, z)
+                further, met = _encounters(others, clearance, time + j, after, half)
                 more += further
                 broken |= met
             price += more * stride
             breaches += broken
+            if spent + price > bar:
+                return Outcome(math.inf, spent, count, horizon, breaches)
             if r < sight or count == 0:
                 continue
             bright = lit[time + j]

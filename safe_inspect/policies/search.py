@@ -15,10 +15,12 @@ Seed = NDArray[np.uint64]
 
 #: Smallest and largest change of a burn, as powers of ten [m/s].
 _SMALLEST, _LARGEST = -3.3, -0.8
+#: Largest velocity to step aside with [m/s], and the steps after which it is taken away at the latest.
+_ASIDE, _BACK_AFTER = 0.5, 40
 #: First temperature of the annealing [m/s].
 _TEMPERATURE = 0.01
 #: A search that has found no sound plan goes on for so many times its restarts.
-_PATIENCE = 4
+_PATIENCE = 2
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -100,6 +102,13 @@ def _begin(course: Course, seed: Seed, state: FloatArray, round_: int, start: In
     if round_ % 2 == 1:
         for axis in range(3):
             delta_v[0, axis] += 0.05 * (2.0 * draw(seed) - 1.0)
+    elif round_ > 0 and start.shape[0] > 1:
+        # A step aside and back: the plans so far break a limit.
+        for axis in range(3):
+            aside = _ASIDE * (2.0 * draw(seed) - 1.0)
+            delta_v[0, axis] += aside
+            delta_v[1, axis] -= aside
+        start[1] = int(_BACK_AFTER * draw(seed))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -140,6 +149,7 @@ def improve(
             _begin(course, seed, state, attempt - 1, old_start, old)
             settle(course, old_start, old)
         cost = evaluate(course, state, old_start, old, stride, left, lack).cost
+        lowest = math.inf
         for iteration in range(iterations):
             new_start[:], new[:] = old_start, old
             _vary(course, seed, new_start, new)
@@ -149,12 +159,15 @@ def improve(
             bar = cost - _TEMPERATURE * (1.0 - iteration / iterations) * math.log(draw(seed) + 1e-300)
             if np.abs(new).sum() > bar:  # the fuel alone is too much
                 continue
-            found = evaluate(course, state, new_start, new, stride, left, lack)
+            found = evaluate(course, state, new_start, new, stride, left, lack, bar)
             if found.cost > bar:
                 continue
             cost = found.cost
             old_start[:], old[:] = new_start, new
-            if cost < best.cost:
+            # Looks far apart overrate a breach that is short: a plan that only lessens one has to be looked at too.
+            sound = best.left == 0 and best.breaches == 0
+            if cost < best.cost or (cost < lowest and not sound):
+                lowest = cost
                 exact = evaluate(course, state, new_start, new, 1, left, lack)
                 if exact.cost < best.cost:
                     best = exact

@@ -1,4 +1,4 @@
-"""The safety glue of inspection by one deputy."""
+"""The safety glue of inspection by one deputy, which may keep clear of others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,13 @@ from pydantic import Field, model_validator
 from safe_inspect.glues.base import Bounds, Parts
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
-from safe_inspect.rta.filters import BackupFilter, ContinuousFilter, SimplexFilter, SimplexMemory
+from safe_inspect.rta.filters import (
+    BackupFilter,
+    ContinuousFilter,
+    DecentralisedFilter,
+    SimplexFilter,
+    SimplexMemory,
+)
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import GUARD, View
 from safe_inspect.simulators.world import World
@@ -30,7 +36,8 @@ from safe_inspect.units import (
 )
 
 CONSTRAINTS = ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel")
-
+#: Constraints between the deputy and the others.
+PAIRS = ("deputy_collision", "deputy_PSM")
 
 #: Fields that are the constraints' and the filters' parameters, by their names there.
 _PARAMETERS = (
@@ -41,6 +48,9 @@ _PARAMETERS = (
 
 class RTAGlueCWHInspection1v1(SafetyGlue):
     """Run-time assurance of one deputy that inspects a chief at the origin of Hill's frame.
+
+    With several deputies each filters its own thrust: it keeps clear of the others if `constraints` says so, assuming
+    that they coast. That does not keep two deputies apart that both thrust; `RTACWHInspectionTeam` does.
 
     Attributes:
         state_observation_names: Observations that the peer's filter reads; here the state itself is read.
@@ -56,7 +66,9 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         fov: Full angle of the camera's cone, and so of the sun's keep-out cone [rad].
         vel_limit: Largest speed along each axis [m/s].
         psm_horizon: How long a coasting deputy must stay clear of the chief [s].
-        constraints: Names of the constraints.
+        constraints: Names of the constraints. ``deputy_collision`` keeps the distance from every other deputy, and
+            ``deputy_PSM`` keeps it for `psm_horizon` of coasting; only with the method ``backup``.
+        deputy_radius: Two deputies collide when their centres are closer than twice this [m].
         method: ``backup`` keeps every constraint over the whole hold; ``continuous`` is the peer's condition on the
             derivative at the beginning of the hold, which does not; ``simplex`` switches to a backup controller.
         infeasible: What the method ``continuous`` does where no thrust meets all conditions: ``least_violating``, or
@@ -79,6 +91,7 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
     vel_limit: PositiveSpeed = 1.0
     psm_horizon: PositiveDuration = 100.0
     constraints: tuple[str, ...] = CONSTRAINTS
+    deputy_radius: PositiveLength = 5.0
     method: Literal["backup", "continuous", "simplex"] = "backup"
     infeasible: Literal["least_violating", "pass"] = "least_violating"
     delta_v_limit: PositiveSpeed | None = None
@@ -87,6 +100,14 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
     @model_validator(mode="after")
     def _check_constraints(self) -> RTAGlueCWHInspection1v1:
         assert self._constraints is not None  # wrong parameters are found now, not at the first step
+        if len(self._pairs) != len(set(self._pairs)):
+            raise ValueError(f"the constraints {list(self.constraints)} name one twice; remove it")
+        if self._pairs and self.method != "backup":
+            raise ValueError(
+                f"the method {self.method!r} does not keep {self._pairs[0]!r}; use the method 'backup', or leave it out"
+            )
+        if self._pairs and self.enabled:
+            assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
             assert self._guard is not None
         return self
@@ -97,20 +118,32 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
 
     @cached_property
     def _constraints(self) -> dict[str, Constraint]:
-        return constraint_set(self._given, self.constraints)
+        return constraint_set(self._given, self._names)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(name for name in self.constraints if name not in PAIRS)
+
+    @property
+    def _pairs(self) -> tuple[str, ...]:
+        return tuple(name for name in self.constraints if name in PAIRS)
 
     @cached_property
     def _guard(self) -> BackupFilter:
-        return BackupFilter(self._given, self.constraints)
+        return BackupFilter(self._given, self._names)
+
+    @cached_property
+    def _decentralised(self) -> DecentralisedFilter:
+        return DecentralisedFilter(self._given, self._names, self._pairs, self.deputy_radius)
 
     @cached_property
     def _continuous(self) -> ContinuousFilter:
-        return ContinuousFilter(self._given, self.constraints, self.infeasible)
+        return ContinuousFilter(self._given, self._names, self.infeasible)
 
     @cached_property
     def _simplex(self) -> SimplexFilter:
         limit = math.inf if self.delta_v_limit is None else self.delta_v_limit
-        return SimplexFilter(self._given, self.constraints, limit)
+        return SimplexFilter(self._given, self._names, limit)
 
     def names(self, parts: Parts) -> tuple[str, ...]:
         """Return the names of the wrapped glues' elements."""
@@ -155,6 +188,8 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
         if self.method == "backup":
+            if self._pairs and view.world.num_deputies > 1:
+                return Filtered(self._decentralised(state, desired, view.others_position, view.others_velocity))
             return Filtered(self._guard(state, desired))
         before = SimplexMemory(view.delta_v, view.memory(GUARD, "latched"))
         result, after = self._simplex(state, desired, before)

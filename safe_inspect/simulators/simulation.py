@@ -78,6 +78,10 @@ class Simulation:
         self._cos_half_fov = -1.0 if config.field_of_view >= math.pi else math.cos(config.field_of_view / 2.0)
         # Thrust over mass drives every body alike, so one map for unit mass serves them all.
         self._phi, self._gamma = transition(config.mean_motion, 1.0, step_size)
+        self._remembering = [
+            [(name, sensor) for name, sensor in group.sensors.items() if sensor.memory(self.world)]
+            for group in self._groups
+        ]
         self._specs = self._declare()
         self.state = State(num_envs, self._specs)
         self.before = State(num_envs, self._specs, self.state)
@@ -196,8 +200,8 @@ class Simulation:
                 points.own_count,
             )
         views = self._views(state)
-        for view in views:
-            for name, sensor in view.group.sensors.items():
+        for view, remembering in zip(views, self._remembering, strict=True):
+            for name, sensor in remembering:
                 sensor.remember(view, name)
         return views
 

@@ -5,6 +5,7 @@ Arrays have one row for each environment and an axis of deputies, in agent order
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -71,16 +72,17 @@ class TeamView:
     @cached_property
     def distance(self) -> FloatArray:
         """Distance of every pair of deputies, in the order of `pairs` [m], shape (N, D (D - 1) / 2)."""
-        first, second = self.pairs
-        apart = self.position[:, first] - self.position[:, second]
-        x, y, z = apart[..., 0], apart[..., 1], apart[..., 2]
-        return np.asarray(np.sqrt(x * x + y * y + z * z))
+        from safe_inspect.geometry.neighbours import pair_distances  # compiled: not when only validated
 
-    @cached_property
+        deputies = self.world.num_deputies
+        found = np.empty((self.num_envs, deputies * (deputies - 1) // 2))
+        pair_distances(self.state.position, deputies, found)
+        return found
+
+    @property
     def pairs(self) -> tuple[IntArray, IntArray]:
         """Indices of the deputies of every pair: 0-1, 0-2, ..., 1-2, ...; two arrays."""
-        first, second = np.triu_indices(self.world.num_deputies, 1)
-        return first, second
+        return _pairs(self.world.num_deputies)
 
     def memory(self, array: str) -> AnyArray:
         """Return an array that the team's safety filter has declared, writable, shape (N, ...)."""
@@ -106,3 +108,10 @@ class TeamStep:
     status: AnyArray
     dt: float
     has: Mapping[str, BoolArray]
+
+
+@functools.lru_cache(maxsize=16)
+def _pairs(deputies: int) -> tuple[IntArray, IntArray]:
+    first, second = np.triu_indices(deputies, 1)
+    first.flags.writeable = second.flags.writeable = False  # everyone gets the same
+    return first, second

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from safe_inspect.simulators.points_view import PointsView
 from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import PointsModel, World
+from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -54,89 +55,28 @@ class Group:
     pilot: ScriptedPolicy | None = None
 
 
-class PointsView:
-    """The inspection points of one body, as the agents of a group see them. Arrays are read only by agreement."""
-
-    def __init__(self, view: View, model: PointsModel) -> None:
-        self._view = view
-        self._state = view.state.points[model.entity]
-        self.model = model
-
-    @property
-    def num_points(self) -> int:
-        """Number of points, P."""
-        return self.model.num_points
-
-    @property
-    def inspector(self) -> AnyArray:
-        """Index of the deputy that first inspected each point, -1 for none, shape (R, P)."""
-        return self._view.per_environment(self._state.inspector)
-
-    @cached_property
-    def inspected(self) -> BoolArray:
-        """Points that any deputy has inspected, shape (R, P)."""
-        return self.inspector >= 0
-
-    @property
-    def count(self) -> IntArray:
-        """Number of points that the team has inspected, shape (R,)."""
-        return self._view.per_environment(self._state.team_count)
-
-    @property
-    def fraction(self) -> FloatArray:
-        """Fraction of the points that the team has inspected [-], shape (R,)."""
-        return self.count / self.num_points
-
-    def count_of(self, platform: str | None = None) -> IntArray:
-        """Return the number of points first inspected by one deputy (the agent's own by default), shape (R,)."""
-        if platform is None:
-            return self._view.per_agent(self._state.own_count)
-        return self._view.per_environment(self._state.own_count[:, self._view.world.bodies[platform]])
-
-    @property
-    def weights(self) -> FloatArray:
-        """Weight of each point, rows sum to 1, shape (R, P)."""
-        return self._view.per_environment(self._state.weights)
-
-    @cached_property
-    def inspected_weight(self) -> FloatArray:
-        """Summed weight of the inspected points, 0 to 1, shape (R,)."""
-        return np.asarray(np.where(self.inspected, self.weights, 0.0).sum(axis=-1))
-
-    @cached_property
-    def lit(self) -> BoolArray:
-        """Points that the sun lights well enough for an inspection from the own position, shape (R, P)."""
-        return self.model.lit(self._viewer, self._view.sun_direction)
-
-    @property
-    def candidates(self) -> BoolArray:
-        """Points that are lit, seen from the own position, and that no deputy has inspected, shape (R, P)."""
-        return self.model.candidates(self._viewer, self._view.sun_direction, self.inspector)
-
-    @property
-    def _viewer(self) -> FloatArray:
-        return self._view.position - self._view.entity_position(self.model.entity)
-
-
 class View:
-    """One state as a group of agents sees it; every array has R = N * G rows. SI units, Hill's frame."""
+    """One state as a group of agents sees it; every array has R = N * G rows. SI units, Hill's frame.
+
+    Attributes:
+        state: The state.
+        world: What does not change.
+        group: The agents that see it.
+        num_rows: Number of rows, R.
+    """
 
     def __init__(self, state: State, world: World, group: Group) -> None:
         self.state = state
         self.world = world
         self.group = group
+        self.num_rows = state.num_envs * group.size
         self._readings: dict[str, FloatArray] = {}
         self._ranges: dict[str | None, FloatArray] = {}
         self._points: dict[str, PointsView] = {}
 
-    @property
-    def num_rows(self) -> int:
-        """Number of rows, R."""
-        return self.state.num_envs * self.group.size
-
     def per_environment(self, array: Array) -> Array:
         """Give an array with the environment axis (N, ...) the rows of the view (R, ...)."""
-        return array if self.group.size == 1 else cast(Array, np.repeat(array, self.group.size, axis=0))
+        return array if self.group.size == 1 else cast(Array, array.repeat(self.group.size, axis=0))
 
     def per_agent(self, array: Array) -> Array:
         """Give an array with a deputy or body axis (N, D, ...) the rows of the view (R, ...): each agent its own."""
@@ -262,8 +202,8 @@ class View:
         found = self._ranges.get(position_sensor)
         if found is None:
             offset = self.position if position_sensor is None else self.position - self.reading(position_sensor)
-            x, y, z = offset[:, 0], offset[:, 1], offset[:, 2]
-            found = self._ranges[position_sensor] = np.sqrt(x * x + y * y + z * z)
+            square = offset * offset
+            found = self._ranges[position_sensor] = np.sqrt(square[:, 0] + square[:, 1] + square[:, 2])
         return found
 
     def memory(self, part: str, array: str) -> AnyArray:
@@ -304,17 +244,25 @@ class Step:
         self.intervening = intervening
         self.dt = dt
         self.filtered = filtered
+        self._first: BoolArray | None = None
+        self._total_thrust: FloatArray | None = None
 
-    @cached_property
+    @property  # a cached property of the standard library takes a lock, which costs more than this
     def first(self) -> BoolArray:
         """Rows in which this is the first step of the episode, shape (R,)."""
-        return np.asarray(self.before.step == 0)
+        found = self._first
+        if found is None:
+            found = self._first = np.asarray(self.before.step == 0)
+        return found
 
-    @cached_property
+    @property
     def total_thrust(self) -> FloatArray:
         """Sum of abs(u_i) over the axes [N], shape (R,)."""
-        size = np.abs(self.control)
-        return np.asarray(size[:, 0] + size[:, 1] + size[:, 2])
+        found = self._total_thrust
+        if found is None:
+            size = np.abs(self.control)
+            found = self._total_thrust = np.asarray(size[:, 0] + size[:, 1] + size[:, 2])
+        return found
 
     @property
     def delta_v(self) -> FloatArray:

@@ -20,6 +20,9 @@ def report(tmp_path_factory):
         "--envs",
         "1",
         "3",
+        "--deputies",
+        "1",
+        "2",
         "--seconds",
         "0.05",
         "--rounds",
@@ -33,12 +36,26 @@ def report(tmp_path_factory):
 
 def test_every_case_is_measured_and_told(report):
     text, told = report
-    cases = [(row["case"], row["num_envs"], row["thrust"]) for row in told["rates"]]
-    assert cases[:4] == [("batch", 1, "small"), ("batch", 1, "full"), ("batch", 3, "small"), ("batch", 3, "full")]
-    assert len(cases) == 8
+    cases = [(row["case"], row["num_envs"], row["deputies"], row["thrust"]) for row in told["rates"]]
+    both = ("small", "full")
+    assert cases[:4] == [("batch", count, 1, thrust) for count in (1, 3) for thrust in both]
+    assert cases[8:] == [("team", count, size, thrust) for size in (1, 2) for count in (1, 3) for thrust in both]
+    assert len(cases) == 16
     assert all(row["steps_per_second_median"] > 0.0 for row in told["rates"])
     assert "K-means at every step" in text
     assert {"cpu", "cores", "python", "numpy"} <= set(told["machine"])
+
+
+def test_the_cost_of_several_deputies_is_told_against_one(report):
+    text, told = report
+    assert [(row["deputies"], row["of"]) for row in told["costs"]] == [(2, "the task of one deputy")] * 2 + [
+        (2, "a team of one")
+    ] * 2
+    rate = {(row["case"], row["num_envs"], row["deputies"], row["thrust"]): row for row in told["rates"]}
+    last = told["costs"][-1]
+    one, two = (rate["team", 1, size, last["thrust"]]["steps_per_cpu_second"] for size in (1, 2))
+    assert last["cost_of_a_step"] == pytest.approx(2.0 * one / two)  # one round
+    assert text.count("a step with 2 deputies costs") == 4
 
 
 def test_the_shares_are_of_the_whole_and_name_each_part(report):
@@ -50,11 +67,8 @@ def test_the_shares_are_of_the_whole_and_name_each_part(report):
 
 
 def test_the_watch_gives_the_inner_time_to_the_inner_section(monkeypatch):
-    found = importlib.util.spec_from_file_location("benchmark_environment", SCRIPT)
+    found = importlib.util.spec_from_file_location("benchmark_stopwatch", SCRIPT.with_name("stopwatch.py"))
     module = importlib.util.module_from_spec(found)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        monkeypatch.setenv(name, "1")
-    monkeypatch.setitem(sys.modules, "benchmark_environment", module)
     found.loader.exec_module(module)
     now = [0.0]
     monkeypatch.setattr(module.time, "perf_counter", lambda: now[0])

@@ -9,8 +9,9 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.evaluation import random_policy, rollout, zero_thrust
+from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.plots import learning_curve_figure, save, trajectory_figure
+from safe_inspect.policies import RandomThrust, ZeroThrust
 
 PNG = b"\x89PNG"
 HEADER = "iteration,steps,return_mean,success_rate,inspected_fraction,delta_v"
@@ -18,7 +19,7 @@ HEADER = "iteration,steps,return_mean,success_rate,inspected_fraction,delta_v"
 
 @pytest.fixture(scope="module")
 def flown(spec):
-    return rollout(spec, random_policy(1), episodes=1, seed=3, record=1).trajectories[0]
+    return rollout(spec, RandomThrust(), episodes=1, seed=3, record=1).trajectories[0]
 
 
 def texts(figure):
@@ -49,16 +50,23 @@ def test_a_whole_inspection_has_no_crosses(flown):
     assert "crosses: not inspected" not in texts(trajectory_figure(whole))
 
 
-def test_a_drift_and_several_deputies_render(spec, tmp_path):
-    drift = rollout(spec, zero_thrust(), episodes=1, seed=3, record=1).trajectories[0]
+def test_a_drift_renders(spec, tmp_path):
+    drift = rollout(spec, ZeroThrust(), episodes=1, seed=3, record=1).trajectories[0]
     save(trajectory_figure(drift), tmp_path / "drift.png")
-    double = {
-        name: np.repeat(getattr(drift, name), 2, axis=1) for name in ("position", "velocity", "control", "delta_v")
-    }
-    double["position"][:, 1] *= -1.0
-    figure = trajectory_figure(dataclasses.replace(drift, **double, deputies=("one", "two")))
-    save(figure, tmp_path / "two.svg")
-    assert "deputy two" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_several_deputies_have_a_colour_and_a_legend_each(team, tmp_path):
+    flown = rollout(team, RandomThrust(), episodes=1, seed=3, record=1).trajectories[0]
+    figure = trajectory_figure(flown)
+    save(figure, tmp_path / "three.svg")
+    legends = [[text.get_text() for text in legend.get_texts()] for legend in figure.legends]
+    assert ["deputy blue0", "deputy blue1", "deputy blue2"] in legends
+    assert ["start", "end", "sun at the start", "sun at the end"] in legends
+    counts = np.bincount(flown.inspector + 1, minlength=4)[1:]
+    assert [f"blue{index}: {count}" for index, count in enumerate(counts)] in legends
+    ways = {line.get_label(): line.get_color() for line in figure.axes[0].get_lines()}
+    assert len({ways[f"deputy {name}"] for name in flown.deputies}) == 3
+    np.testing.assert_allclose(sum(flown.coverage_of(index) for index in range(3)), flown.coverage)
 
 
 def test_figures_leave_no_state_behind(flown, tmp_path):

@@ -1,50 +1,81 @@
+"""Baselines by name, scripted policies inside the environment, and who flies which agent."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from safe_inspect.environments.layout import Layout
+from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation import BASELINES, Flight, baseline, random_policy
+from safe_inspect.evaluation import BASELINES, baseline, rollout, with_scripted
+from safe_inspect.evaluation.crew import Crew, assign
+from safe_inspect.policies import NaturalMotionInspector, RandomThrust, ScriptedPolicy, ZeroThrust
 
 
-def flight(first: int, count: int) -> Flight:
-    action = Layout(("a", "b"), np.array([-1.0, 2.0]), np.array([1.0, 5.0]))
-    return Flight(
-        np.arange(first, first + count), Layout((), np.zeros(0), np.zeros(0)), action, 10.0, 0.001, np.ones(1)
-    )
-
-
-def draws(seed: int, first: int, count: int, steps: int) -> np.ndarray:
-    policy = random_policy(seed)
-    policy.begin(flight(first, count))
-    return np.stack([policy(np.zeros((count, 0), dtype=np.float32)) for _ in range(steps)])
-
-
-def test_random_actions_belong_to_their_slot_and_step():
-    whole = draws(3, 0, 9, 5)
-    np.testing.assert_array_equal(draws(3, 4, 2, 5), whole[:, 4:6])
-    assert len(np.unique(whole)) == whole.size
-    assert (draws(4, 0, 9, 5) != whole).all()
-
-
-def test_random_actions_are_uniform_within_their_bounds():
-    many = draws(0, 0, 400, 50).reshape(-1, 2)
-    share = (many - [-1.0, 2.0]) / [2.0, 3.0]
-    assert share.min() >= 0.0
-    assert share.max() < 1.0
-    np.testing.assert_allclose(share.mean(axis=0), 0.5, atol=0.01)  # 5 standard errors
-    np.testing.assert_allclose(share.var(axis=0), 1.0 / 12.0, atol=0.003)
+def nothing(observation):
+    return np.zeros((len(observation), 3))
 
 
 def test_every_baseline_can_be_had_by_its_name():
-    for name in BASELINES:
-        policy = baseline(name)
-        policy.begin(flight(0, 3))
-        assert policy(np.zeros((3, 0), dtype=np.float32)).shape == (3, 2)
-    assert not np.any(policy(np.zeros((3, 0), dtype=np.float32)))  # the last in the alphabet is zero-thrust
+    assert all(isinstance(baseline(name), ScriptedPolicy) for name in BASELINES)
+    assert baseline("zero-thrust") == baseline("ZeroThrust") == ZeroThrust()
+    assert baseline("inspector") == NaturalMotionInspector()
 
 
-def test_an_unknown_baseline_is_told_from_the_known():
-    with pytest.raises(SafeInspectError, match="did you mean `zero-thrust`"):
-        baseline("zero_thrust")
+@pytest.mark.parametrize(
+    ("name", "message"), [("zero_thrust", "did you mean `ZeroThrust`"), ("nobody.knows", "no module 'nobody'")]
+)
+def test_an_unknown_baseline_is_told_from_the_known(name, message):
+    with pytest.raises(SafeInspectError, match=message):
+        baseline(name)
+
+
+def test_scripted_agents_are_the_ones_that_are_named(team):
+    spec = with_scripted(team, "random", ["blue1_ctrl"])
+    assert [agent.pilot for agent in spec.agents] == [None, RandomThrust(), None]
+    assert [agent.pilot for agent in with_scripted(spec, ZeroThrust()).agents] == [ZeroThrust()] * 3
+    assert [agent.pilot for agent in team.agents] == [None] * 3
+
+
+def test_a_wrong_agent_or_body_is_one_message(team):
+    with pytest.raises(SafeInspectError, match=r"no agent is named 'blue1'; did you mean `blue\d_ctrl`"):
+        with_scripted(team, "random", ["blue1"])
+    inspector = NaturalMotionInspector(inspection_entity_name="cheif")
+    with pytest.raises(SafeInspectError, match=r"inspection_entity_name.*no points is named 'cheif'; did you mean"):
+        with_scripted(team, inspector)
+
+
+def test_policies_and_agents_have_to_match(team):
+    names = [agent.name for agent in team.agents]
+    spec, flying = assign(team, {names[0]: nothing, names[1]: ZeroThrust(), names[2]: nothing})
+    assert flying == {names[0]: nothing, names[2]: nothing}
+    assert spec.agents[1].pilot == ZeroThrust()
+    assert assign(team, nothing)[1] == dict.fromkeys(names, nothing)
+    with pytest.raises(SafeInspectError, match="no policy is given for blue1_ctrl, blue2_ctrl"):
+        rollout(team, {names[0]: nothing})
+    with pytest.raises(SafeInspectError, match=r"no agent is named 'blue3_ctrl'; did you mean"):
+        rollout(team, dict.fromkeys([*names, "blue3_ctrl"], nothing))
+    with pytest.raises(SafeInspectError, match="'blue1_ctrl' is flown by the task's own policy"):
+        rollout(spec, dict.fromkeys(names, nothing))
+
+
+def test_a_policy_that_flies_several_agents_is_asked_once_and_sees_the_rows_of_each(team):
+    names = [agent.name for agent in team.agents]
+    told, seen = [], []
+
+    class Shared:
+        def begin(self, flight):
+            told.append((flight.slots.tolist(), flight.deputies.tolist()))
+
+        def __call__(self, observation):
+            seen.append(observation)
+            return np.arange(12.0).reshape(4, 3)
+
+    shared = Shared()
+    environment = TeamEnvironment(team, 2, seed=1)
+    observations = environment.reset()
+    crew = Crew(environment, {names[0]: shared, names[1]: nothing, names[2]: shared}, 5)
+    actions = crew(observations, np.array([True, False]))
+    assert told == [([5, 5, 6, 6], [0, 2, 0, 2])]
+    np.testing.assert_array_equal(seen, [observations[0][:, [0, 2]].reshape(4, -1)])
+    np.testing.assert_array_equal(actions[0], [[[0, 1, 2], [0, 0, 0], [3, 4, 5]], np.zeros((3, 3))])

@@ -5,14 +5,15 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.environments import BatchedEnvironment, load_spec
-from safe_inspect.evaluation import Flight, random_policy, rollout, zero_thrust
+from safe_inspect.evaluation import Flight, rollout
+from safe_inspect.policies import RandomThrust, ZeroThrust
 
 FIGURES = ("returns", "length", "status", "inspected_fraction", "delta_v")
 
 
 def test_the_episodes_do_not_depend_on_the_size_of_the_batch(spec):
-    whole = rollout(spec, random_policy(5), episodes=11, seed=7, num_envs=11, record=11)
-    parts = rollout(spec, random_policy(5), episodes=11, seed=7, num_envs=4, record=11)
+    whole = rollout(spec, RandomThrust(), episodes=11, seed=7, num_envs=11, record=11)
+    parts = rollout(spec, RandomThrust(), episodes=11, seed=7, num_envs=4, record=11)
     assert len(set(whole.length)) > 1  # so that rows end at different times
     for name in FIGURES:
         np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))
@@ -25,7 +26,7 @@ def test_the_episodes_do_not_depend_on_the_size_of_the_batch(spec):
 
 
 def test_fewer_episodes_are_the_first_of_more(spec):
-    more, fewer = (rollout(spec, random_policy(1), episodes=count, seed=2, num_envs=8) for count in (6, 3))
+    more, fewer = (rollout(spec, RandomThrust(), episodes=count, seed=2, num_envs=8) for count in (6, 3))
     np.testing.assert_array_equal(fewer.returns, more.returns[:3])
 
 
@@ -49,7 +50,7 @@ def test_an_episode_is_that_of_the_environment_stepped_by_hand(spec):
 
 
 def test_a_recording_agrees_with_the_figures_of_its_episode(spec):
-    flown = rollout(spec, random_policy(3), episodes=4, seed=1, record=2)
+    flown = rollout(spec, RandomThrust(), episodes=4, seed=1, record=2)
     assert len(flown.trajectories) == 2
     for index, one in enumerate(flown.trajectories):
         steps = flown.length[index]
@@ -66,7 +67,7 @@ def test_a_recording_agrees_with_the_figures_of_its_episode(spec):
 
 
 def test_a_recording_cut_short_is_one_that_still_runs(spec):
-    whole = rollout(spec, zero_thrust(), episodes=1, seed=1, record=1).trajectories[0]
+    whole = rollout(spec, ZeroThrust(), episodes=1, seed=1, record=1).trajectories[0]
     part = whole.until(205.0)
     assert part.time[-1] == 200.0
     assert part.status is DoneStatus.RUNNING
@@ -76,14 +77,14 @@ def test_a_recording_cut_short_is_one_that_still_runs(spec):
 
 
 def test_the_sums_of_the_terms_are_the_return(spec):
-    flown = rollout(spec, random_policy(8), episodes=20, seed=4)
+    flown = rollout(spec, RandomThrust(), episodes=20, seed=4)
     np.testing.assert_allclose(sum(flown.terms.values()), flown.returns, rtol=1e-12)
     np.testing.assert_allclose(flown.terms["ObservedPointsReward"], flown.inspected_fraction, rtol=1e-12)
 
 
 def test_statuses_tell_losses_from_draws():
     spec = load_spec("safe_inspect/TranslationalInspection-v0", ["config.config.env_config.horizon=3"])
-    drawn = rollout(spec, zero_thrust(), episodes=5, seed=0)
+    drawn = rollout(spec, ZeroThrust(), episodes=5, seed=0)
     assert drawn.status.tolist() == [DoneStatus.DRAW] * 5
     assert drawn.length.tolist() == [3] * 5
     assert not drawn.success.any()
@@ -112,7 +113,7 @@ def test_the_policy_sees_each_row_from_its_first_observation_on(spec):
 
 def test_progress_grows_to_the_number_of_episodes(spec):
     told = []
-    rollout(spec, random_policy(), episodes=9, num_envs=4, progress=lambda done, total: told.append((done, total)))
+    rollout(spec, RandomThrust(), episodes=9, num_envs=4, progress=lambda done, total: told.append((done, total)))
     counts = [done for done, _ in told]
     assert counts == sorted(set(counts))
     assert told[-1] == (9, 9)
@@ -121,7 +122,7 @@ def test_progress_grows_to_the_number_of_episodes(spec):
 @pytest.mark.parametrize("wrong", [{"episodes": 0}, {"num_envs": 0}, {"record": -1}])
 def test_numbers_out_of_range_are_refused(spec, wrong):
     with pytest.raises(ValueError, match="at least 1"):
-        rollout(spec, zero_thrust(), **wrong)
+        rollout(spec, ZeroThrust(), **wrong)
 
 
 def test_actions_of_another_shape_are_refused(spec):

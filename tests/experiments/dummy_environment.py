@@ -1,94 +1,127 @@
-"""A batched environment with the infos of the real one and no physics, for tests of the training."""
+"""A team of agents with the arrays of the real environment and no physics, for tests of the training."""
 
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
-from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 
+from safe_inspect.environments.layout import Layout
+from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.errors import PluginValueError
 from safe_inspect.randomness import Streams
 
+ONE = [{"agents": ["pilot"], "policies": ["pilot"], "size": 11}]
+#: Three agents in two groups; those of the first share one policy.
+TEAM = [
+    {"agents": ["red", "blue"], "policies": ["shared", "shared"], "size": 11},
+    {"agents": ["green"], "policies": ["own"], "size": 7},
+]
+THREE = [{"agents": ["red", "blue", "green"], "policies": ["red", "blue", "green"], "size": 11}]
 
-class DummyVectorEnv(VectorEnv):
-    """The state is a number that the mean action moves; the reward pays for being near 1."""
 
-    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+def layout(size, bound):
+    names = tuple(f"element {index}" for index in range(size))
+    return Layout(names, np.full(size, -bound), np.full(size, bound))
+
+
+class DummyTeam:
+    """Each agent's state is a number that its mean action moves; the reward pays for being near 1, where it ends."""
 
     def __init__(self, experiment, num_envs, seed, first_slot):
-        self.experiment = experiment
-        self.num_envs = num_envs
-        self.seed = seed
+        self.experiment, self.num_envs, self.seed = experiment, num_envs, seed
         self.slots = np.arange(first_slot, first_slot + num_envs)
-        self.single_observation_space = Box(-np.inf, np.inf, (11,), np.float32)
-        self.single_action_space = Box(-1.0, 1.0, (3,), np.float32)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.episode = np.full(num_envs, -1)
-        self.state, self.start = np.zeros(num_envs), np.zeros(num_envs)
-        self.limit = self.t = np.zeros(num_envs, dtype=int)
-        self.delta_v = np.zeros(num_envs)
-        self.done = np.zeros(num_envs, dtype=bool)
+        self.groups, first = [], 0
+        for entry in experiment.get("team", ONE):
+            group = SimpleNamespace(
+                name=entry["agents"][0],
+                agents=tuple(entry["agents"]),
+                policies=tuple(entry["policies"]),
+                first=first,
+                size=len(entry["agents"]),
+                scripted=False,
+                guard=None,
+                observation_layout=layout(entry["size"], np.inf),
+                action_layout=layout(3, 1.0),
+            )
+            self.groups.append(group)
+            first += group.size
+        self.groups = self.acting = tuple(self.groups)
+        self.spec = SimpleNamespace(team_safety=None)
+        world = SimpleNamespace(points={"chief": SimpleNamespace(num_points=99)})
+        self.simulation = SimpleNamespace(world=world, episodes=np.full(num_envs, -1))
+        shape = (num_envs, first)
+        self.start, self.now = np.zeros(shape), np.zeros(shape)
+        self.limit, self.t = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=int)
+        points = SimpleNamespace(team_count=np.zeros(num_envs, dtype=int), own_count=np.zeros(shape, dtype=int))
+        self.state = SimpleNamespace(
+            delta_v=np.zeros(shape), finished=np.zeros(shape, dtype=np.int8), points={"chief": points}
+        )
         self.steps = 0
 
-    def begin(self, rows):
-        self.episode = self.episode + rows
-        streams = Streams(self.seed, self.slots, self.episode)
-        self.start = np.where(rows, streams.uniform("start")[:, 0] - 0.5, self.start)
-        self.state = np.where(rows, self.start, self.state)
-        lengths = 20 + (40 * streams.uniform("length")[:, 0]).astype(int)
-        self.limit = np.where(rows, lengths, self.limit)
-        self.t = np.where(rows, 0, self.t)
-        self.delta_v = np.where(rows, 0.0, self.delta_v)
+    def observe(self, rows):
+        for group in self.groups:
+            observations = np.zeros((len(rows), group.size, group.observation_layout.size), np.float32)
+            mine = slice(group.first, group.first + group.size)
+            observations[..., 0] = self.now[rows, mine]
+            observations[..., 1] = self.start[rows, mine]
+            observations[..., 2] = self.slots[rows, None]
+            observations[..., 3] = self.simulation.episodes[rows, None]
+            observations[..., 4] = np.arange(group.first, group.first + group.size)
+            observations[..., 5] = self.t[rows, None]
+            yield observations
 
-    def observe(self):
-        observations = np.zeros((self.num_envs, 11), np.float32)
-        observations[:, 0] = self.state
-        observations[:, 1] = self.start
-        observations[:, 2] = self.slots
-        observations[:, 3] = self.episode
-        return observations
-
-    def infos(self, near, cost, status):
-        inspected = np.minimum(self.t, 99)
-        return {
-            "delta_v": self.delta_v.copy(),
-            "inspected_count": inspected.copy(),
-            "inspected_fraction": inspected / 99.0,
-            "status": status.astype(np.int8),
-            "reward/near": near,
-            "reward/cost": cost,
-        }
-
-    def reset(self, *, seed=None, options=None):
-        self.begin(np.ones(self.num_envs, dtype=bool))
-        self.done[:] = False
-        zero = np.zeros(self.num_envs)
-        return self.observe(), self.infos(zero, zero, zero)
+    def reset(self, rows=None, *, seed=None):
+        rows = np.arange(self.num_envs) if rows is None else rows
+        self.simulation.episodes[rows] += 1
+        streams = Streams(self.seed, self.slots[rows], self.simulation.episodes[rows])
+        self.start[rows] = streams.uniform("start", self.start.shape[1]) - 0.5
+        self.now[rows] = self.start[rows]
+        self.limit[rows] = 20 + (40 * streams.uniform("length")[:, 0]).astype(int)
+        self.t[rows] = 0
+        self.state.delta_v[rows] = self.state.finished[rows] = 0
+        self.state.points["chief"].team_count[rows] = self.state.points["chief"].own_count[rows] = 0
+        return tuple(self.observe(rows))
 
     def step(self, actions):
-        assert np.abs(actions).max() <= 1.0
         self.steps += 1
         if self.steps == self.experiment.get("fail_at", -1):
             raise PluginValueError("reward `near` returned NaN; state saved in x.npz")
         time.sleep(self.experiment.get("sleep", 0.0))
-        again = self.done
-        self.begin(again)
-        push = np.where(again, 0.0, actions.mean(axis=1, dtype=np.float64))
-        self.state = self.state + 0.1 * push + np.where(again, 0.0, self.experiment.get("drift", 0.0))
-        self.t = self.t + ~again
-        self.delta_v = self.delta_v + np.abs(push)
-        near = np.where(again, 0.0, -0.1 * np.abs(self.state - 1.0))
-        cost = np.where(again, -1.0, -0.01 * np.abs(push))  # a reset's reward counts for nothing
-        won = ~again & (np.abs(self.state - 1.0) < 0.1)
-        late = ~again & (self.t >= self.limit) & ~won
-        self.done = won | late
-        status = np.where(won, 1, np.where(late, 3, 0))
-        return self.observe(), near + cost, won, late, self.infos(near, cost, status)
+        active = self.state.finished == 0
+        pushes = [np.clip(np.asarray(action, np.float64), -1.0, 1.0).mean(axis=2) for action in actions]
+        push = np.where(active, np.concatenate(pushes, axis=1), 0.0)
+        self.now += np.where(active, 0.1 * push + self.experiment.get("drift", 0.0), 0.0)
+        self.t += 1
+        self.state.delta_v += np.abs(push)
+        points = self.state.points["chief"]
+        points.own_count += active
+        points.team_count[:] = np.minimum(self.t, 99)
+        near = np.where(active, -0.1 * np.abs(self.now - 1.0), 0.0)
+        cost = np.where(active, -0.01 * np.abs(push), 0.0)
+        won = active & (np.abs(self.now - 1.0) < 0.1)
+        late = active & (self.t >= self.limit)[:, None] & ~won
+        self.state.finished[won], self.state.finished[late] = 1, 3
+        over = (self.state.finished != 0).all(axis=1)
+        outcome = np.where((self.state.finished == 1).any(axis=1), 1, np.where(over, 3, 0))
+        parts = []
+        for group, observation in zip(self.groups, self.observe(np.arange(self.num_envs)), strict=True):
+            mine = slice(group.first, group.first + group.size)
+            parts.append(
+                Transition(
+                    observation,
+                    (near + cost)[:, mine],
+                    {"near": near[:, mine].copy(), "cost": cost[:, mine].copy()},
+                    active[:, mine],
+                    won[:, mine],
+                    late[:, mine],
+                    self.state.finished[:, mine].copy(),
+                    None,
+                )
+            )
+        return TeamTransition(tuple(parts), over, outcome)
 
 
 def make(experiment, num_envs, seed, first_slot):
-    return DummyVectorEnv(experiment, num_envs, seed, first_slot)
+    return DummyTeam(experiment, num_envs, seed, first_slot)

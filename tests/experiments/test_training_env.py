@@ -1,4 +1,4 @@
-"""The environment as RLlib's runner sees it: slots, seeds, and one report for each episode."""
+"""The environments as RLlib's stock runners see them: slots, seeds, ends, and one report for each episode."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import json
 
 import numpy as np
 import pytest
-from dummy_environment import DummyVectorEnv
-from gymnasium.vector import AutoresetMode
+from dummy_environment import TEAM, DummyTeam
 
-from safe_inspect.errors import PluginValueError
-from safe_inspect.experiments.environment import TrainingEnv, first_slot, stream_seed
+from safe_inspect.errors import PluginValueError, SafeInspectError
+from safe_inspect.experiments.environment import first_slot, stream_seed
+from safe_inspect.experiments.training_env import TrainingEnv
 
 
 def build(num_envs=4, maker="dummy_environment:make", **more):
@@ -47,34 +47,46 @@ def test_the_evaluation_sees_other_episodes():
     assert not np.array_equal(training.reset()[0], evaluation.reset()[0])
 
 
+def test_several_agents_are_refused():
+    with pytest.raises(SafeInspectError, match="one agent acts from outside here, not red, blue, green"):
+        build(experiment={"team": TEAM})
+
+
 def test_each_episode_is_reported_once_with_its_sums():
     env = build(6)
-    plain = DummyVectorEnv({}, 6, 3, 0)
-    env.reset()
-    plain.reset()
-    sums = {name: np.zeros(6) for name in ("reward/cost", "reward/near")}
+    plain = DummyTeam({}, 6, 3, 0)
+    observations, _ = env.reset()
+    np.testing.assert_array_equal(observations, plain.reset()[0][:, 0])
+    sums = {name: np.zeros(6) for name in ("cost", "near")}
+    lengths = np.zeros(6)
     begun = np.zeros(6, dtype=bool)
     generator = np.random.default_rng(0)
     reported = 0
     for _ in range(300):
         actions = generator.uniform(-1.0, 2.0, (6, 3)).astype(np.float32)
         _, rewards, terminated, truncated, infos = env.step(actions)
-        _, plain_rewards, *_, told = plain.step(np.clip(actions, -1.0, 1.0))
-        np.testing.assert_array_equal(rewards, plain_rewards)
+        told = plain.step([np.where(begun[:, None], 0.0, actions)[:, None]]).groups[0]
+        ended = told.terminated[:, 0] | told.truncated[:, 0]
+        np.testing.assert_array_equal(rewards, np.where(begun, 0.0, told.reward[:, 0]))
+        np.testing.assert_array_equal(terminated | truncated, ended)
+        lengths += ~begun
         for name, total in sums.items():
-            total += np.where(begun, 0.0, told[name])  # the terms of a reset belong to no episode
-        begun = terminated | truncated
-        assert bool(infos) == begun.any()
-        for row in np.flatnonzero(begun):
-            assert infos["_episode"][row]
-            report = dict(zip(env.episode_fields, infos["episode"][row], strict=True))
-            assert report["success"] == terminated[row]
-            assert report["delta_v"] == told["delta_v"][row]
-            assert report["inspected_fraction"] == told["inspected_fraction"][row]
+            total += told.terms[name][:, 0]
+        assert infos == {}
+        assert sorted(env.reports) == np.flatnonzero(ended).tolist()
+        for row, report in env.reports.items():
+            assert report["success_rate"] == terminated[row]
+            assert report["length"] == lengths[row]
+            assert report["delta_v"] == plain.state.delta_v[row, 0]
+            assert report["return"] == pytest.approx(sums["cost"][row] + sums["near"][row], abs=1e-12)
             for name, total in sums.items():
-                assert report[name] == pytest.approx(total[row], abs=1e-12)
+                assert report[f"reward/{name}"] == pytest.approx(total[row], abs=1e-12)
                 total[row] = 0.0
+            lengths[row] = 0.0
             reported += 1
+        if begun.any():
+            plain.reset(np.flatnonzero(begun))
+        begun = ended
     assert reported > 20
 
 
@@ -86,9 +98,3 @@ def test_a_users_error_is_left_in_a_file(tmp_path):
     with pytest.raises(PluginValueError):
         env.step(np.zeros((4, 3), np.float32))
     assert json.loads(file.read_text())["error"] == "PluginValueError"
-
-
-def test_another_way_of_resetting_is_refused(monkeypatch):
-    monkeypatch.setattr(DummyVectorEnv, "metadata", {"autoreset_mode": AutoresetMode.SAME_STEP})
-    with pytest.raises(ValueError, match="reset in the next step"):
-        build()

@@ -225,3 +225,28 @@ def test_checking_does_not_load_ray_or_torch():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("mapping", "reason"),
+    [
+        ({"model": {"use_lstm": True}}, "the policy is recurrent (`use_lstm`)"),
+        ({"algorithm": "SAC"}, "the batched one serves PPO, APPO, IMPALA, not SAC"),
+        ({"restart_failed_sub_environments": True}, "does not restart environments that fail"),
+    ],
+)
+def test_the_stock_runner_takes_over_with_one_note(mapping, reason):
+    found = translate_rllib(mapping)
+    assert found.settings["env_runner"] == "stock"
+    (note,) = [note for note in found.notes if "stock runner" in note]
+    assert reason in note
+    asked = translate_rllib({**mapping, "env_runner": "stock"})
+    assert not any("stock runner" in note for note in asked.notes)
+
+
+def test_the_runner_is_batched_unless_asked():
+    assert translate_rllib({}).settings["env_runner"] == "batched"
+    assert translate_rllib({"env_runner": "stock"}).settings["env_runner"] == "stock"
+    assert "did you mean `batched`?" in paths(translate_rllib({"env_runner": "batch"}))["rllib_configs.env_runner"]
+    searched = translate_rllib({"env_runner": {"grid_search": ["batched", "stock"]}})
+    assert "give one" in paths(searched)["rllib_configs.env_runner"]

@@ -1,12 +1,14 @@
-"""Train the small environment, or go on with a run: ``train_dummy.py OUTPUT ITERATIONS [RUN]``; a test kills it."""
+"""Train a team, or go on with a run: ``train_dummy.py OUTPUT ITERATIONS [RUN]``; a test kills it."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
+from dummy_environment import TEAM
 from training_values import MAKER, QUICK
 
+from safe_inspect.config.spec import Policy
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.train import TrainingRun, train
 
@@ -15,13 +17,14 @@ if __name__ == "__main__":
     try:
         result = train(
             TrainingRun(
-                {"sleep": 0.005},
+                {"sleep": 0.005, "team": TEAM},
                 rllib=QUICK,
                 tune={"stop": {"training_iteration": int(iterations)}, "checkpoint_frequency": 1},
                 name="dummy",
                 output=Path(output),
                 resume=Path(resume[0]) if resume else None,
                 maker=MAKER,
+                policies=(Policy("shared", ("red", "blue"), "PPO", {}), Policy("own", ("green",), "PPO", {"lr": 1e-4})),
             )
         )
     except SafeInspectError as error:

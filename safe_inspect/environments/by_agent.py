@@ -1,0 +1,64 @@
+"""The agents that act from outside by their names, for façades that take and give dictionaries."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.types import AnyArray
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the arrays of the core hold one agent that acts from outside.
+
+    Attributes:
+        group: Index of its group among the acting ones.
+        member: Its index in the group.
+    """
+
+    group: int
+    member: int
+
+
+def places_of(environment: TeamEnvironment) -> dict[str, Place]:
+    """Return the place of every agent that acts from outside, in agent order."""
+    return {
+        agent: Place(index, member)
+        for index, group in enumerate(environment.acting)
+        for member, agent in enumerate(group.agents)
+    }
+
+
+def checked_actions(
+    actions: Mapping[str, AnyArray], wanted: Collection[str], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, AnyArray]:
+    """Return the actions as arrays.
+
+    Args:
+        actions: Actions by agent.
+        wanted: Agents that act now.
+        shapes: Shape of the action of every agent that may act from outside.
+
+    Raises:
+        SafeInspectError: Actions are missing, given for an agent that does not act, or of another shape; one message
+            tells all of it.
+    """
+    if not isinstance(actions, Mapping):
+        raise SafeInspectError(f"actions: give a dictionary of them by agent, not a {type(actions).__name__}")
+    arrays = {agent: np.asarray(action) for agent, action in actions.items()}
+    told = [f"none is given for {agent}" for agent in wanted if agent not in arrays]
+    for agent, array in arrays.items():
+        if agent not in shapes:
+            told.append(f"no agent that acts from outside is named {agent!r}, {did_you_mean(str(agent), shapes)}")
+        elif agent not in wanted:
+            told.append(f"{agent} has ended and takes none until the next reset")
+        elif array.shape != shapes[agent]:
+            told.append(f"that for {agent} has the shape {array.shape}, {shapes[agent]} is wanted")
+    if told:
+        raise SafeInspectError(f"actions: {'; '.join(told)}")
+    return arrays

@@ -1,0 +1,60 @@
+"""`Thrusters`: from the actions of an agent to the thrust that they ask for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.config.spec import AgentSpec
+from safe_inspect.glues.base import ActionGlue
+from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.platforms.controllers import RateController, ThrustProp
+from safe_inspect.types import FloatArray
+
+
+class Thrusters:
+    """What the action glues of an agent do together: the thrusts that they ask for are added.
+
+    Plain controllers, each of an axis of its own, are computed in one go: the same numbers to the bit, several times
+    as fast on a small batch.
+
+    Args:
+        agent: The agent.
+
+    Attributes:
+        commands: Each glue, and its columns of the action.
+    """
+
+    def __init__(self, agent: AgentSpec) -> None:
+        self._parts = agent.parts
+        self.commands: list[tuple[ActionGlue, slice]] = []
+        start = 0
+        for glue in (leaf for outer in agent.action_glues for leaf in outer.leaves()):
+            end = start + len(glue.names(agent.parts))
+            self.commands.append((glue, slice(start, end)))
+            start = end
+        plain = [self._plain(glue) for glue, _ in self.commands]
+        axes = [controller.axis for controller in plain if controller is not None]
+        self._axes: list[int] | slice | None = None
+        if plain and len(set(axes)) == len(plain):
+            self._axes = slice(0, 3) if axes == [0, 1, 2] else axes
+            limits = [controller.limits for controller in plain if controller is not None]
+            self._low, self._high = (np.concatenate([limit[side] for limit in limits]) for side in (0, 1))
+
+    def __call__(self, action: FloatArray) -> FloatArray:
+        """Return the thrust [N], Hill frame, shape (R, 3), for actions of shape (R, A)."""
+        thrust = np.zeros((len(action), 3))
+        if self._axes is not None:
+            thrust[:, self._axes] += np.minimum(np.maximum(action, self._low), self._high)
+            return thrust
+        for glue, columns in self.commands:
+            thrust += glue(action[:, columns], self._parts)
+        return thrust
+
+    def _plain(self, glue: ActionGlue) -> RateController | None:
+        """Return the controller of a glue that only passes a value on to it; None for any other glue."""
+        if type(glue) is not ControllerGlue or glue.normalization.active is not None:
+            return None
+        controller = self._parts[glue.controller]
+        if isinstance(controller, RateController) and type(controller.commanded) is ThrustProp:
+            return controller
+        return None

@@ -1,0 +1,108 @@
+"""A deputy that keeps its own distance from others that are assumed to coast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.filters.base import FilterResult, checked, columns, differs
+from safe_inspect.rta.filters.team import TeamFilter, TeamState
+from safe_inspect.types import BoolArray, FloatArray
+
+
+class DecentralisedFilter:
+    """Nearest thrust of one deputy that is safe if the others coast: the team's filter, the others as obstacles.
+
+    The hold must keep every constraint, and the distance from the others on their coasting motion, at every moment, and
+    leave a backup plan that keeps both. What the others do instead of coasting is not known: two deputies that
+    thrust towards each other can come too near, or into states without a plan. `TeamFilter` decides for all at once.
+
+    Attributes:
+        names: The names of the constraints: those about the chief first, then those of the pairs.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Any] | ConstraintParameters | None,
+        names: Iterable[str],
+        pair_names: Iterable[str],
+        deputy_radius: float = DEPUTY_RADIUS,
+    ) -> None:  # fmt: skip
+        """Build the filter.
+
+        Args:
+            parameters: The peer's argument names and their values; see `ConstraintParameters`.
+            names: Names of the single filter's constraints.
+            pair_names: Names of the constraints between deputies, ``deputy_collision`` or ``deputy_PSM``.
+            deputy_radius: Radius about each deputy [m].
+
+        Raises:
+            ValueError: An argument is wrong; see `TeamFilter`.
+        """
+        self._team = TeamFilter(parameters, (*names, *pair_names), deputy_radius)
+        self.names = self._team.names
+
+    def __call__(
+        self, state: RelativeState, desired: FloatArray, others_position: FloatArray, others_velocity: FloatArray
+    ) -> FilterResult:  # fmt: skip
+        """Return the thrusts to fly.
+
+        Args:
+            state: The states of R deputies.
+            desired: Their desired thrusts [N], Hill frame, shape (R, 3).
+            others_position: Positions of the other deputies [m], Hill frame, shape (R, D - 1, 3).
+            others_velocity: Their velocities [m/s], Hill frame, shape (R, D - 1, 3).
+
+        Raises:
+            ValueError: The shapes differ, or a number is not finite.
+        """
+        desired = checked(state, desired)
+        team = self._with(state, others_position, others_velocity)
+        wanted = np.zeros(team.position.shape)
+        wanted[:, 0] = desired
+        result = self._team(team, wanted)
+        control = np.ascontiguousarray(result.control[:, 0])
+        return FilterResult(
+            control=control,
+            intervening=differs(control, desired),
+            infeasible=result.infeasible,
+            backup=result.backup,
+            active=np.ascontiguousarray(result.active[:, 0]),
+            phi=columns(list(self.phi(state, others_position, others_velocity).values()), len(state)),
+            names=self.names,
+        )
+
+    def recoverable(
+        self, state: RelativeState, others_position: FloatArray, others_velocity: FloatArray
+    ) -> BoolArray:  # fmt: skip
+        """Return the rows that have a backup plan if the others coast, shape (R,)."""
+        return self._team.recoverable(self._with(state, others_position, others_velocity))
+
+    def phi(
+        self, state: RelativeState, others_position: FloatArray, others_velocity: FloatArray
+    ) -> dict[str, FloatArray]:  # fmt: skip
+        """Return each constraint's plain safety quantity, >= 0 where safe, those of the pairs of the nearest, (R,)."""
+        team = self._with(state, others_position, others_velocity)
+        found = {name: constraint.phi(state) for name, constraint in self._team.alone.constraints.items()}
+        for name, pair in self._team.pair_constraints.items():
+            least = np.full(len(state), np.inf)
+            for other in range(1, team.position.shape[1]):
+                least = np.minimum(least, pair.phi(team.relative(0, other)))
+            found[name] = least
+        return found
+
+    @staticmethod
+    def _with(state: RelativeState, others_position: FloatArray, others_velocity: FloatArray) -> TeamState:
+        rows, others = others_position.shape[0], others_position.shape[1]
+        coasting = np.ones((rows, others + 1), np.bool_)
+        coasting[:, 0] = False
+        return TeamState(
+            np.concatenate((state.position[:, None], others_position), axis=1),
+            np.concatenate((state.velocity[:, None], others_velocity), axis=1),
+            state.sun_angle, coasting,
+        )  # fmt: skip

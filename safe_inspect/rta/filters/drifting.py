@@ -1,0 +1,80 @@
+"""Do two coasting deputies stay apart, though the motion of one relative to the other drifts? Compiled.
+
+The relative motion is a centre that moves along y at a constant rate plus an oscillation o with the orbit's period. In
+the angle tau = n t of the orbit its second derivative is -o, and every derivative of o is at most
+rho = sqrt(4 A^2 + B^2) long, A and B the amplitudes in x and z. So a cell of the path is certified by its ends as in
+`arcs`, and the speed, at most |drift| + rho, tells how far ahead nothing can come near. When the centre has gone past
+the other by more than the amplitude of the motion along y, the two are apart for ever after.
+"""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiled import njit
+from safe_inspect.rta.filters.arcs import State, lowest
+
+#: Orbits for which a pair is certified that neither drifts away nor has no drift at all.
+ORBITS = 4
+_CELL = math.pi / 8.0
+_FINEST = _CELL / 1024.0
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def drifted(n: float, x: State, angle: float, cos: float, sin: float) -> tuple[float, float, float]:
+    """Return the position of a coasting deputy after that angle of the orbit, whose cosine and sine are given [m]."""
+    u, v, w = x[3] / n, x[4] / n, x[5] / n
+    return (
+        4.0 * x[0] + 2.0 * v - cos * (3.0 * x[0] + 2.0 * v) + sin * u,
+        x[1] - 2.0 * (1.0 - cos) * u + 2.0 * sin * (3.0 * x[0] + 2.0 * v) - 3.0 * angle * (2.0 * x[0] + v),
+        cos * x[2] + sin * w,
+    )
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def apart(n: float, x: State, reach: float) -> bool:
+    """Return whether the range of a coasting relative motion stays at least `reach`: see `ORBITS` for how long.
+
+    Args:
+        n: Mean motion [rad/s].
+        x: The relative state at the beginning.
+        reach: Least range [m].
+    """
+    u, v, w = x[3] / n, x[4] / n, x[5] / n
+    level, offset = 4.0 * x[0] + 2.0 * v, 3.0 * x[0] + 2.0 * v
+    amplitude, across = math.sqrt(offset * offset + u * u), math.sqrt(x[2] * x[2] + w * w)
+    centre, drift = x[1] - 2.0 * u, -1.5 * level
+    rho = math.sqrt(4.0 * amplitude * amplitude + across * across)
+    fastest = abs(drift) + rho
+    a, angle, span = (x[0], x[1], x[2]), 0.0, _CELL
+    while True:
+        r = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+        if r < reach:
+            return False
+        middle = centre + drift * angle
+        if abs(level) - amplitude >= reach or (middle * drift >= 0.0 and abs(middle) - 2.0 * amplitude >= reach):
+            return True
+        if angle > ORBITS * 2.0 * math.pi or not fastest > 0.0:
+            return True
+        ahead = (r - reach) / fastest
+        if ahead >= span:
+            angle += ahead
+            a = drifted(n, x, angle, math.cos(angle), math.sin(angle))
+            continue
+        while True:
+            end = angle + span
+            b = drifted(n, x, end, math.cos(end), math.sin(end))
+            ex, ey, ez = a[0] + b[0], a[1] + b[1], a[2] + b[2]
+            size = math.sqrt(ex * ex + ey * ey + ez * ez)
+            if size <= 0.0:
+                return False
+            ex, ey, ez = ex / size, ey / size, ez / size
+            fa, fb = ex * a[0] + ey * a[1] + ez * a[2], ex * b[0] + ey * b[1] + ez * b[2]
+            k = 0.125 * span * span
+            bend = max(ex * level + ey * middle - fa, ex * level + ey * (centre + drift * end) - fb)
+            if lowest(fa, fb, max(0.0, k * bend + k * k * rho)) >= reach:
+                break
+            if span <= _FINEST or b[0] * b[0] + b[1] * b[1] + b[2] * b[2] < reach * reach:
+                return False
+            span *= 0.5
+        a, angle, span = b, end, min(2.0 * span, _CELL)

@@ -1,0 +1,278 @@
+"""The filter that holds for a team: one decision over the thrusts of all deputies of an environment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.errors import did_you_mean
+from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS, DeputyCollision, DeputyPassiveSafety
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import NAMES
+from safe_inspect.rta.filters.backup import BackupFilter
+from safe_inspect.rta.filters.base import compiled
+from safe_inspect.rta.filters.model import KNOWN, PSM, build_model
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+#: The constraints of a pair, and the single constraint that each is about a chief in the other deputy's place.
+PAIR_CONSTRAINTS = {"deputy_collision": "chief_collision", "deputy_PSM": "PSM"}
+
+
+@dataclass(frozen=True, eq=False)
+class TeamState:
+    """The motion of the D deputies of N environments about the chief, with the sun's angle.
+
+    Attributes:
+        position: Relative position [m], Hill frame, shape (N, D, 3).
+        velocity: Relative velocity [m/s], Hill frame, shape (N, D, 3).
+        sun_angle: Sun angle [rad], shape (N,).
+        coasting: Deputies that coast whatever happens, shape (N, D); none if not given.
+
+    Raises:
+        ValueError: The shapes do not belong together, or a number is not finite.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    sun_angle: FloatArray
+    coasting: BoolArray | None = None
+
+    def __post_init__(self) -> None:
+        """Make the arrays contiguous, which the compiled rows need, and check them."""
+        for field in ("position", "velocity", "sun_angle"):
+            object.__setattr__(self, field, np.ascontiguousarray(getattr(self, field), dtype=np.float64))
+        shape = self.position.shape[:2]
+        coasting = np.zeros(shape, np.bool_) if self.coasting is None else self.coasting
+        object.__setattr__(self, "coasting", np.ascontiguousarray(coasting, dtype=np.bool_))
+        if (
+            self.position.ndim != 3 or self.position.shape[2] != 3 or shape[1] < 1
+            or self.velocity.shape != self.position.shape or self.sun_angle.shape != shape[:1]
+            or self.fixed.shape != shape
+        ):  # fmt: skip
+            raise ValueError(
+                f"a team's state has position and velocity (N, D, 3), sun_angle (N,) and coasting (N, D), "
+                f"not {self.position.shape}, {self.velocity.shape}, {self.sun_angle.shape} and {self.fixed.shape}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, rows: Any) -> TeamState:
+        """Return some environments (a mask, a slice or an array of indices)."""
+        return TeamState(self.position[rows], self.velocity[rows], self.sun_angle[rows], self.fixed[rows])
+
+    @property
+    def fixed(self) -> BoolArray:
+        """The deputies that coast whatever happens, shape (N, D)."""
+        assert self.coasting is not None
+        return self.coasting
+
+    @property
+    def finite(self) -> BoolArray:
+        """Environments in which every number is finite, shape (N,)."""
+        finite = np.isfinite(self.position).all(axis=(1, 2)) & np.isfinite(self.velocity).all(axis=(1, 2))
+        return np.asarray(finite & np.isfinite(self.sun_angle))
+
+    def alone(self, deputy: int) -> RelativeState:
+        """Return the motion of one deputy about the chief."""
+        return RelativeState(self.position[:, deputy], self.velocity[:, deputy], self.sun_angle)
+
+    def relative(self, deputy: int, other: int) -> RelativeState:
+        """Return the motion of one deputy about another."""
+        return RelativeState(
+            self.position[:, deputy] - self.position[:, other], self.velocity[:, deputy] - self.velocity[:, other],
+            self.sun_angle,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class TeamResult:
+    """What the filter did to the joint controls of N environments.
+
+    Attributes:
+        control: Thrusts to hold [N], Hill frame, shape (N, D, 3).
+        infeasible: Environments without a joint backup plan: nothing is promised, shape (N,).
+        backup: Environments in which the backup shaped the thrusts, shape (N,).
+        active: Bits of the constraints that refused a deputy's desired thrust, bit j for the j-th name, shape (N, D).
+        plan: The joint plan of the state to come, for the next call; zeros where there is none, shape (N, D).
+        names: The names of the constraints.
+    """
+
+    control: FloatArray
+    infeasible: BoolArray
+    backup: BoolArray
+    active: IntArray
+    plan: IntArray
+    names: tuple[str, ...]
+
+
+class TeamFilter:
+    """Nearest joint control that is safe over the whole hold and leaves a joint backup plan after it.
+
+    A *joint plan* is a backup plan for each deputy (see `BackupFilter`: one hold of thrust into a closed natural
+    motion, safe for ever) such that every two deputies stay 2 r_d apart through the holds and over one orbit of the
+    motions. All closed motions have the orbit's period, so the relative ones do too: one orbit decides for ever. The
+    desired thrusts are flown if the hold is safe at every moment for each deputy and each pair, and the state after it
+    has a joint plan. Else cutting planes lead to the nearest such thrusts: each round makes linear whatever the last
+    proposal breaks, of all deputies and pairs, and solves one quadratic programme over all 3 D thrusts. A proposal is
+    taken only if it passes the exact test. If none does, the search goes on between the thrusts of the joint plan that
+    was found with the last step, which pass by induction, and the last proposal.
+
+    Plans are chosen for one deputy after another, at most D + 2 times, so one may exist that is not found. Then
+    the filter intervenes more than it must, but breaks nothing, for the plan in memory passes. A memory of zeros has no
+    plan: one is searched for.
+
+    A deputy that coasts (`TeamState.coasting`) is an obstacle: its thrust is zero and its own constraints are not kept.
+    The others keep away from it on its coasting motion, through the hold, and on their plans until it has drifted past
+    or for 4 orbits. When a deputy begins to coast that was not about to, the others may be left without a plan.
+
+    Without a joint plan the environment is infeasible, and plans that are safe alone and far apart are flown, or the
+    single filter's way back.
+
+    Deputies are sorted by range, so to permute them permutes the result to the bit, but for ties. An environment's
+    result does not depend on the others of the batch.
+
+    Attributes:
+        names: The names of the constraints.
+        alone: The single filter, whose constraints each deputy keeps.
+        deputy_radius: Two deputies collide when their centres are closer than twice this [m].
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Any] | ConstraintParameters | None = None,
+        names: Iterable[str] = (*NAMES, "deputy_collision"),
+        deputy_radius: float = DEPUTY_RADIUS,
+    ) -> None:
+        """Build the filter.
+
+        Args:
+            parameters: The peer's argument names and their values; see `ConstraintParameters`.
+            names: Names of constraints: of the single filter, and of `PAIR_CONSTRAINTS`.
+            deputy_radius: Radius about each deputy [m].
+
+        Raises:
+            ValueError: An argument is wrong, or a constraint is none that the filter can keep.
+        """
+        self.names = tuple(names)
+        known = (*KNOWN, *PAIR_CONSTRAINTS)
+        for name in self.names:
+            if name not in known:
+                raise ValueError(f"the team's filter cannot keep {name!r}; {did_you_mean(name, known)}")
+            if self.names.count(name) > 1:
+                raise ValueError(f"the constraint {name!r} stands twice; remove one")
+        if not (np.isfinite(deputy_radius) and deputy_radius > 0.0):
+            raise ValueError(f"deputy_radius must be positive and finite [m], not {deputy_radius}")
+        self.deputy_radius = float(deputy_radius)
+        self.alone = BackupFilter(parameters, [name for name in self.names if name not in PAIR_CONSTRAINTS])
+        p = self.alone.parameters
+        if self.deputy_radius >= p.r_max:
+            raise ValueError(f"deputy_radius {deputy_radius} m leaves no room within r_max {p.r_max} m")
+        chosen = [PAIR_CONSTRAINTS[name] for name in self.names if name in PAIR_CONSTRAINTS]
+        self.pair_constraints = {
+            name: constraint for name, constraint in {
+                "deputy_collision": DeputyCollision(
+                    deputy_radius=self.deputy_radius, max_acceleration=p.max_acceleration
+                ),
+                "deputy_PSM": DeputyPassiveSafety(
+                    deputy_radius=self.deputy_radius, mean_motion=p.n, horizon=p.psm_horizon
+                ),
+            }.items() if name in self.names
+        }  # fmt: skip
+        about = p.model_copy(update={"collision_radius": 2.0 * self.deputy_radius})
+        self._models = build_model(p, [name for name in self.names if name in KNOWN]), build_model(about, chosen)
+        self._pairs = bool(chosen)
+        codes = {name: KNOWN.index(name) for name in self.names if name in KNOWN}
+        codes |= {name: len(KNOWN) + (PAIR_CONSTRAINTS[name] == KNOWN[PSM]) for name in self.pair_constraints}
+        self._codes = {codes[name]: j for j, name in enumerate(self.names)}
+        for narrow, wide in ((0, PSM), (len(KNOWN), len(KNOWN) + 1)):
+            if narrow not in self._codes and wide in self._codes:
+                self._codes[narrow] = self._codes[wide]  # a plan that comes too near breaks passive safety then
+
+    def __call__(self, state: TeamState, desired: FloatArray, plan: AnyArray | None = None) -> TeamResult:
+        """Return the thrusts to fly.
+
+        Args:
+            state: The states of N environments.
+            desired: Desired thrusts [N], Hill frame, shape (N, D, 3). Those of coasting deputies are not read.
+            plan: `TeamResult.plan` of the last step, or zeros, shape (N, D).
+
+        Raises:
+            ValueError: The shapes differ, or a number is not finite.
+        """
+        shape = state.position.shape
+        desired = _checked(state, desired)
+        memory = np.zeros(shape[:2], np.int64) if plan is None else np.array(plan, np.int64, order="C")
+        if memory.shape != shape[:2]:
+            raise ValueError(f"the plans of {shape[0]} environments have the shape {shape[:2]}, not {memory.shape}")
+        control, refused, stage = np.empty(shape), np.empty(shape[:2], np.int64), np.empty(shape[0], np.int64)
+        rows = compiled("team_rows")
+        rows.filter_team_rows(
+            self._model, state.position, state.velocity, state.sun_angle, desired, state.fixed, memory,
+            control, refused, stage,
+        )  # fmt: skip
+        active: IntArray = np.zeros(shape[:2], np.int64)
+        for code, j in self._codes.items():
+            active |= (refused >> code & 1) << j
+        return TeamResult(control, stage == rows.RETURN, stage == rows.BACKUP, active, memory, self.names)
+
+    def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
+        """Return which environments have a joint plan (N,), its thrusts [N] (N, D, 3) and its numbers (N, D)."""
+        control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
+        return self._rows(state, control, memory, True), control, memory
+
+    def recoverable(self, state: TeamState) -> BoolArray:
+        """Return the environments that have a joint plan: from there the filter holds, shape (N,)."""
+        return self.plans(state)[0]
+
+    def admissible(self, state: TeamState, control: FloatArray) -> BoolArray:
+        """Return the environments whose joint control would be flown as it is, shape (N,)."""
+        control = _checked(state, control)
+        return self._rows(state, control, np.zeros(control.shape[:2], np.int64), False)
+
+    def phi(self, state: TeamState) -> dict[str, FloatArray]:
+        """Return each constraint's least plain safety quantity over the team, >= 0 where safe, shape (N,).
+
+        A single deputy has no constraints of pairs. Deputies that coast count too.
+        """
+        deputies = state.position.shape[1]
+        counted = [name for name in self.names if deputies > 1 or name not in self.pair_constraints]
+        least = {name: np.full(len(state), np.inf) for name in counted}
+        for i in range(deputies):
+            alone = state.alone(i)
+            for name, constraint in self.alone.constraints.items():
+                least[name] = np.minimum(least[name], constraint.phi(alone))
+            for j in range(i + 1, deputies):
+                relative = state.relative(i, j)
+                for name, pair in self.pair_constraints.items():
+                    least[name] = np.minimum(least[name], pair.phi(relative))
+        return least
+
+    @property
+    def _model(self) -> Any:
+        return compiled("team_scratch").TeamModel(*self._models, self._pairs)
+
+    def _rows(self, state: TeamState, control: FloatArray, memory: IntArray, plan: bool) -> BoolArray:
+        out = np.empty(len(state), np.bool_)
+        compiled("team_rows").team_rows(
+            self._model, state.position, state.velocity, state.sun_angle, control, state.fixed, memory, plan, out
+        )  # fmt: skip
+        return out
+
+
+def _checked(state: TeamState, desired: FloatArray) -> FloatArray:
+    """Return the desired thrusts as an array that compiled rows take, zero for deputies that coast."""
+    desired = np.array(desired, dtype=np.float64, order="C")
+    if desired.shape != state.position.shape:
+        raise ValueError(f"desired thrusts have the shape {state.position.shape}, not {desired.shape}")
+    desired[state.fixed] = 0.0
+    finite = state.finite & np.isfinite(desired).all(axis=(1, 2))
+    if not finite.all():
+        row = int(np.argmin(finite))
+        what = "state" if not state.finite[row] else "desired thrusts"
+        raise ValueError(f"the {what} of environment {row} hold a number that is not finite; check what computed it")
+    return desired

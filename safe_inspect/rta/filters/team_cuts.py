@@ -1,0 +1,230 @@
+"""Half-spaces of joint controls that stand for the constraints of each deputy and each pair, compiled.
+
+Those of a deputy alone are the ones of the single filter. Those of a pair's hold are the same about the other deputy,
+as half-spaces of the difference of the two thrusts. Those of a pair's plans are linear in both thrusts.
+"""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiled import njit
+from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
+from safe_inspect.rta.filters.cuts import cut_broken, cut_hold
+from safe_inspect.rta.filters.drifting import drifted
+from safe_inspect.rta.filters.model import FINE_NODES, HOLD_PIECES, Model
+from safe_inspect.rta.filters.plan_cuts import cut_recovery
+from safe_inspect.rta.filters.plans import NO_PLAN, QUICK, plan_thrust
+from safe_inspect.rta.filters.scratch import Scratch, plain
+from safe_inspect.rta.filters.team_plans import Sun, farthest_plans, minus, state_of
+from safe_inspect.rta.filters.team_scratch import Team, TeamModel
+from safe_inspect.types import FloatArray
+
+#: Bit of what keeps pairs apart, beside those of the single filter's constraints; passive safety has the next.
+PAIR_BIT = 8
+#: Step of the differences [N].
+_STEP = 1e-4
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _spread(new: int, i: int, j: int, count: int, t: Team, s: Scratch) -> int:
+    """Append the half-spaces in `s.rows` to the programme: of the thrust of i, or if j >= 0 of that of i minus j."""
+    for r in range(new):
+        first, second = s.rows[r], not t.fixed[i]
+        size = math.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
+        both = j >= 0 and second and not t.fixed[j]
+        if both:
+            size *= math.sqrt(2.0)
+        if count >= t.rows.shape[0] or size < 1e-12:
+            continue
+        for k in range(t.rows.shape[1]):
+            t.rows[count, k] = 0.0
+        for axis in range(3):
+            if second:
+                t.rows[count, 3 * i + axis] = first[axis] / size
+            if j >= 0 and not t.fixed[j]:
+                t.rows[count, 3 * j + axis] = -first[axis] / size
+        t.bounds[count] = s.bounds[r] / size
+        count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _thrust(i: int, j: int, t: Team) -> FloatArray:
+    """Return the last proposal's thrust of a deputy, less that of another if j >= 0."""
+    for axis in range(3):
+        t.u[axis] = t.control[3 * i + axis] - (t.control[3 * j + axis] if j >= 0 else 0.0)
+    return t.u
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def cut_holds(
+    g: TeamModel, sun: Sun, own_side: bool, length: float, speed: float, bits: bool, count: int, t: Team, s: Scratch
+) -> int:  # fmt: skip
+    """Append half-spaces for every deputy and pair whose hold of the last proposal was refused; return the count.
+
+    Args:
+        g: The task.
+        sun: Cosine and sine of the sun angle.
+        own_side: Whether to stay on this side of the chief, instead of passing beside it; of other deputies, always.
+        length: Margin of the ranges and the sun cone [m].
+        speed: Margin of the speeds [m/s].
+        bits: Whether to note what refused the hold in `t.bits`.
+        count: How many half-spaces there are.
+        t: Room, after `tested`.
+        s: Room.
+    """
+    deputies, p = t.x.shape[0], 0
+    for i in range(deputies):
+        if t.code[i] != SAFE:
+            x, u = state_of(t.x, i), _thrust(i, plain(-1), t)
+            new = cut_hold(
+                g.one, x, sun, u, t.code[i], t.at[i], own_side, length, speed, s.d, s.rows, s.bounds, plain(0)
+            )  # fmt: skip
+            new, broken = cut_broken(g.one, x, sun, u, own_side, length, speed, s.d, s.rows, s.bounds, new)
+            count = _spread(new, i, plain(-1), count, t, s)
+            if bits:
+                t.bits[i] |= broken | 1 << t.code[i]
+    if g.pairs:
+        for i in range(deputies):
+            for j in range(i + 1, deputies):
+                if t.pair_code[p] != SAFE:
+                    x, u = minus(state_of(t.x, i), state_of(t.x, j)), _thrust(i, j, t)
+                    new = cut_hold(
+                        g.pair, x, sun, u, t.pair_code[p], t.pair_at[p], True, length, speed,
+                        s.d, s.rows, s.bounds, plain(0),
+                    )  # fmt: skip
+                    count = _spread(new, i, j, count, t, s)
+                    if bits:
+                        bit = 1 << (PAIR_BIT if t.pair_code[p] == 0 else PAIR_BIT + 1)
+                        t.bits[i] |= bit
+                        t.bits[j] |= bit
+                p += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def cut_ends(
+    g: TeamModel, sun: Sun, own_side: bool, length: float, speed: float, count: int, t: Team, s: Scratch
+) -> int:  # fmt: skip
+    """Append half-spaces for all that the last proposal breaks at the end of its hold; return the count."""
+    deputies = t.x.shape[0]
+    for i in range(deputies):
+        if not t.fixed[i]:
+            u = _thrust(i, plain(-1), t)
+            new, _ = cut_broken(
+                g.one, state_of(t.x, i), sun, u, own_side, length, speed, s.d, s.rows, s.bounds, plain(0)
+            )  # fmt: skip
+            count = _spread(new, i, plain(-1), count, t, s)
+    if g.pairs:
+        for i in range(deputies):
+            for j in range(i + 1, deputies):
+                if not (t.fixed[i] and t.fixed[j]):
+                    rel, u = minus(state_of(t.x, i), state_of(t.x, j)), _thrust(i, j, t)
+                    new, _ = cut_broken(
+                        g.pair, rel, sun, u, True, length, speed, s.d, s.rows, s.bounds, plain(0)
+                    )  # fmt: skip
+                    count = _spread(new, i, j, count, t, s)
+    return count
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _shifted_end(m: Model, i: int, axis: int, t: Team, s: Scratch) -> State:
+    """Return the state after the hold of a deputy's last proposal, stepped along an axis, and of its plan."""
+    for k in range(3):
+        t.u[k] = t.control[3 * i + k]
+    if axis >= 0:
+        t.u[axis] += _STEP
+    after = held(m, state_of(t.x, i), t.u, HOLD_PIECES)
+    if t.fixed[i]:
+        for k in range(3):
+            s.w[k] = 0.0
+    else:
+        plan_thrust(m, after, t.plan[i], s.w)
+    return held(m, after, s.w, HOLD_PIECES)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _cut_pair_plans(g: TeamModel, i: int, j: int, margin: float, count: int, t: Team, s: Scratch) -> int:
+    """Append half-spaces that make the plans of a pair pass each other, at the nodes of an orbit where they do not."""
+    m, n = g.one, g.one.n
+    reach = max(g.pair.near, g.pair.near_psm) + margin
+    a, b = _shifted_end(m, i, plain(-1), t, s), _shifted_end(m, j, plain(-1), t, s)
+    a0, a1, a2 = (
+        _shifted_end(m, i, plain(0), t, s), _shifted_end(m, i, plain(1), t, s), _shifted_end(m, i, plain(2), t, s)
+    )  # fmt: skip
+    b0, b1, b2 = (
+        _shifted_end(m, j, plain(0), t, s), _shifted_end(m, j, plain(1), t, s), _shifted_end(m, j, plain(2), t, s)
+    )  # fmt: skip
+    rel = minus(a, b)
+    previous, falling = math.inf, False
+    for place in range(FINE_NODES + 1):
+        node = place % FINE_NODES
+        p = drifted(n, rel, place * (2.0 * math.pi / FINE_NODES), m.fine[node, 0], m.fine[node, 1])
+        here = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        if falling and here >= previous and previous < reach and count < t.rows.shape[0]:
+            angle, cos, sin = (place - 1) * (2.0 * math.pi / FINE_NODES), m.fine[place - 1, 0], m.fine[place - 1, 1]
+            p = drifted(n, rel, angle, cos, sin)
+            size = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) + 1e-9
+            p = p[0] / size, p[1] / size, p[2] / size
+            for k in range(t.rows.shape[1]):
+                t.rows[count, k] = 0.0
+            for axis in range(3):
+                da = minus(a0 if axis == 0 else (a1 if axis == 1 else a2), a)
+                db = minus(b0 if axis == 0 else (b1 if axis == 1 else b2), b)
+                pa, pb = drifted(n, da, angle, cos, sin), drifted(n, db, angle, cos, sin)
+                if not t.fixed[i]:
+                    t.rows[count, 3 * i + axis] = (p[0] * pa[0] + p[1] * pa[1] + p[2] * pa[2]) / _STEP
+                if not t.fixed[j]:
+                    t.rows[count, 3 * j + axis] = -(p[0] * pb[0] + p[1] * pb[1] + p[2] * pb[2]) / _STEP
+            length, value = 0.0, reach - previous
+            for k in range(t.rows.shape[1]):
+                length += t.rows[count, k] ** 2
+                value += t.rows[count, k] * t.control[k]
+            length = math.sqrt(length)
+            if length > 1e-9:
+                for k in range(t.rows.shape[1]):
+                    t.rows[count, k] /= length
+                t.bounds[count] = value / length
+                count += 1
+        falling = here < previous
+        previous = here
+    return count
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def cut_plans(
+    g: TeamModel, sun: Sun, stuck: int, alone: bool, margin: float, length: float, speed: float,
+    bits: bool, count: int, t: Team, s: Scratch,
+) -> int:  # fmt: skip
+    """Append half-spaces for the joint plan that the last proposal leaves no room for; return the count.
+
+    Args:
+        g: The task.
+        sun: Cosine and sine of the sun angle before the hold.
+        stuck: The deputy that found no plan.
+        alone: Whether it has none even alone: then its own constraints are made linear, else the distances of the
+            pairs, on the plans that lie farthest apart.
+        margin: Slack that is asked for at the nodes of the orbits [m].
+        length: Margin of the plans [m].
+        speed: Margin of the plans [m/s].
+        bits: Whether to note what refused the hold in `t.bits`.
+        count: How many half-spaces there are.
+        t: Room, after `tested`.
+        s: Room.
+    """
+    if alone:
+        u = _thrust(stuck, plain(-1), t)
+        new, code = cut_recovery(g.one, state_of(t.x, stuck), sun, u, margin, s.w, s.rows, s.bounds, plain(0))
+        if bits:
+            t.bits[stuck] |= 1 << code
+        return int(_spread(new, stuck, plain(-1), count, t, s))
+    later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
+    if bits:
+        t.bits[stuck] |= 1 << PAIR_BIT
+    farthest_plans(g, t.after, later, length, speed, plain(QUICK), t, s)
+    for i in range(t.x.shape[0]):
+        for j in range(i + 1, t.x.shape[0]):
+            if t.plan[i] != NO_PLAN and t.plan[j] != NO_PLAN and not (t.fixed[i] and t.fixed[j]):
+                count = _cut_pair_plans(g, i, j, margin, count, t, s)
+    return count

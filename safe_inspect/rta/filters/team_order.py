@@ -1,0 +1,48 @@
+"""How the deputies of an environment are put into the order of the team's filter, compiled."""
+
+from __future__ import annotations
+
+from safe_inspect.compiled import njit
+from safe_inspect.rta.filters.plans import NO_PLAN, PLANS
+from safe_inspect.rta.filters.team_scratch import Team
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
+    if fixed[i] != fixed[j]:
+        return bool(fixed[i])
+    a, b = 0.0, 0.0
+    for axis in range(3):
+        a += position[i, axis] ** 2
+        b += position[j, axis] ** 2
+    return a < b
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def enter(
+    position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
+    limit: float, t: Team,
+) -> None:  # fmt: skip
+    """Put an environment's deputies into the order of the filter: those that coast first, then by range.
+
+    So the answer does not depend on the order of the deputies, unless two are equally far to the last bit.
+    """
+    for place in range(position.shape[0]):
+        t.order[place] = place
+    for place in range(1, position.shape[0]):
+        i, k = t.order[place], place
+        while k > 0 and _before(position, fixed, i, t.order[k - 1]):
+            t.order[k] = t.order[k - 1]
+            k -= 1
+        t.order[k] = i
+    for place in range(position.shape[0]):
+        i = t.order[place]
+        t.fixed[place], t.bits[place] = fixed[i], 0
+        t.hint[place] = memory[i] - 1
+        if t.hint[place] < 0 or t.hint[place] >= PLANS:
+            t.hint[place] = NO_PLAN
+        for axis in range(3):
+            t.x[place, axis], t.x[place, 3 + axis] = position[i, axis], velocity[i, axis]
+            want = 0.0 if fixed[i] else desired[i, axis]
+            t.desired[3 * place + axis] = min(max(want, -limit), limit)

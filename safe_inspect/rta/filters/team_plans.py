@@ -1,0 +1,274 @@
+"""Joint backup plans of a team, and the exact test of a joint control, compiled.
+
+The difference of two motions about the chief obeys the same equations, with the difference of the thrusts as its
+input, and that of two closed motions is closed. So a pair is tested as one deputy about a chief in the other's place.
+"""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiled import njit
+from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
+from safe_inspect.rta.filters.closed_motion import closed_motion
+from safe_inspect.rta.filters.drifting import apart, drifted
+from safe_inspect.rta.filters.holds import hold
+from safe_inspect.rta.filters.model import FINE_NODES, HOLD_PIECES, Model
+from safe_inspect.rta.filters.plans import NO_PLAN, ORDER, PLANS, try_plan
+from safe_inspect.rta.filters.scratch import Scratch
+from safe_inspect.rta.filters.team_scratch import Team, TeamModel
+from safe_inspect.types import FloatArray
+
+Sun = tuple[float, float]
+#: What a test of a joint control says.
+PASSED, UNSAFE_HOLD, NO_JOINT_PLAN = range(3)
+#: All deputies have a plan; else the number of the one that has none is told.
+FOUND = -1
+_UNKNOWN, _GOOD, _BAD = range(3)
+#: Every so many of the fine nodes of an orbit, the distances of pairs are compared.
+_STRIDE = 4
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def state_of(x: FloatArray, i: int) -> State:
+    """Return a row of states as the tuple that the tests take."""
+    return x[i, 0], x[i, 1], x[i, 2], x[i, 3], x[i, 4], x[i, 5]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def minus(a: State, b: State) -> State:
+    """Return the difference of two states."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def fly(m: Model, x: FloatArray, control: FloatArray, after: FloatArray, t: Team) -> None:
+    """Write the states after a joint control, shape (D, 6)."""
+    for i in range(x.shape[0]):
+        for axis in range(3):
+            t.u[axis] = control[3 * i + axis]
+        end = held(m, state_of(x, i), t.u, HOLD_PIECES)
+        for k in range(6):
+            after[i, k] = end[k]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def begin_plans(m: Model, x: FloatArray, t: Team) -> None:
+    """Forget what is known of the plans; those that coast have the plan 0, which is to coast."""
+    t.met[:] = _UNKNOWN
+    for i in range(x.shape[0]):
+        t.line[i] = i
+        for plan in range(PLANS):
+            t.known[i, plan] = _UNKNOWN
+        if t.fixed[i]:
+            t.plan[i], t.known[i, 0] = 0, _GOOD
+            for axis in range(3):
+                t.thrust[i, 0, axis] = 0.0
+            end = held(m, state_of(x, i), t.thrust[i, 0], HOLD_PIECES)
+            for k in range(6):
+                t.end[i, 0, k] = end[k]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def alone_safe(
+    m: Model, x: FloatArray, sun: Sun, i: int, plan: int, length: float, speed: float, t: Team, s: Scratch
+) -> bool:  # fmt: skip
+    """Is a plan of a deputy safe without regard to the others? What is found is remembered."""
+    if t.known[i, plan] == _UNKNOWN:
+        u = t.thrust[i, plan]
+        t.known[i, plan] = _BAD
+        if try_plan(m, state_of(x, i), sun, plan, length, speed, u, s.work, s.cells, s.where):
+            t.known[i, plan] = _GOOD
+            end = held(m, state_of(x, i), u, HOLD_PIECES)
+            for k in range(6):
+                t.end[i, plan, k] = end[k]
+    return bool(t.known[i, plan] == _GOOD)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _pair_safe(
+    g: TeamModel, x: FloatArray, sun: Sun, i: int, plan: int, j: int, other: int, length: float, speed: float,
+    t: Team, s: Scratch,
+) -> bool:  # fmt: skip
+    """Do two deputies stay apart in their plans' holds and ever after?"""
+    q = g.pair
+    after = minus(state_of(t.end[i], plan), state_of(t.end[j], other))
+    if t.fixed[i] or t.fixed[j]:
+        if not apart(q.n, after, max(q.near, q.near_psm) + length):
+            return False
+    elif closed_motion(q, after, sun, length, speed, s.work) != SAFE:
+        return False
+    for axis in range(3):
+        t.u[axis] = t.thrust[i, plan, axis] - t.thrust[j, other, axis]
+    rel = minus(state_of(x, i), state_of(x, j))
+    return bool(hold(q, rel, sun, t.u, length, speed, s.cells, s.where) == SAFE)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _fits(
+    g: TeamModel, x: FloatArray, sun: Sun, place: int, plan: int, length: float, speed: float, t: Team, s: Scratch
+) -> bool:  # fmt: skip
+    """Is a plan of the deputy at a place of the line safe, and apart from those before it?"""
+    i = t.line[place]
+    if not alone_safe(g.one, x, sun, i, plan, length, speed, t, s):
+        return False
+    if g.pairs:
+        for k in range(place):
+            j = t.line[k]
+            a, b = min(i, j), max(i, j)
+            first, second = (plan, t.plan[j]) if i < j else (t.plan[j], plan)
+            p = a * (2 * x.shape[0] - a - 1) // 2 + b - a - 1
+            if t.met[p, first, second] == _UNKNOWN:
+                good = _pair_safe(g, x, sun, a, first, b, second, length, speed, t, s)
+                t.met[p, first, second] = _GOOD if good else _BAD
+            if t.met[p, first, second] == _BAD:
+                return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def joint_plan(
+    g: TeamModel, x: FloatArray, sun: Sun, length: float, speed: float, most: int, turns: int, t: Team, s: Scratch
+) -> tuple[int, bool]:  # fmt: skip
+    """Look for a joint plan from states x, the hints first; write it into `t.plan`.
+
+    One deputy after another takes the first plan that is safe and apart from the plans before it. One that finds none
+    goes to the head of the line, and all choose anew, at most `turns` times.
+
+    Returns:
+        The deputy that found no plan, or FOUND, and whether it had none even alone.
+    """
+    deputies = x.shape[0]
+    begin_plans(g.one, x, t)
+    head = 0
+    while head < deputies and t.fixed[head]:
+        head += 1
+    stuck = FOUND
+    for _ in range(turns):
+        stuck = FOUND
+        for place in range(head, deputies):
+            i, chosen = t.line[place], NO_PLAN
+            if t.hint[i] != NO_PLAN and _fits(g, x, sun, place, t.hint[i], length, speed, t, s):
+                chosen = t.hint[i]
+            else:
+                for rank in range(most):
+                    if _fits(g, x, sun, place, ORDER[rank], length, speed, t, s):
+                        chosen = ORDER[rank]
+                        break
+            t.plan[i] = chosen
+            if chosen == NO_PLAN:
+                stuck = place
+                break
+        if stuck == FOUND:
+            return FOUND, False
+        i = t.line[stuck]
+        alone = True
+        for plan in range(PLANS):
+            alone = alone and t.known[i, plan] != _GOOD
+        if alone or stuck == head:
+            return i, alone
+        for place in range(stuck, head, -1):
+            t.line[place] = t.line[place - 1]
+        t.line[head] = i
+    return t.line[head], False
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def tested(
+    g: TeamModel, sun: Sun, control: FloatArray, length: float, speed: float, most: int, turns: int, whole: bool,
+    t: Team, s: Scratch,
+) -> tuple[int, int, bool]:  # fmt: skip
+    """Test a joint control exactly: its hold, for each deputy and each pair, and a joint plan after it.
+
+    Args:
+        g: The task.
+        sun: Cosine and sine of the sun angle.
+        control: The thrusts [N], shape (3 D,).
+        length: Margin of the ranges and the sun cone [m].
+        speed: Margin of the speeds [m/s].
+        most: How many plans of each deputy to try.
+        turns: How often deputies may choose anew.
+        whole: True: write what is wrong with every deputy and pair; False: stop at the first.
+        t: Room; the joint plan is written into `t.plan`.
+        s: Room.
+
+    Returns:
+        PASSED, UNSAFE_HOLD or NO_JOINT_PLAN; for the last, what `joint_plan` returns.
+    """
+    deputies = t.x.shape[0]
+    broken, p = False, 0
+    for i in range(deputies):
+        t.code[i] = SAFE
+        if not t.fixed[i]:
+            for axis in range(3):
+                t.u[axis] = control[3 * i + axis]
+            t.code[i] = hold(g.one, state_of(t.x, i), sun, t.u, length, speed, s.cells, s.where)
+            t.at[i] = s.where[0]
+        if t.code[i] != SAFE:
+            broken = True
+            if not whole:
+                return UNSAFE_HOLD, FOUND, False
+    if g.pairs:
+        for i in range(deputies):
+            for j in range(i + 1, deputies):
+                t.pair_code[p] = SAFE
+                if not (t.fixed[i] and t.fixed[j]):
+                    for axis in range(3):
+                        t.u[axis] = control[3 * i + axis] - control[3 * j + axis]
+                    rel = minus(state_of(t.x, i), state_of(t.x, j))
+                    t.pair_code[p] = hold(g.pair, rel, sun, t.u, length, speed, s.cells, s.where)
+                    t.pair_at[p] = s.where[0]
+                if t.pair_code[p] != SAFE:
+                    broken = True
+                    if not whole:
+                        return UNSAFE_HOLD, FOUND, False
+                p += 1
+    if broken:
+        return UNSAFE_HOLD, FOUND, False
+    fly(g.one, t.x, control, t.after, t)
+    later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
+    stuck, alone = joint_plan(g, t.after, later, length, speed, most, turns, t, s)
+    return (PASSED if stuck == FOUND else NO_JOINT_PLAN), stuck, alone
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: Team) -> float:
+    """Return the least distance of a deputy's plan from those of the others, over one orbit, unless less than best."""
+    least = math.inf
+    for j in range(t.x.shape[0]):
+        if j == i or t.plan[j] == NO_PLAN:
+            continue
+        rel = minus(state_of(t.end[i], plan), state_of(t.end[j], t.plan[j]))
+        for node in range(0, FINE_NODES, _STRIDE):
+            angle = node * (2.0 * math.pi / FINE_NODES)
+            p = drifted(g.one.n, rel, angle, g.one.fine[node, 0], g.one.fine[node, 1])
+            least = min(least, p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+            if least <= best:
+                return least
+    return least
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def farthest_plans(
+    g: TeamModel, x: FloatArray, sun: Sun, length: float, speed: float, most: int, t: Team, s: Scratch
+) -> None:  # fmt: skip
+    """Write into `t.plan` plans that are safe alone and as far apart as they can be chosen one by one.
+
+    A deputy without a plan of its own has NO_PLAN. What `joint_plan` has found of the same states is used.
+    """
+    deputies = x.shape[0]
+    for i in range(deputies):
+        if not t.fixed[i]:
+            t.plan[i] = NO_PLAN
+    for _ in range(2):
+        for place in range(deputies):
+            i, best, chosen = t.line[place], -1.0, NO_PLAN
+            if t.fixed[i]:
+                continue
+            for rank in range(most):
+                plan = ORDER[rank]
+                if alone_safe(g.one, x, sun, i, plan, length, speed, t, s):
+                    least = _least_apart(g, i, plan, best, t)
+                    if least > best:
+                        best, chosen = least, plan
+            t.plan[i] = chosen

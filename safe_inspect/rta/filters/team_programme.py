@@ -1,0 +1,192 @@
+"""The joint control nearest to the desired one under half-spaces: one quadratic programme over all deputies, compiled.
+
+The dual active-set method of Goldfarb and Idnani ("A numerically stable dual method for solving strictly convex
+quadratic programs", Mathematical Programming 27, 1983) for an identity Hessian: from the desired control, the
+half-space that is broken most is added; those that its multipliers let go of are dropped. The active normals are kept
+as an orthonormal basis and a triangle, built anew when one is dropped: there are at most 3 D of them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.compiled import njit
+from safe_inspect.types import FloatArray
+
+#: A half-space counts as met within this distance.
+TOLERANCE = 1e-10
+#: A normal whose part outside the active ones is shorter than this, squared, depends on them.
+_DEPENDENT = 1e-14
+_STEPS = 20
+
+
+class Programme(NamedTuple):
+    """Room for one programme of V variables.
+
+    Attributes:
+        normal: The half-space that is being added, shape (V,).
+        step: Its part outside the active ones, shape (V,), as the rest.
+        part: Its coefficients in the active ones.
+        coefficient: Its coefficients in the basis.
+        multiplier: Multipliers of the active ones.
+        normals: Active normals, shape (V, V), one a row.
+        basis: Orthonormal basis of them, shape (V, V), one a row.
+        upper: The normals in the basis, shape (V, V), one a column.
+    """
+
+    normal: FloatArray
+    step: FloatArray
+    part: FloatArray
+    coefficient: FloatArray
+    multiplier: FloatArray
+    normals: FloatArray
+    basis: FloatArray
+    upper: FloatArray
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def programme(variables: int) -> Programme:
+    """Return room for programmes of that many variables."""
+    return Programme(
+        np.empty(variables), np.empty(variables), np.empty(variables), np.empty(variables), np.empty(variables),
+        np.empty((variables, variables)), np.empty((variables, variables)), np.empty((variables, variables)),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _split(p: Programme, active: int) -> float:
+    """Write the part of the normal outside the active ones and its coefficients; return that part's square."""
+    size = p.normal.shape[0]
+    for k in range(size):
+        p.step[k] = p.normal[k]
+    for j in range(active):
+        p.coefficient[j] = 0.0
+    for _ in range(2):  # twice is enough to be orthogonal to rounding
+        for j in range(active):
+            total = 0.0
+            for k in range(size):
+                total += p.basis[j, k] * p.step[k]
+            p.coefficient[j] += total
+            for k in range(size):
+                p.step[k] -= total * p.basis[j, k]
+    for j in range(active - 1, -1, -1):
+        total = p.coefficient[j]
+        for k in range(j + 1, active):
+            total -= p.upper[j, k] * p.part[k]
+        p.part[j] = total / p.upper[j, j]
+    square = 0.0
+    for k in range(size):
+        square += p.step[k] * p.step[k]
+    return square
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _append(p: Programme, active: int, square: float) -> None:
+    """Make the normal an active one, after `_split`."""
+    length = math.sqrt(square)
+    for k in range(p.normal.shape[0]):
+        p.normals[active, k] = p.normal[k]
+        p.basis[active, k] = p.step[k] / length
+    for j in range(active):
+        p.upper[j, active] = p.coefficient[j]
+    p.upper[active, active] = length
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _remove(p: Programme, active: int, which: int) -> None:
+    """Drop an active normal and build the basis anew; the normal that is being added is kept in place."""
+    size = p.normal.shape[0]
+    for j in range(which, active - 1):
+        p.multiplier[j] = p.multiplier[j + 1]
+        for k in range(size):
+            p.normals[j, k] = p.normals[j + 1, k]
+    for j in range(which, active - 1):
+        for k in range(size):
+            p.step[k] = p.normals[j, k]
+        for i in range(j):
+            total = 0.0
+            for k in range(size):
+                total += p.basis[i, k] * p.step[k]
+            p.upper[i, j] = total
+            for k in range(size):
+                p.step[k] -= total * p.basis[i, k]
+        square = 0.0
+        for k in range(size):
+            square += p.step[k] * p.step[k]
+        length = math.sqrt(square)
+        p.upper[j, j] = length
+        for k in range(size):
+            p.basis[j, k] = p.step[k] / length
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def nearest_joint(
+    rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, out: FloatArray, p: Programme
+) -> bool:  # fmt: skip
+    """Write the point nearest to `target` with rows . out >= bounds and |out_k| <= limit.
+
+    Args:
+        rows: Unit normals, shape (K, V).
+        bounds: Right-hand sides, shape (K,).
+        count: How many of them count.
+        limit: Bound of each component.
+        target: The point to be near to, shape (V,).
+        out: Receives the point, shape (V,).
+        p: Room.
+
+    Returns:
+        False, and no meaning in `out`, where there is no such point.
+    """
+    size = target.shape[0]
+    for k in range(size):
+        out[k] = target[k]
+    active = 0
+    for _ in range(_STEPS * size):
+        short, pick = -TOLERANCE, -1
+        for k in range(size):
+            room = limit - abs(out[k])
+            if room < short:
+                short, pick = room, 2 * k + (1 if out[k] > 0.0 else 0)
+        for i in range(count):
+            room = -bounds[i]
+            for k in range(size):
+                room += rows[i, k] * out[k]
+            if room < short:
+                short, pick = room, 2 * size + i
+        if pick < 0:
+            for k in range(size):
+                out[k] = min(max(out[k], -limit), limit)
+            return True
+        for k in range(size):
+            p.normal[k] = rows[pick - 2 * size, k] if pick >= 2 * size else 0.0
+        if pick < 2 * size:
+            p.normal[pick // 2] = 1.0 - 2.0 * (pick % 2)
+        gained = 0.0
+        while True:
+            square = _split(p, active)
+            full = -short / square if square > _DEPENDENT else np.inf
+            partial, drop = np.inf, -1
+            for j in range(active):
+                if p.part[j] > 1e-12 and p.multiplier[j] / p.part[j] < partial:
+                    partial, drop = p.multiplier[j] / p.part[j], j
+            length = min(full, partial)
+            if length == np.inf:
+                return False
+            if full < np.inf:
+                for k in range(size):
+                    out[k] += length * p.step[k]
+                short += length * square
+            for j in range(active):
+                p.multiplier[j] -= length * p.part[j]
+            gained += length
+            if full <= partial:
+                _append(p, active, square)
+                p.multiplier[active] = gained
+                active += 1
+                break
+            _remove(p, active, drop)
+            active -= 1
+    return False

@@ -1,0 +1,267 @@
+"""The rows of the team's filter, compiled; `TeamFilter` documents the method."""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiled import njit
+from safe_inspect.rta.filters.backup_rows import (
+    BACKUP,
+    DESIRED,
+    LENGTH_MARGIN,
+    NEAREST,
+    RETURN,
+    SPEED_MARGIN,
+)
+from safe_inspect.rta.filters.cuts import MOST
+from safe_inspect.rta.filters.model import COLLISION, PSM
+from safe_inspect.rta.filters.plans import NO_PLAN, PLANS, QUICK, STAY
+from safe_inspect.rta.filters.returning import return_control
+from safe_inspect.rta.filters.scratch import Scratch, plain, scratch
+from safe_inspect.rta.filters.team_cuts import cut_ends, cut_holds, cut_plans
+from safe_inspect.rta.filters.team_order import enter
+from safe_inspect.rta.filters.team_plans import (
+    FOUND,
+    PASSED,
+    UNSAFE_HOLD,
+    Sun,
+    farthest_plans,
+    joint_plan,
+    state_of,
+    tested,
+)
+from safe_inspect.rta.filters.team_programme import nearest_joint
+from safe_inspect.rta.filters.team_scratch import Team, TeamModel, team_room
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+_NEAR = 1 << COLLISION | 1 << PSM
+#: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
+_EXTRA = 2.0
+_ROUNDS = 6
+#: How often the deputies' plans are chosen anew in a round.
+_TURNS = 2
+#: Rounds that may end in states without a joint plan.
+_RECOVERIES = 2
+#: Slack that a plan is asked for at the nodes of its orbit [m], for what lies between them.
+_NODE_MARGIN = 0.05
+_POLISH = 4
+#: A proposal that moves less than this [N] has settled.
+_STILL = 1e-7
+_HALVINGS = 5
+#: Plans that the search between the backup and the last proposal tries, beside the last that was safe.
+_FEW = 6
+#: Distance of a control from the best one at which that search ends [N].
+_FINE = 2e-3
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _squared(a: FloatArray, b: FloatArray) -> float:
+    total = 0.0
+    for k in range(a.shape[0]):
+        total += (a[k] - b[k]) ** 2
+    return total
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _copy(source: FloatArray, target: FloatArray) -> None:
+    for k in range(source.shape[0]):
+        target[k] = source[k]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _keep(source: IntArray, target: IntArray) -> None:
+    for k in range(source.shape[0]):
+        target[k] = source[k]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _cut(g: TeamModel, sun: Sun, own_side: bool, t: Team, s: Scratch) -> bool:
+    """Look for a joint control by cutting planes; True where `t.control` is one and `t.plan` its plan.
+
+    Each round adds half-spaces for all that the last proposal breaks and proposes the control of the programme.
+    """
+    length, speed = _EXTRA * LENGTH_MARGIN, _EXTRA * SPEED_MARGIN
+    count, unrecovered = plain(0), 0
+    _copy(t.desired, t.control)
+    for attempt in range(_ROUNDS):
+        most = plain(PLANS) if attempt == 0 else plain(QUICK)
+        verdict, stuck, alone = tested(g, sun, t.control, LENGTH_MARGIN, SPEED_MARGIN, most, plain(_TURNS), True, t, s)
+        if verdict == PASSED:
+            return True
+        first = attempt == 0 and not own_side
+        if verdict == UNSAFE_HOLD:
+            count = cut_holds(g, sun, own_side, length, speed, first, count, t, s)
+        else:
+            unrecovered += 1
+            if unrecovered > _RECOVERIES:
+                return False
+            count = cut_plans(
+                g, sun, stuck, alone, _NODE_MARGIN, LENGTH_MARGIN, SPEED_MARGIN, first, count, t, s
+            )  # fmt: skip
+        for _ in range(_POLISH):
+            if not nearest_joint(t.rows, t.bounds, count, g.one.u_max, t.desired, t.trial, t.room):
+                return False
+            moved = math.sqrt(_squared(t.trial, t.control))
+            _copy(t.trial, t.control)
+            if moved < _STILL:
+                break
+            before = count
+            count = cut_ends(g, sun, own_side, 0.75 * length, 0.75 * speed, count, t, s)
+            if count == before:
+                break
+    return False
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _better(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
+    """Take `t.trial` as the best control if it is nearer to the desired one and passes the test."""
+    if not _squared(t.trial, t.desired) < _squared(t.best, t.desired):
+        return False
+    if tested(g, sun, t.trial, LENGTH_MARGIN, SPEED_MARGIN, plain(_FEW), plain(_TURNS), False, t, s)[0] != PASSED:
+        return False
+    _copy(t.trial, t.best)
+    _keep(t.plan, t.kept)
+    _keep(t.plan, t.hint)
+    return True
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _between(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
+    """Write into `t.best` a tested control between the backup and the last proposal, as near to it as it finds.
+
+    First all deputies move together, then one after another on from there.
+    """
+    deputies = t.x.shape[0]
+    _copy(t.backup, t.best)
+    for i in range(deputies):
+        t.hint[i] = NO_PLAN if t.fixed[i] else STAY
+        t.kept[i] = t.hint[i]
+    size = math.sqrt(_squared(t.control, t.backup))
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        if size * (high - low) < _FINE:
+            break
+        middle = 0.5 * (low + high)
+        for k in range(3 * deputies):
+            t.trial[k] = t.backup[k] + middle * (t.control[k] - t.backup[k])
+        if _better(g, sun, t, s):
+            low = middle
+        else:
+            high = middle
+    for i in range(deputies):
+        if t.fixed[i] or deputies == 1:
+            continue
+        for share in (1.0, 0.5):
+            _copy(t.best, t.trial)
+            for k in range(3 * i, 3 * i + 3):
+                t.trial[k] = t.best[k] + share * (t.control[k] - t.best[k])
+            if _better(g, sun, t, s):
+                break
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _backup(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
+    """Write the thrust of a joint plan of the present states into `t.backup`; False where there is none.
+
+    What was taken with the whole margins is still safe with half of them, whatever the rounding since; the plan that
+    is remembered is tried before others, so it is found again.
+    """
+    for half in range(2):
+        share = 1.0 - 0.5 * half
+        stuck, _ = joint_plan(
+            g, t.x, sun, share * LENGTH_MARGIN, share * SPEED_MARGIN, plain(PLANS), t.x.shape[0] + 2, t, s
+        )  # fmt: skip
+        if stuck == FOUND:
+            for i in range(t.x.shape[0]):
+                for axis in range(3):
+                    t.backup[3 * i + axis] = t.thrust[i, t.plan[i], axis]
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _return(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
+    """Write into `t.best` the way back: plans that are safe alone and lie far apart, else that of a single deputy."""
+    farthest_plans(g, t.x, sun, 0.5 * LENGTH_MARGIN, 0.5 * SPEED_MARGIN, plain(PLANS), t, s)
+    for i in range(t.x.shape[0]):
+        if t.plan[i] != NO_PLAN:
+            for axis in range(3):
+                t.best[3 * i + axis] = t.thrust[i, t.plan[i], axis]
+        else:
+            t.bits[i] |= return_control(g.one, state_of(t.x, i), sun, t.u, s)
+            for axis in range(3):
+                t.best[3 * i + axis] = t.u[axis]
+        t.kept[i] = NO_PLAN
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def filter_team_rows(
+    g: TeamModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
+    fixed: BoolArray, memory: IntArray, control: FloatArray, refused: IntArray, stage: IntArray,
+) -> None:  # fmt: skip
+    """Write each environment's controls (N, D, 3), bits of what refused the desired ones (N, D), and stage (N,).
+
+    `memory` (N, D) holds the plan of each deputy, counted from 1, or 0; it is replaced by that of the state to come.
+    """
+    s, t = scratch(MOST), team_room(position.shape[1])
+    for row in range(position.shape[0]):
+        enter(position[row], velocity[row], desired[row], fixed[row], memory[row], g.one.u_max, t)
+        sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
+        done, near, any_bits = False, True, 0
+        for side in range(2):
+            done = _cut(g, sun, side == 1, t, s)
+            any_bits = 0
+            for i in range(t.x.shape[0]):
+                any_bits |= t.bits[i]
+            near = any_bits & _NEAR != 0
+            if done or not near:
+                break
+        if done:
+            stage[row] = NEAREST if any_bits else DESIRED
+            _copy(t.control, t.best)
+            _keep(t.plan, t.kept)
+        elif _backup(g, sun, t, s):
+            stage[row] = BACKUP
+            _between(g, sun, t, s)
+        else:
+            stage[row] = RETURN
+            _return(g, sun, t, s)
+        for place in range(t.x.shape[0]):
+            i = t.order[place]
+            refused[row, i] = t.bits[place]
+            memory[row, i] = 0 if t.fixed[place] else t.kept[place] + 1
+            for axis in range(3):
+                control[row, i, axis] = t.best[3 * place + axis]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def team_rows(
+    g: TeamModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, control: FloatArray,
+    fixed: BoolArray, memory: IntArray, plan: bool, out: BoolArray,
+) -> None:  # fmt: skip
+    """Write whether each environment's joint control is admissible, or if `plan`, whether it has a joint plan.
+
+    In the latter case the plan's thrust is written into `control`, zero where there is none, and its number into
+    `memory`.
+    """
+    s, t = scratch(MOST), team_room(position.shape[1])
+    for row in range(position.shape[0]):
+        enter(position[row], velocity[row], control[row], fixed[row], memory[row], g.one.u_max, t)
+        sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
+        if plan:
+            stuck, _ = joint_plan(g, t.x, sun, LENGTH_MARGIN, SPEED_MARGIN, plain(PLANS), t.x.shape[0] + 2, t, s)
+            out[row] = stuck == FOUND
+        else:
+            verdict, _, _ = tested(
+                g, sun, t.desired, LENGTH_MARGIN, SPEED_MARGIN, plain(PLANS), plain(_TURNS), False, t, s
+            )  # fmt: skip
+            out[row] = verdict == PASSED
+        for place in range(t.x.shape[0]):
+            i = t.order[place]
+            for axis in range(3):
+                if plan:
+                    control[row, i, axis] = t.thrust[place, t.plan[place], axis] if out[row] else 0.0
+                elif abs(control[row, i, axis]) > g.one.u_max or (fixed[row, i] and control[row, i, axis] != 0.0):
+                    out[row] = False
+            if plan:
+                memory[row, i] = t.plan[place] + 1 if out[row] and not t.fixed[place] else 0

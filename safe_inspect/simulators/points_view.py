@@ -1,0 +1,78 @@
+"""`PointsView`: the inspection points of one body in one state."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from safe_inspect.simulators.world import PointsModel
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from safe_inspect.simulators.view import View
+
+
+class PointsView:
+    """The inspection points of one body, as the agents of a group see them. Arrays are read only by agreement."""
+
+    def __init__(self, view: View, model: PointsModel) -> None:
+        self._view = view
+        self._state = view.state.points[model.entity]
+        self.model = model
+
+    @property
+    def num_points(self) -> int:
+        """Number of points, P."""
+        return self.model.num_points
+
+    @property
+    def inspector(self) -> AnyArray:
+        """Index of the deputy that first inspected each point, -1 for none, shape (R, P)."""
+        return self._view.per_environment(self._state.inspector)
+
+    @cached_property
+    def inspected(self) -> BoolArray:
+        """Points that any deputy has inspected, shape (R, P)."""
+        return self.inspector >= 0
+
+    @property
+    def count(self) -> IntArray:
+        """Number of points that the team has inspected, shape (R,)."""
+        return self._view.per_environment(self._state.team_count)
+
+    @property
+    def fraction(self) -> FloatArray:
+        """Fraction of the points that the team has inspected [-], shape (R,)."""
+        return self.count / self.num_points
+
+    def count_of(self, platform: str | None = None) -> IntArray:
+        """Return the number of points first inspected by one deputy (the agent's own by default), shape (R,)."""
+        if platform is None:
+            return self._view.per_agent(self._state.own_count)
+        return self._view.per_environment(self._state.own_count[:, self._view.world.bodies[platform]])
+
+    @property
+    def weights(self) -> FloatArray:
+        """Weight of each point, rows sum to 1, shape (R, P)."""
+        return self._view.per_environment(self._state.weights)
+
+    @cached_property
+    def inspected_weight(self) -> FloatArray:
+        """Summed weight of the inspected points, 0 to 1, shape (R,)."""
+        return np.asarray(np.where(self.inspected, self.weights, 0.0).sum(axis=-1))
+
+    @cached_property
+    def lit(self) -> BoolArray:
+        """Points that the sun lights well enough for an inspection from the own position, shape (R, P)."""
+        return self.model.lit(self._viewer, self._view.sun_direction)
+
+    @property
+    def candidates(self) -> BoolArray:
+        """Points that are lit, seen from the own position, and that no deputy has inspected, shape (R, P)."""
+        return self.model.candidates(self._viewer, self._view.sun_direction, self.inspector)
+
+    @property
+    def _viewer(self) -> FloatArray:
+        return self._view.position - self._view.entity_position(self.model.entity)

@@ -1,0 +1,50 @@
+"""Plain controllers computed together give what each of them gives, to the bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from safe_inspect.environments import load_spec
+from safe_inspect.environments.thrust import Thrusters
+from safe_inspect.glues import ControllerGlue
+from safe_inspect.glues.normalization import Normalization
+from safe_inspect.platforms import RateController
+
+ACTIONS = np.concatenate([np.random.default_rng(0).normal(0.0, 1.0, (200, 3)), [[-0.0, 0.0, -2.0], [2.0, -0.0, 0.0]]])
+
+
+@pytest.fixture(scope="module")
+def agent():
+    return load_spec("safe_inspect/TranslationalInspection-v0").agents[0]
+
+
+def with_controllers(agent, axes, *, normalised=False):
+    names = [f"thruster {index}" for index in range(len(axes))]
+    limits = [{"name": "thrust", "low": -0.5 - index, "high": 1.0 + index} for index in range(len(axes))]
+    parts = {
+        name: RateController(name=name, axis=axis, properties=limit)
+        for name, axis, limit in zip(names, axes, limits, strict=True)
+    }
+    glues = tuple(ControllerGlue(controller=name, normalization=Normalization(enabled=normalised)) for name in names)
+    return replace(agent, parts=parts, glues=glues)
+
+
+def one_by_one(agent, actions):
+    thrust = np.zeros((len(actions), 3))
+    for column, glue in enumerate(agent.action_glues):
+        thrust += glue(actions[:, [column]], agent.parts)
+    return thrust
+
+
+@pytest.mark.parametrize("axes", [(0, 1, 2), (2, 0, 1), (1,), (0, 2), (0, 0, 2)])
+@pytest.mark.parametrize("normalised", [False, True])
+def test_the_thrusts_are_those_of_the_glues_one_by_one(agent, axes, normalised):
+    made = with_controllers(agent, axes, normalised=normalised)
+    actions = ACTIONS[:, : len(axes)]
+    found = Thrusters(made)(actions)
+    expected = one_by_one(made, actions)
+    assert found.tobytes() == expected.tobytes()  # the sign of zero too
+    assert np.abs(found).max() > 0.5
