@@ -25,6 +25,7 @@ from safe_inspect.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.rejection_sampler import RejectionSampler
+from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.inspection_simulator import InspectionSimulator
 from safe_inspect.simulators.reset import ResetPlan
 
@@ -126,6 +127,9 @@ def _constants_agree(
         if entry.platforms and entry.platforms[0] in platforms:
             true["mass"] = true["m"] = (platforms[entry.platforms[0]].mass, "the platform's `mass`")
         told = list(_plugins(entry, base))
+        team = config.config.config.env_config.rta
+        if team is not None:
+            told.append(((*_ENVIRONMENT, "rta"), team))
         for name, parameter in reset.parameters.items():
             if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
                 where = (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
@@ -138,8 +142,8 @@ def _constants_agree(
                 if radius < sphere.radius:
                     message = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({sphere.radius:g} m)"
                     report((*path, "config", "collision_radius"), f"{message}; make it at least as large")
-            if isinstance(plugin, SafetyGlue) and plugin.enabled and "u_max" in type(plugin).model_fields:
-                thrust = plugin.u_max  # type: ignore[attr-defined]
+            if isinstance(plugin, SafetyGlue | TeamSafety) and plugin.enabled and "u_max" in type(plugin).model_fields:
+                thrust = getattr(plugin, "u_max")  # noqa: B009 - not every filter has it
                 if any((low > -thrust).any() or (high < thrust).any() for low, high in largest):
                     message = f"the filter counts on {thrust:g} N along each axis, which a controller cannot give"
                     report((*path, "config", "u_max"), f"{message}; lower `u_max`, or raise the controller's limits")

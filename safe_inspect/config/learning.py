@@ -8,6 +8,7 @@ from typing import Any
 
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.located import has, locate, path_text
+from safe_inspect.config.templates import NUMBER
 from safe_inspect.errors import ConfigError, Problem
 
 Path = tuple[Any, ...]
@@ -22,8 +23,8 @@ def placed(experiment: Experiment, problems: Sequence[Problem]) -> list[Problem]
     return [_placed(experiment, problem) for problem in problems]
 
 
-def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any], Any]) -> Any:
-    """Translate the three mappings and return the settings.
+def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any, Any], Any]) -> Any:
+    """Translate the three mappings, and what each policy has of its own, and return the settings.
 
     Args:
         experiment: The experiment.
@@ -33,7 +34,8 @@ def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any], Any])
         ConfigError: With every mistake in them.
     """
     task = experiment.config.config.config
-    settings = read({"algorithm": experiment.algorithm, **experiment.rllib}, task.tune_config, task.ray_config)
+    rllib = {"algorithm": experiment.algorithm, **experiment.rllib}
+    settings = read(rllib, task.tune_config, task.ray_config, tuple(experiment.policies.values()))
     if settings.problems:
         raise ConfigError(placed(experiment, settings.problems))
     return settings
@@ -44,8 +46,10 @@ def _placed(experiment: Experiment, problem: Problem) -> Problem:
     if not steps or problem.location is not None:
         return problem
     head, rest = steps[0], steps[1:]
-    if head == "rllib_configs":
-        places: list[Path] = [(*_POLICY, *rest)]
+    if head == "policies":
+        places: list[Path] = _places_of_policy(experiment, problem.path)
+    elif head == "rllib_configs":
+        places = [(*_POLICY, *rest)]
         platforms = experiment.config.config.config.rllib_configs
         places += [(*_TASK, "rllib_configs", name, *rest) for name in platforms]
         if rest == ("algorithm",):
@@ -56,6 +60,23 @@ def _placed(experiment: Experiment, problem: Problem) -> Problem:
         if _stands(experiment.tree, place):
             return Problem(problem.message, path_text(place), locate(experiment.tree, place), problem.hint)
     return problem
+
+
+def _places_of_policy(experiment: Experiment, path: str) -> list[Path]:
+    """Return where ``policies.NAME.KEY`` may stand: in the entry, or the template, of an agent of that policy."""
+    rest = path.removeprefix("policies.")
+    named = [policy for name, policy in experiment.policies.items() if rest == name or rest.startswith(f"{name}.")]
+    if not named:
+        return []
+    policy = max(named, key=lambda policy: len(policy.name))
+    key = rest.removeprefix(policy.name).removeprefix(".")
+    places: list[Path] = []
+    for index, entry in enumerate(experiment.tree["agent_config"]):
+        pattern = re.escape(str(entry["name"])).replace(re.escape(NUMBER), r"\d+")
+        if any(re.fullmatch(pattern, agent) for agent in policy.agents):
+            base: Path = ("agent_config", index, "policy")
+            places += [(*base, "config", *key.split(".")), (*base, key), base, base[:-1]]
+    return places
 
 
 def _stands(tree: Any, path: Path) -> bool:
