@@ -85,12 +85,13 @@ class NaturalMotionInspector(ScriptedPolicy):
     haste: NonNegativeAcceleration = 2e-7
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the plan: its burns, the step of its review, where it leads; and the deputy's turn to plan."""
+        """Declare the plan (its burns, the step of its review, where it leads and when) and the turn to plan."""
         return {
             "start": ArraySpec((self.burns,), np.int64),
             "delta_v": ArraySpec((self.burns, 3)),
             "review": ArraySpec((), np.int64),
             "expected": ArraySpec((6,)),
+            "arrival": ArraySpec((), np.int64),
             "turn": ArraySpec((), np.int64, -1),
         }
 
@@ -101,8 +102,8 @@ class NaturalMotionInspector(ScriptedPolicy):
         from safe_inspect.policies.turns import take_turns
 
         world = view.world
-        start, delta_v, review, expected, turn = (
-            view.memory(PILOT, name) for name in ("start", "delta_v", "review", "expected", "turn")
+        start, delta_v, review, expected, arrival, turn = (
+            view.memory(PILOT, name) for name in ("start", "delta_v", "review", "expected", "arrival", "turn")
         )
         phi, gamma = step_maps(world.mean_motion, world.step_size, self.horizon)
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
@@ -115,11 +116,11 @@ class NaturalMotionInspector(ScriptedPolicy):
         if (turn < 0).any():
             team = view.state.position[:, : world.num_deputies], view.state.velocity[:, : world.num_deputies]
             take_turns(turn, deputy, view.group.size, *team, phi, gamma, self.clearance)
-        due = who_plans(step, turn, world.num_deputies, finished, position, velocity, expected, *flown, review)
+        due = who_plans(step, turn, world.num_deputies, finished, position, velocity, expected, arrival, *flown, review)
         for row in np.flatnonzero(due & (step < self.horizon)):
             self._plan(view, int(row), reach[row], start[row], delta_v[row], review)
         acceleration = np.zeros((view.num_rows, 3))
-        follow(step, position, velocity, *flown, world.step_size, phi, gamma, finished, expected, acceleration)
+        follow(step, position, velocity, *flown, world.step_size, phi, gamma, finished, expected, arrival, acceleration)
         return acceleration * mass
 
     def _plan(

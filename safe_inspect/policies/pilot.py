@@ -22,6 +22,7 @@ def who_plans(
     position: FloatArray,
     velocity: FloatArray,
     expected: FloatArray,
+    arrival: IntArray,
     start: IntArray,
     delta_v: FloatArray,
     reach: FloatArray,
@@ -39,7 +40,8 @@ def who_plans(
         finished: Status with which the episode has ended for the deputy, shape (R,).
         position: Position [m], shape (R, 3).
         velocity: Velocity [m/s], shape (R, 3).
-        expected: Position and velocity that the plan leads to at this step, shape (R, 6).
+        expected: Position and velocity that the plan leads to, shape (R, 6).
+        arrival: The step at which it does, shape (R,); the step after this one when this one was looked at before.
         start: First step of each burn, shape (R, K).
         delta_v: Velocity change of each burn [m/s], shape (R, K, 3).
         reach: Velocity change that one step can give [m/s], shape (R, 3).
@@ -47,8 +49,10 @@ def who_plans(
     """
     due = np.zeros(step.shape[0], dtype=np.bool_)
     for row in range(step.shape[0]):
-        if finished[row] != 0:
+        if finished[row] != 0 or arrival[row] == step[row] + 1:
             continue
+        if arrival[row] != step[row]:
+            review[row] = 0
         for axis in range(3):
             if (
                 abs(position[row, axis] - expected[row, axis]) > _ASTRAY
@@ -81,6 +85,7 @@ def follow(
     gamma: FloatArray,
     finished: AnyArray,
     expected: FloatArray,
+    arrival: IntArray,
     acceleration: FloatArray,
 ) -> None:
     """Write the acceleration that each plan asks for in this step, and where it leads.
@@ -97,6 +102,7 @@ def follow(
         gamma: Input matrices of a body of 1 kg, likewise.
         finished: Status with which the episode has ended for the deputy, shape (R,); it coasts.
         expected: Receives position and velocity at the next step, shape (R, 6).
+        arrival: Receives the number of the next step, shape (R,).
         acceleration: Receives the thrust over the mass [m/s^2], Hill frame, shape (R, 3).
     """
     state = np.empty(6)
@@ -109,3 +115,4 @@ def follow(
                     acceleration[row, axis] = delta_v[row, k, axis] / (length * step_size)
         state[:3], state[3:] = position[row], velocity[row]
         fly(phi, gamma, 1, state, acceleration[row], expected[row])
+        arrival[row] = step[row] + 1

@@ -193,9 +193,10 @@ def revise(
     settle(course, start, delta_v)
     left, lack = np.empty(course.needed.shape[0], np.int64), np.empty(course.needed.shape[0])
     outcome = evaluate(course, state, start, delta_v, 1, left, lack)
-    if outcome.left > 0 or outcome.breaches > 0:
-        return improve(course, state, start, delta_v, seed, restarts, iterations, stride)
+    begins = restarts if outcome.left > 0 or outcome.breaches > 0 else 0
     for k in range(start.shape[0]):
         if start[k] == 0 and burn_steps(delta_v[k], course.reach) > 0:
-            return improve(course, state, start, delta_v, seed, 1, iterations, stride)
+            begins = max(begins, 1)
+    if begins > 0:
+        outcome = improve(course, state, start, delta_v, seed, begins, iterations, stride)
     return outcome

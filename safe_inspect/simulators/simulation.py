@@ -14,6 +14,7 @@ from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import inspect_points, lit, lit_and_uninspected
 from safe_inspect.randomness import Streams
 from safe_inspect.simulators.advance import advance, point_sun
+from safe_inspect.simulators.ahead import Ahead
 from safe_inspect.simulators.delta_v_scale import DeltaVScale
 from safe_inspect.simulators.inspection_simulator import InspectionPoints, InspectionSimulator
 from safe_inspect.simulators.reset import ResetPlan
@@ -87,6 +88,7 @@ class Simulation:
         self.before = State(num_envs, self._specs, self.state)
         self._active = np.ones((num_envs, len(platforms)), dtype=np.bool_)
         self._scale = DeltaVScale(config.schedule, num_envs)
+        self._ahead = Ahead(num_envs, self._specs, self._begin)
         self.reset_facts: dict[str, IntArray] = {}
         self.running = np.zeros(num_envs, dtype=np.bool_)
         self.views = self._views(self.state)
@@ -105,6 +107,7 @@ class Simulation:
         """Begin again with another seed: the next reset starts every slot's first episode."""
         self._seed = seed
         self._episodes[:] = -1
+        self._ahead.forget()
         self._scale = DeltaVScale(self._config.schedule, self.num_envs)
 
     def reset(self, rows: IntArray) -> State:
@@ -116,8 +119,23 @@ class Simulation:
         Returns:
             The fresh state of these rows alone, R environments.
         """
-        self._episodes[rows] += 1
-        streams = Streams(self._seed, self._slots[rows], self._episodes[rows])
+        if len(rows) == self.num_envs:
+            self._episodes[rows] += 1
+            fresh, facts = self._begin(rows, self._episodes[rows])
+            self._ahead.forget()
+        else:
+            fresh, facts = self._ahead.take(rows, self._episodes)
+        fresh.delta_v_scale[:] = self._scale.scale[rows]
+        self.state.put(rows, fresh)
+        for name, array in facts.items():
+            self.reset_facts.setdefault(name, np.zeros(self.num_envs, dtype=np.int64))[rows] = array
+        self.running[rows] = True
+        self.views = self._views(self.state)  # what the old ones have computed is out of date
+        return fresh
+
+    def _begin(self, rows: IntArray, episodes: IntArray) -> tuple[State, dict[str, AnyArray]]:
+        """Return the beginning of an episode of each of some rows, and the statistics of its draw."""
+        streams = Streams(self._seed, self._slots[rows], episodes)
         fresh = State(len(rows), self._specs)
         states, sun_angle, values = self._reset_plan.draw(streams)
         for name, index in self.world.bodies.items():
@@ -126,17 +144,16 @@ class Simulation:
         fresh.sun_angle[:] = sun_angle
         point_sun(fresh.sun_angle, fresh.sun_direction)
         fresh.key[:] = streams.bits("step")[:, 0]
-        fresh.delta_v_scale[:] = self._scale.scale[rows]
+        fresh.delta_v_scale[:] = self._config.schedule.start
         self._weigh(fresh, values)
         self._look(fresh)
-        self.state.put(rows, fresh)
-        for value in values.values():
-            for name, array in value.items() if isinstance(value, dict) else ():
-                if "/" in name:  # statistics of the draw, not a state
-                    self.reset_facts.setdefault(name, np.zeros(self.num_envs, dtype=np.int64))[rows] = array
-        self.running[rows] = True
-        self.views = self._views(self.state)  # what the old ones have computed is out of date
-        return fresh
+        facts = {
+            name: array
+            for value in values.values()
+            for name, array in (value.items() if isinstance(value, dict) else ())
+            if "/" in name  # statistics of the draw, not a state
+        }
+        return fresh, facts
 
     def step(self, control: FloatArray) -> None:
         """Hold a thrust over one step.

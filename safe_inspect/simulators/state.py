@@ -120,9 +120,9 @@ class State:
         for mine, theirs in zip(self._list, other._list, strict=True):
             mine[rows] = theirs
 
-    def take(self, rows: IntArray) -> State:
-        """Return a new state that holds copies of some rows."""
-        taken = State(len(rows), self.specs)
+    def take(self, rows: IntArray, into: State | None = None) -> State:
+        """Return a state that holds copies of some rows: a new one, or another of that many rows, overwritten."""
+        taken = State(len(rows), self.specs) if into is None else into
         for mine, theirs in zip(taken._list, self._list, strict=True):
             mine[...] = theirs[rows]
         return taken

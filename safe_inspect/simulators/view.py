@@ -167,7 +167,7 @@ class View:
         others = np.array(
             [[k for k in range(deputies) if k != own] for own in range(first, first + size)], dtype=np.intp
         )
-        found: FloatArray = array[:, others.reshape(size, deputies - 1)].reshape(-1, deputies - 1, array.shape[-1])
+        found: FloatArray = array[:, others.reshape(size, deputies - 1)].reshape(self.num_rows, deputies - 1, 3)
         return found
 
     def entity_position(self, name: str) -> FloatArray:

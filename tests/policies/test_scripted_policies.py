@@ -143,6 +143,18 @@ def test_the_flight_is_the_plan(shipped: Path) -> None:
     assert burning.max() <= 3  # one step for each burn
 
 
+def test_a_second_look_at_a_state_changes_nothing(shipped: Path) -> None:
+    environment = TeamEnvironment(team_of(shipped, NaturalMotionInspector(restarts=1), 2), 3)
+    environment.reset()
+    for _ in range(4):
+        thrust = environment.groups[0].fly(environment.view())
+        kept = {name: array.copy() for name, array in memory(environment).items()}
+        np.testing.assert_array_equal(environment.groups[0].fly(environment.view()), thrust)
+        for name, array in memory(environment).items():
+            np.testing.assert_array_equal(array, kept[name])
+        environment.step(())
+
+
 def test_a_weak_engine_burns_longer(shipped: Path) -> None:
     overrides = tuple(f"agent_config.blue0_ctrl.config.config.parts.{axis}.config.properties.{side}={value}"
                       for axis in range(3) for side, value in (("low", -0.01), ("high", 0.01)))  # fmt: skip
