@@ -1,8 +1,9 @@
-"""Fly the scripted pilot through one episode of the shipped task and draw it.
+"""Fly the scripted inspector through one episode of a task and draw it.
 
-The picture of the README, an inspection on its way, is drawn by
+The picture of the README, three deputies on their way, is drawn by
 
-    python examples/draw_trajectory.py --seed 4 --until 5200 --out docs/images/trajectory.png
+    python examples/draw_trajectory.py --cfg safe_inspect/MultiagentTranslationalInspection-v0 --seed 4 \\
+        --until 2500 --out docs/images/trajectory.png
 """
 
 from __future__ import annotations
@@ -11,12 +12,11 @@ import argparse
 import math
 import sys
 
-from scripted_pilot import ScriptedPilot
-
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation import rollout, summarise
 from safe_inspect.evaluation.plots import save, trajectory_figure
+from safe_inspect.policies import NaturalMotionInspector
 
 
 def main() -> int:
@@ -28,7 +28,7 @@ def main() -> int:
     parser.add_argument("--until", type=float, default=math.inf, help="draw the episode up to this time [s]")
     arguments = parser.parse_args()
     try:
-        episodes = rollout(load_spec(arguments.cfg), ScriptedPilot(), 1, arguments.seed, record=1)
+        episodes = rollout(load_spec(arguments.cfg), NaturalMotionInspector(), 1, arguments.seed, record=1)
         save(trajectory_figure(episodes.trajectories[0].until(arguments.until)), arguments.out)
     except SafeInspectError as error:
         print(error, file=sys.stderr)
