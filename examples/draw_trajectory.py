@@ -2,8 +2,8 @@
 
 The picture of the README, three deputies on their way, is drawn by
 
-    python examples/draw_trajectory.py --cfg safe_inspect/MultiagentTranslationalInspection-v0 --seed 4 \\
-        --until 2500 --out docs/images/trajectory.png
+    TASK=safe_inspect/MultiagentTranslationalInspection-v0
+    python examples/draw_trajectory.py --cfg $TASK --seed 4 --until 2500 --out docs/images/trajectory.png
 """
 
 from __future__ import annotations
