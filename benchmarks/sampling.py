@@ -1,9 +1,9 @@
-"""How fast does RLlib sample? The batched runner beside RLlib's stock one, on the real environment and the shipped nets.
+"""How fast does RLlib sample? The batched runner beside the stock one, on the real environment with the shipped nets.
 
     python benchmarks/sampling.py [--envs 64 256] [--seconds 10] [--json sampling.json]
 
-One process, one Torch thread. The policies are set calm, to a standard deviation of 0.02 N, so that episodes last as long
-as those of a trained policy; `--early` leaves them as they begin, when some episode ends in nearly every step.
+One process, one Torch thread. The policies are set calm, to a standard deviation of 0.02 N, so that episodes last as
+long as those of a trained policy; `--early` leaves them as they begin, when some episode ends in nearly every step.
 """
 
 from __future__ import annotations

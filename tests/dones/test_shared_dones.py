@@ -14,6 +14,7 @@ from safe_inspect.dones import (
     SetAllDoneFunction,
     SharedDoneFunction,
 )
+from safe_inspect.errors import PluginValueError
 from safe_inspect.functor import build
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TeamStep, TeamView
@@ -96,7 +97,7 @@ class TestSuccess:
         check(self.done, of_agents([[WIN, WIN]], fired=[[0, 0]], has=[False, False]), [RUNNING])
 
     def test_a_function_that_no_agent_has(self) -> None:
-        with pytest.raises(KeyError, match="Other"):
+        with pytest.raises(PluginValueError, match="no agent has a done function named 'Other'"):
             MultiagentSuccessDoneFunction(success_function_name="Other")(of_agents([[WIN]]))
 
     def test_the_name_is_a_reference(self) -> None:
