@@ -22,19 +22,19 @@ from typing import Any
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[_variable] = "1"  # before NumPy is imported
 
-import platform  # noqa: E402
-
-import numba  # noqa: E402
 import numpy as np  # noqa: E402
+from machine import machine  # noqa: E402
 from stopwatch import Stopwatch, on_the_watch  # noqa: E402
 
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.config.spec import EnvironmentSpec  # noqa: E402
 from safe_inspect.environments import TeamEnvironment, load_spec  # noqa: E402
-from safe_inspect.version import __version__  # noqa: E402
 
 TASK = "safe_inspect/TranslationalInspection-v0"
+TASK_FILE = configs_root() / "translational-inspection" / "experiment.yml"
 TEAM_TASK = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+OWN_FILTER = "RTAGlueCWHInspection1v1.config.enabled=True"
+TEAM_FILTER = "env_config.rta.config.enabled=True"
 #: Random thrust as a share of the largest: episodes of a hundred steps and more, and of about thirty.
 THRUSTS = {"small": 0.02, "full": 1.0}
 SENSOR = "Sensor_UninspectedPoints"
@@ -138,25 +138,7 @@ def profile(case: Case, seconds: float) -> dict[str, float]:
     return {name: spent / total for name, spent in sorted(watch.seconds.items(), key=lambda item: -item[1])}
 
 
-def machine() -> dict[str, Any]:
-    """Return what the figures were measured on."""
-    name = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        lines = [line for line in info.read_text().splitlines() if line.startswith("model name")]
-        name = lines[0].partition(":")[2].strip() if lines else name
-    return {
-        "cpu": name,
-        "cores": os.cpu_count(),
-        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "numba": numba.__version__,
-        "safe_inspect": __version__,
-    }
-
-
-def make_cases(envs: list[int], deputies: list[int], plain: bool) -> list[Case]:
+def make_cases(envs: list[int], deputies: list[int], plain: bool, filtered: bool = False) -> list[Case]:
     """Return what is to be measured."""
     spec = load_spec(TASK)
     cases = [Case("batch", count, thrust, TeamEnvironment(spec, count, seed=1)) for count in envs for thrust in THRUSTS]
@@ -169,6 +151,14 @@ def make_cases(envs: list[int], deputies: list[int], plain: bool) -> list[Case]:
         team = load_spec(TEAM_TASK, [f"blue#_ctrl.count={size}"])
         cases += [
             Case("team", count, thrust, TeamEnvironment(team, count, seed=1)) for count in envs for thrust in THRUSTS
+        ]
+    if filtered:
+        guarded = [("batch, filtered", load_spec(TASK_FILE, [OWN_FILTER]))]
+        guarded += [
+            ("team, filtered", load_spec(TEAM_TASK, [f"blue#_ctrl.count={size}", TEAM_FILTER])) for size in deputies
+        ]
+        cases += [
+            Case(name, count, "small", TeamEnvironment(spec, count, seed=1)) for name, spec in guarded for count in envs
         ]
     return cases
 
@@ -199,9 +189,11 @@ def costs(cases: list[Case]) -> list[dict[str, Any]]:
     return told
 
 
-def measure(envs: list[int], deputies: list[int], seconds: float, rounds: int, plain: bool) -> dict[str, Any]:
+def measure(
+    envs: list[int], deputies: list[int], seconds: float, rounds: int, plain: bool, filtered: bool = False
+) -> dict[str, Any]:
     """Measure every case in turns and return the report."""
-    cases = make_cases(envs, deputies, plain)
+    cases = make_cases(envs, deputies, plain, filtered)
     for case in cases:
         case.environment.reset()
         case.run(min(0.3, seconds))  # compile, and let the episodes of a batch drift apart
@@ -282,12 +274,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--deputies", type=int, nargs="+", default=[1, 3, 10], help="sizes D of the teams")
     parser.add_argument("--seconds", type=float, default=5.0, help="time for each case")
     parser.add_argument("--rounds", type=int, default=10, help="turns that the cases take")
+    parser.add_argument("--filtered", action="store_true", help="also with the safety filters on")
     parser.add_argument("--no-sklearn", action="store_true", help="leave the plain loop out")
     parser.add_argument("--json", type=Path, help="write the report to this file")
     arguments = parser.parse_args(argv)
     if min(*arguments.envs, *arguments.deputies) < 1 or arguments.rounds < 1 or not arguments.seconds > 0.0:
         parser.error("--envs, --deputies, --rounds and --seconds are positive")
-    report = measure(arguments.envs, arguments.deputies, arguments.seconds, arguments.rounds, not arguments.no_sklearn)
+    report = measure(
+        arguments.envs,
+        arguments.deputies,
+        arguments.seconds,
+        arguments.rounds,
+        not arguments.no_sklearn,
+        arguments.filtered,
+    )
     show(report)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")

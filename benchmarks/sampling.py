@@ -21,7 +21,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 
 import numpy as np  # noqa: E402
 from algorithms import SINGLE, TEAM, configure, start_ray  # noqa: E402
-from environment import machine  # noqa: E402
+from machine import machine  # noqa: E402
 
 #: Logarithm of the standard deviation of a calm policy's thrust [N].
 CALM = -4.0

@@ -26,7 +26,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ[_variable] = "1"  # before NumPy is imported
 
 from algorithms import SINGLE, TEAM, configure, start_ray  # noqa: E402
-from environment import machine  # noqa: E402
+from machine import machine  # noqa: E402
 from sampling import calm  # noqa: E402
 
 CLUSTER = (1, 2, 4, 8, 16, 32, 64, 128)

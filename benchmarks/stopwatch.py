@@ -9,6 +9,7 @@ from typing import Any
 from unittest.mock import patch
 
 from safe_inspect.environments import TeamEnvironment
+from safe_inspect.environments.fused.step import FusedGroup
 from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.simulators import simulation
 
@@ -41,10 +42,12 @@ def on_the_watch(watch: Stopwatch, environment: TeamEnvironment) -> Iterator[Non
     """Put the parts of an environment's step on the watch."""
     places: dict[tuple[Any, str], str] = {
         (simulation, "advance"): "dynamics",
-        (simulation, "inspect_points"): "points",
+        (simulation, "inspect_body"): "points",
         (simulation.State, "copy_from"): "copy of the state",
         (simulation.Simulation, "step"): "rest of the simulator",
         (Thrusters, "__call__"): "control",
+        (FusedGroup, "command"): "control",
+        (FusedGroup, "judge"): "sensors, rewards and dones together",
         (TeamEnvironment, "reset"): "resets",
         (TeamEnvironment, "step"): "rest of the environment",
     }

@@ -4,8 +4,8 @@
 
 The shipped experiment trains with this package's learner and with RLlib's own, both with the batched runner, and beside
 them a plain PPO loop in PyTorch on the same environment: the same nets, batch, epochs and minibatches. They take turns,
-an iteration each, so that the ratios hold on a machine that does other things as well. Overrides of the experiment follow
-as ``key=value``; the loop knows batches, minibatches, epochs and learning rate.
+an iteration each, so that the ratios hold on a machine that does other things as well. Overrides of the experiment
+follow as ``key=value``; the loop knows batches, minibatches, epochs and learning rate.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,7 @@ class PlainLoop:
     @staticmethod
     def _net(sizes: tuple[int, ...], out: int) -> torch.nn.Sequential:
         layers: list[torch.nn.Module] = []
-        for before, after in zip(sizes[:-1], sizes[1:], strict=True):
+        for before, after in pairwise(sizes):
             layers += [torch.nn.Linear(before, after), torch.nn.Tanh()]
         return torch.nn.Sequential(*layers, torch.nn.Linear(sizes[-1], out))
 

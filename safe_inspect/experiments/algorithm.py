@@ -18,7 +18,15 @@ if TYPE_CHECKING:
 #: Attribute of `AlgorithmConfig` for a key whose name is another.
 ATTRIBUTES = {"lambda": "lambda_"}
 
-_OWN = ("algorithm", "model_config", "torch_num_threads", "env_runner", "evaluation_config")
+_OWN = (
+    "algorithm",
+    "model_config",
+    "torch_num_threads",
+    "env_runner",
+    "learner",
+    "learner_threads",
+    "evaluation_config",
+)
 _UNSET = -1  # RLlib's mark of a removed attribute
 
 
@@ -66,6 +74,11 @@ def build_config(
         from safe_inspect.experiments.env_runners import BatchedEnvRunner, BatchedTeamRunner
 
         config.env_runners(env_runner_cls=BatchedTeamRunner if policies else BatchedEnvRunner)
+    if settings["learner"] == "fast":
+        from safe_inspect.experiments.ppo_learner import THREADS, FastPPOLearner
+
+        own = {THREADS: settings["learner_threads"], **config.learner_config_dict}
+        config.training(learner_class=FastPPOLearner, learner_config_dict=own)
     evaluation = settings.get("evaluation_config")
     if evaluation is not None:
         config.evaluation(evaluation_config={ATTRIBUTES.get(key, key): item for key, item in evaluation.items()})

@@ -153,6 +153,8 @@ OWN_KEYS: dict[str, Key] = {
     "model_config": _MAPPING,
     "torch_num_threads": _POSITIVE,
     "env_runner": Key("text", choices=("batched", "stock")),
+    "learner": Key("text", choices=("fast", "stock")),
+    "learner_threads": _POSITIVE,
 }
 
 #: What policies that learn together may have of their own.
@@ -213,6 +215,8 @@ COMMON_DEFAULTS: dict[str, Any] = {
     "seed": 0,
     "torch_num_threads": 1,  # more threads collapse on a busy machine
     "env_runner": "batched",
+    "learner": "fast",
+    "learner_threads": 2,  # nets that learn side by side; they do not wait for one another
 }
 
 PPO_DEFAULTS: dict[str, Any] = {
@@ -238,5 +242,6 @@ PLACE_KEYS = frozenset(
     for name in (*COMMON_KEYS, *OWN_KEYS)
     if name.startswith(("num_cpus", "num_gpus", "custom_resources", "log_", "torch_compile", "env_runner_"))
     or name.endswith(("_timeout_s", "_restarts_s", "_restarts", "_tolerance"))
-    or name in ("env_runner", "torch_num_threads", "placement_strategy", "local_gpu_idx", "num_env_runners")
+    or name in ("env_runner", "learner", "learner_threads", "torch_num_threads", "placement_strategy")
+    or name in ("local_gpu_idx", "num_env_runners")
 )

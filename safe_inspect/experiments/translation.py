@@ -12,6 +12,7 @@ from typing import Any
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments import keys, old_keys, run_keys
 from safe_inspect.experiments.keys import Key
+from safe_inspect.experiments.learner_choice import choose_learner
 from safe_inspect.experiments.runner_choice import choose_runner
 from safe_inspect.experiments.values import check_value, is_searched
 
@@ -71,9 +72,10 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
     if not problems:
         problems += _fit_batch(settings, found.given)
     notes = list(found.notes)
-    notes_of_runner, problems_of_runner = choose_runner(settings)
-    notes += notes_of_runner
-    problems += problems_of_runner
+    for choose in (choose_runner, choose_learner):
+        more_notes, more_problems = choose(settings)
+        notes += more_notes
+        problems += more_problems
     return Translation(settings, tuple(notes), tuple(problems), found.unchecked, found.given)
 
 

@@ -14,6 +14,7 @@ HERE = Path(__file__).parent
 if str(HERE) not in sys.path:  # Ray's processes import `dummy_environment` too
     sys.path.insert(0, str(HERE))
 
+from algorithms import build  # noqa: E402
 from training_values import MAKER, QUICK  # noqa: E402
 
 
@@ -56,3 +57,21 @@ def quick():
 def maker():
     """Return the name of the maker of the small environment."""
     return MAKER
+
+
+@pytest.fixture
+def algorithm(ray_session, tmp_path, monkeypatch):
+    """Return a function that builds an algorithm, without Tune."""
+    from ray.tune.trainable import trainable
+
+    monkeypatch.setattr(trainable, "DEFAULT_STORAGE_PATH", str(tmp_path))  # else in the home folder, without Tune
+    built = []
+
+    def make(*arguments, **more):
+        config = build(*arguments, **more)
+        built.append(config.build_algo())
+        return built[-1]
+
+    yield make
+    for item in built:
+        item.stop()

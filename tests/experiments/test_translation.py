@@ -250,3 +250,32 @@ def test_the_runner_is_batched_unless_asked():
     assert "did you mean `batched`?" in paths(translate_rllib({"env_runner": "batch"}))["rllib_configs.env_runner"]
     searched = translate_rllib({"env_runner": {"grid_search": ["batched", "stock"]}})
     assert "give one" in paths(searched)["rllib_configs.env_runner"]
+
+
+@pytest.mark.parametrize(
+    ("mapping", "reason"),
+    [
+        ({"model": {"use_lstm": True}}, "the policy is recurrent (`use_lstm`)"),
+        ({"num_learners": 2}, "several learners share a batch (`num_learners`)"),
+        ({"num_gpus": {"grid_search": [0, 1]}}, "on processors alone (`num_gpus_per_learner`)"),
+        ({"torch_skip_nan_gradients": False}, "each gradient is to be checked"),
+    ],
+)
+def test_the_stock_learner_takes_over_with_one_note(mapping, reason):
+    found = translate_rllib(mapping)
+    assert found.settings["learner"] == "stock"
+    (note,) = [note for note in found.notes if "stock learner" in note]
+    assert reason in note
+    asked = translate_rllib({**mapping, "learner": "stock"})
+    assert not any("stock learner" in note for note in asked.notes)
+
+
+def test_the_learner_is_fast_unless_asked():
+    assert translate_rllib({}).settings["learner"] == "fast"
+    assert translate_rllib({"num_learners": 1}).settings["learner"] == "fast"
+    assert translate_rllib({"learner": "stock"}).settings["learner"] == "stock"
+    other = translate_rllib({"algorithm": "IMPALA"})
+    assert other.settings["learner"] == "stock"
+    assert not any("learner" in note for note in other.notes)
+    searched = translate_rllib({"learner": {"grid_search": ["fast", "stock"]}})
+    assert "give one" in paths(searched)["rllib_configs.learner"]
