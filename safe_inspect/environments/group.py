@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,12 +12,33 @@ from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.guard import all_finite, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
-from safe_inspect.glues.base import Glue, Parts
+from safe_inspect.glues.base import Glue
 from safe_inspect.policies.base import ThrustLimits
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from safe_inspect.environments.fused.step import FusedGroup
+
+
+class Judged(NamedTuple):
+    """What a step gives for the agents of a group; agents that had ended before count as 0.
+
+    Attributes:
+        observation: Observations, float32, R * O numbers.
+        values: Rewards and terms, shape (1 + T, R).
+        flags: Who is terminated, who truncated, and what each of `AgentGroup.dones` said, shape (2 + K, R).
+        status: Statuses, int8, shape (R,).
+        ended: Whether any status is not 0.
+    """
+
+    observation: AnyArray
+    values: FloatArray
+    flags: BoolArray
+    status: AnyArray
+    ended: bool
 
 
 class AgentGroup:
@@ -33,6 +55,9 @@ class AgentGroup:
         observation_layout: Layout of one agent's observation.
         action_layout: Layout of one agent's action.
         limits: What the controllers of one agent can give.
+        thrusters: From actions to thrust.
+        dones: What ends an episode, in the order in which a later status stands: draw, win, lose.
+        fused: What does the same by one kernel, where it is used.
     """
 
     def __init__(self, specs: Sequence[AgentSpec], first: int) -> None:
@@ -47,33 +72,36 @@ class AgentGroup:
         self.group = Group(self.name, first, len(specs), agent.sensors, self.guard, agent.pilot)
         self.observation_layout: Layout = observation_layout(agent)
         self.action_layout: Layout = action_layout(agent)
-        self._thrust = Thrusters(agent)
+        self.thrusters = Thrusters(agent)
         self.limits = self._thrust_limits()
         self._glues = agent.observation_glues
         self._sizes = [len(glue.names(agent.parts)) for glue in self._glues]
         observed = {getattr(glue, "sensor", None) for glue in self._glues}
         self._unobserved = [name for name in agent.sensors if name not in observed]
-        # A status that is written later stands: lose before win before draw.
         order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
-        self._dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
+        self.dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
+        self.fused: FusedGroup | None = None
 
     def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
         """Return the actions within their bounds, shape (R, A), and the thrust that they ask for [N], shape (R, 3)."""
         layout = self.action_layout
-        action = np.asarray(action, dtype=np.float64)
+        action = np.ascontiguousarray(action, dtype=np.float64)
         wanted = (view.state.num_envs, self.size, layout.size)
         if action.shape != wanted:
             raise ValueError(f"the actions of {self.name} have the shape {action.shape}; {wanted} is wanted")
+        if self.fused is not None:
+            found = self.fused.command(action)
+            if found is not None:
+                return found
         action = action.reshape(view.num_rows, layout.size)
         if not all_finite(action):
             bad = int(np.flatnonzero(~np.isfinite(action).all(axis=1))[0])
             require_finite(f"the action of {self.agents[bad % self.size]}", action, view.state)
         action = np.minimum(np.maximum(action, layout.low), layout.high)
-        thrust = self._thrust(action)
+        thrust = self.thrusters(action)
         if not all_finite(thrust):
-            for glue, columns in self._thrust.commands:
-                parts = self.agent.parts
-                require_finite(_title(glue, parts), glue(action[:, columns], parts), view.state)
+            for glue, columns in self.thrusters.commands:
+                require_finite(self.title(glue), glue(action[:, columns], self.agent.parts), view.state)
         return action, thrust
 
     def fly(self, view: View) -> FloatArray:
@@ -94,16 +122,36 @@ class AgentGroup:
 
     def observe(self, view: View) -> AnyArray:
         """Return the observations, float32, shape (N, G, O); of no elements for a scripted group."""
+        if self.fused is not None:
+            found = self.fused.observe(view)
+            if found is not None:
+                return found.reshape(view.state.num_envs, self.size, found.shape[-1])
         glues = () if self.scripted else self._glues
         parts = [glue(view) for glue in glues]
         for glue, part, size in zip(glues, parts, self._sizes, strict=False):
             if part.shape != (view.num_rows, size):
-                require_shape(_title(glue, self.agent.parts), part, (view.num_rows, size))
+                require_shape(self.title(glue), part, (view.num_rows, size))
         observation = np.concatenate(parts, axis=-1) if parts else np.zeros((view.num_rows, 0))
         if not all_finite(observation):
             for glue, part in zip(glues, parts, strict=True):
-                require_finite(_title(glue, self.agent.parts), part, view.state)
+                require_finite(self.title(glue), part, view.state)
         return observation.astype(np.float32).reshape(view.state.num_envs, self.size, observation.shape[-1])
+
+    def judge(self, step: Step) -> Judged:
+        """Return what a step gives, by calling every plugin."""
+        after, before = step.after, step.before
+        observation = self.observe(after)
+        reward, terms = self.rewards(step)
+        terminated, truncated, status, fired = self.ends(step)
+        self.check_unobserved(after, before.state)
+        values = np.stack([reward, *terms.values()])
+        flags = np.stack([terminated, truncated, *fired.values()])
+        out = before.finished != 0
+        if np.count_nonzero(out):
+            values[:, out] = 0.0
+            flags[:, out] = False
+            status[out] = before.finished[out]
+        return Judged(observation, values, flags, status, bool(np.count_nonzero(status)))
 
     def rewards(self, step: Step) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Return the sum of the terms, shape (R,), and each term by name, shape (R,)."""
@@ -127,7 +175,7 @@ class AgentGroup:
         terminated, truncated = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)
         status = np.zeros(rows, dtype=np.int8)
         fired = {}
-        for named in self._dones:
+        for named in self.dones:
             done = np.asarray(named.functor(step), dtype=np.bool_)
             if done.shape != (rows,):
                 require_shape(f"done {named.name}", done, (rows,))
@@ -145,14 +193,13 @@ class AgentGroup:
             if name in after.readings and not all_finite(after.readings[name]):
                 require_finite(f"sensor {name}", after.readings[name], after.state, before)
 
+    def title(self, glue: Glue) -> str:
+        """Name a glue in a message: its class and what it observes or commands."""
+        return f"glue {glue.registered_name} ({', '.join(glue.names(self.agent.parts))})"
+
     def _thrust_limits(self) -> ThrustLimits:
-        corners = self._thrust(np.stack((self.action_layout.low, self.action_layout.high)))
+        corners = self.thrusters(np.stack((self.action_layout.low, self.action_layout.high)))
         return ThrustLimits(corners.min(axis=0), corners.max(axis=0))
-
-
-def _title(glue: Glue, parts: Parts) -> str:
-    """Name a glue in a message: its class and what it observes or commands."""
-    return f"glue {glue.registered_name} ({', '.join(glue.names(parts))})"
 
 
 def group_agents(agents: Sequence[AgentSpec]) -> tuple[AgentGroup, ...]:

@@ -41,8 +41,9 @@ class TeamEnvironment:
     """
 
     def __init__(
-        self, spec: EnvironmentSpec, num_envs: int = 1, *, seed: int | None = None, first_slot: int = 0
-    ) -> None:
+        self, spec: EnvironmentSpec, num_envs: int = 1, *,
+        seed: int | None = None, first_slot: int = 0, _fused: bool = True,
+    ) -> None:  # fmt: skip
         if num_envs < 1:
             raise ValueError(f"num_envs is at least 1, not {num_envs}")
         self.spec = spec
@@ -59,6 +60,11 @@ class TeamEnvironment:
             first_slot=first_slot,
             team_guard=self._guard,
         )
+        if _fused:
+            from safe_inspect.environments.fused.step import FusedGroup  # compiled: not when only validated
+
+            for group in self.groups:
+                group.fused = FusedGroup(group, self.simulation.world)
         self.num_envs = num_envs
         self._everyone = np.ones((num_envs, len(spec.agents)), dtype=np.bool_)
         self._everyone.flags.writeable = False  # every step in which all take part gives this one out
@@ -176,7 +182,7 @@ class TeamEnvironment:
             view_of_team = self.team()
             for name, array in team.memory.items():
                 view_of_team.memory(name)[...] = array
-        return self._judge(steps, active, everyone, team)
+        return self._judge(steps, active, team)
 
     def _whole(self, parts: list[FloatArray]) -> FloatArray:
         """Return the thrusts of all groups as one array, shape (N, D, 3)."""
@@ -210,52 +216,42 @@ class TeamEnvironment:
             step.intervening = step.intervening & active[:, mine].reshape(-1)
         return control
 
-    def _judge(self, steps: list[Step], active: BoolArray, everyone: bool, team: TeamFiltered | None) -> TeamTransition:
+    def _judge(self, steps: list[Step], active: BoolArray, team: TeamFiltered | None) -> TeamTransition:
         """Return observations, rewards and ends of a step whose dynamics are done."""
         simulation = self.simulation
-        before = simulation.before
         transitions = []
         fired: dict[str, BoolArray] = {}
+        ended = False
         for group, step in zip(self.groups, steps, strict=True):
+            judged = group.fused.judge(step) if group.fused is not None else None
+            if judged is None:  # the plugins themselves tell what is wrong
+                judged = group.judge(step)
             shape = (self.num_envs, group.size)
+            values, flags = judged.values.reshape(-1, *shape), judged.flags.reshape(-1, *shape)
             mine = slice(group.first, group.first + group.size)
-            took_part = active[:, mine]
-            observation = group.observe(step.after)
-            reward, terms = group.rewards(step)
-            terminated, truncated, status, said = group.ends(step)
-            group.check_unobserved(step.after, before)
-            if not everyone:
-                out = ~took_part.reshape(-1)
-                reward[out] = 0.0
-                terminated[out], truncated[out] = False, False
-                status[out] = before.finished[:, mine].reshape(-1)[out]
-                for value in terms.values():
-                    value[out] = 0.0
-            if self.spec.shared_dones:
-                for name, rows in said.items():
-                    ended = rows.reshape(shape) if everyone else rows.reshape(shape) & took_part
-                    if shape == active.shape:
-                        fired[name] = ended
-                    else:
-                        fired.setdefault(name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = ended
+            for index, named in enumerate(group.dones if self.spec.shared_dones else ()):
+                if shape == active.shape:
+                    fired[named.name] = flags[2 + index]
+                else:
+                    fired.setdefault(named.name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = flags[2 + index]
+            ended |= judged.ended
             transitions.append(
                 Transition(
-                    observation,
-                    reward.reshape(shape),
-                    {name: value.reshape(shape) for name, value in terms.items()},
-                    took_part,
-                    terminated.reshape(shape),
-                    truncated.reshape(shape),
-                    status.reshape(shape),
+                    judged.observation.reshape(*shape, judged.observation.shape[-1]),
+                    values[0],
+                    {named.name: values[1 + index] for index, named in enumerate(group.agent.rewards)},
+                    active if shape == active.shape else active[:, mine],
+                    flags[0],
+                    flags[1],
+                    judged.status.reshape(shape),
                     step,
                 )
             )
         if self.spec.shared_dones:
-            self._share(transitions, active, fired)
-        statuses = self._statuses(transitions)
-        finished = simulation.state.finished
-        if np.count_nonzero(statuses):
-            finished[...] = statuses
+            ended |= self._share(transitions, active, fired)
+        if ended:
+            finished = simulation.state.finished
+            finished[...] = self._statuses(transitions)
             over = np.asarray((finished[:, self._deciding] != 0).all(axis=1))
             simulation.end(over)
             outcome = self.outcome()
@@ -270,8 +266,8 @@ class TeamEnvironment:
             return transitions[0].status
         return np.concatenate([transition.status for transition in transitions], axis=1)
 
-    def _share(self, transitions: list[Transition], active: BoolArray, fired: dict[str, BoolArray]) -> None:
-        """Let the shared done functions end the episodes of all agents that still take part."""
+    def _share(self, transitions: list[Transition], active: BoolArray, fired: dict[str, BoolArray]) -> bool:
+        """Let the shared done functions end the episodes of all that still take part; return whether any does."""
         world = self.simulation.world
         before, after = TeamView(self.simulation.before, world), TeamView(self.simulation.state, world)
         own = self._statuses(transitions)
@@ -284,7 +280,7 @@ class TeamEnvironment:
             if np.count_nonzero(status):
                 shared = np.where(_RANK[status] > _RANK[shared], status, shared)
         if not np.count_nonzero(shared):
-            return
+            return False
         drawn = (shared == DoneStatus.DRAW)[:, None]
         for transition in transitions:
             given = np.broadcast_to(shared[:, None], transition.status.shape)
@@ -294,6 +290,7 @@ class TeamEnvironment:
             transition.terminated |= ends & ~drawn
             transition.truncated |= ends & drawn
             transition.truncated &= ~transition.terminated
+        return True
 
 
 #: The status of each rank.

@@ -8,7 +8,7 @@ from safe_inspect.config.spec import AgentSpec
 from safe_inspect.glues.base import ActionGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.platforms.controllers import RateController, ThrustProp
-from safe_inspect.types import FloatArray
+from safe_inspect.types import FloatArray, IntArray
 
 
 class Thrusters:
@@ -22,6 +22,7 @@ class Thrusters:
 
     Attributes:
         commands: Each glue, and its columns of the action.
+        plain: Of plain controllers alone the axes, shape (A,), and their smallest and largest thrusts [N], shape (A,).
     """
 
     def __init__(self, agent: AgentSpec) -> None:
@@ -35,10 +36,12 @@ class Thrusters:
         plain = [self._plain(glue) for glue, _ in self.commands]
         axes = [controller.axis for controller in plain if controller is not None]
         self._axes: list[int] | slice | None = None
+        self.plain: tuple[IntArray, FloatArray, FloatArray] | None = None
         if plain and len(set(axes)) == len(plain):
             self._axes = slice(0, 3) if axes == [0, 1, 2] else axes
             limits = [controller.limits for controller in plain if controller is not None]
             self._low, self._high = (np.concatenate([limit[side] for limit in limits]) for side in (0, 1))
+            self.plain = (np.array(axes, dtype=np.int64), self._low, self._high)
 
     def __call__(self, action: FloatArray) -> FloatArray:
         """Return the thrust [N], Hill frame, shape (R, 3), for actions of shape (R, A)."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from safe_inspect.compiled import njit
 from safe_inspect.geometry.nearest import nearest_centre
+from safe_inspect.geometry.picking import pick_below
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["cluster", "cluster_sklearn", "max_clusters", "nearest_centre", "start_centres"]
@@ -21,23 +22,6 @@ def max_clusters(num_points: int, points_per_cluster: int) -> int:
     if points_per_cluster < 1:
         raise ValueError("points_per_cluster must be at least 1")
     return (num_points + points_per_cluster - 1) // points_per_cluster
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _mix(word: np.uint64) -> np.uint64:
-    """Return the output function of SplitMix64 (Steele, Lea and Flood, 2014) of a 64-bit word."""
-    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return word ^ (word >> np.uint64(31))
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _pick(key: np.uint64, step: int, pick: int, below: int) -> np.int64:
-    """Return a whole number in [0, below), a pure function of key, step and pick."""
-    weyl = np.uint64(0x9E3779B97F4A7C15)
-    word = _mix(key + weyl * np.uint64(step + 1))
-    word = _mix(word + weyl * np.uint64(pick + 1))
-    return np.int64(word % np.uint64(below))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -63,7 +47,7 @@ def _start(
     # The first steps of a Fisher-Yates shuffle give distinct candidates with one draw each.
     deck = chosen.copy()
     for pick in range(want - have):
-        other = pick + _pick(key, step, pick, len(deck) - pick)
+        other = pick + pick_below(key, step, pick, len(deck) - pick)
         deck[pick], deck[other] = deck[other], deck[pick]
         for k in range(3):
             centres[have + pick, k] = points[deck[pick], k]
@@ -248,17 +232,35 @@ def cluster(
     chosen = np.empty(points.shape[0] + 1, dtype=np.int64)
     own = np.empty((3, points.shape[0]))
     for row in range(candidates.shape[0]):
-        if settled[row] and _unchanged(candidates[row], previous[row]):
-            continue
-        total = _gather(points, candidates[row], chosen)
-        want = max_clusters(total, points_per_cluster)
-        _start(points, chosen[:total], centres[row], count[row], want, key[row], step[row])
-        for m in range(total):
-            for axis in range(3):
-                own[axis, m] = points[chosen[m], axis]
-        settled[row] = total == 0 or _lloyd(own, total, centres[row], want, max_iterations)
-        count[row] = want
-        previous[row] = candidates[row]
+        if not (settled[row] and _unchanged(candidates[row], previous[row])):
+            count[row], settled[row] = cluster_row(
+                points, candidates[row], centres[row], count[row], key[row], step[row], points_per_cluster,
+                max_iterations, chosen, own,
+            )  # fmt: skip
+            previous[row] = candidates[row]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def cluster_row(
+    points: FloatArray,
+    candidates: BoolArray,
+    centres: FloatArray,
+    count: int,
+    key: np.uint64,
+    step: int,
+    points_per_cluster: int,
+    max_iterations: int,
+    chosen: IntArray,
+    own: FloatArray,
+) -> tuple[int, bool]:
+    """Cluster one row as `cluster` does, with `chosen` (P + 1) and `own` (3, P) as room; return count and `settled`."""
+    total = _gather(points, candidates, chosen)
+    want = max_clusters(total, points_per_cluster)
+    _start(points, chosen[:total], centres, count, want, key, step)
+    for m in range(total):
+        for axis in range(3):
+            own[axis, m] = points[chosen[m], axis]
+    return want, total == 0 or _lloyd(own, total, centres, want, max_iterations)
 
 
 def cluster_sklearn(

@@ -43,31 +43,38 @@ def nearest_deputies(
         Their indices, -1 where there are no more, shape (R, k).
     """
     environments = position.shape[0]
-    found = np.full((environments * size, count), -1, dtype=np.int64)
+    found = np.empty((environments * size, count), dtype=np.int64)
     least = np.empty(count)
-    limit = max_range * max_range
     for env in range(environments):
         for own in range(first, first + size):
-            row = env * size + own - first
-            known = 0
-            for other in range(deputies):
-                if other == own:
-                    continue
-                squared = _squared_distance(position, env, own, other)
-                if not squared <= limit:
-                    continue
-                place = known
-                while place > 0 and squared < least[place - 1]:
-                    place -= 1
-                if place >= count:
-                    continue
-                known = min(known + 1, count)
-                for later in range(known - 1, place, -1):
-                    least[later] = least[later - 1]
-                    found[row, later] = found[row, later - 1]
-                least[place] = squared
-                found[row, place] = other
+            nearest_to(position, deputies, env, own, max_range, found[env * size + own - first], least)
     return found
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def nearest_to(
+    position: FloatArray, deputies: int, env: int, own: int, max_range: float, found: IntArray, least: FloatArray
+) -> None:
+    """Write what `nearest_deputies` returns for one deputy, shape (k,); `least` is room of that size."""
+    count, known, limit = len(found), 0, max_range * max_range
+    found[:] = -1
+    for other in range(deputies):
+        if other == own:
+            continue
+        squared = _squared_distance(position, env, own, other)
+        if not squared <= limit:
+            continue
+        place = known
+        while place > 0 and squared < least[place - 1]:
+            place -= 1
+        if place >= count:
+            continue
+        known = min(known + 1, count)
+        for later in range(known - 1, place, -1):
+            least[later] = least[later - 1]
+            found[later] = found[later - 1]
+        least[place] = squared
+        found[place] = other
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -96,6 +103,15 @@ def differences(values: FloatArray, index: IntArray, first: int, size: int) -> F
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def outwards(own: FloatArray, distance: float) -> tuple[float, float, float]:
+    """Return a vector of a length, from the origin towards a position, shape (3,); +x at the origin itself."""
+    length = math.sqrt(own[0] * own[0] + own[1] * own[1] + own[2] * own[2])
+    if length > _AT_ORIGIN:
+        return distance * (own[0] / length), distance * (own[1] / length), distance * (own[2] / length)
+    return distance, 0.0, 0.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def pad_outwards(
     relative: FloatArray, index: IntArray, position: FloatArray, first: int, size: int, distance: float
 ) -> None:  # fmt: skip
@@ -114,11 +130,7 @@ def pad_outwards(
         if index[row, count - 1] >= 0:
             continue
         own = position[row // size, first + row % size]
-        length = math.sqrt(own[0] * own[0] + own[1] * own[1] + own[2] * own[2])
-        if length > _AT_ORIGIN:
-            x, y, z = distance * (own[0] / length), distance * (own[1] / length), distance * (own[2] / length)
-        else:
-            x, y, z = distance, 0.0, 0.0
+        x, y, z = outwards(own, distance)
         for place in range(count):
             if index[row, place] < 0:
                 relative[row, place, 0], relative[row, place, 1], relative[row, place, 2] = x, y, z

@@ -16,7 +16,7 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _axes(points: FloatArray) -> FloatArray:
+def point_axes(points: FloatArray) -> FloatArray:
     """Return the points as shape (3, P), each axis contiguous: the loops over points are three times as fast."""
     axes = np.empty((3, points.shape[0]))
     for p in range(points.shape[0]):
@@ -94,7 +94,7 @@ def visible(viewer: FloatArray, points: FloatArray, radius: float, cos_half_fov:
     rows, count = viewer.shape[0], points.shape[0]
     seen = np.zeros((rows, count), dtype=np.bool_)
     limit = radius * radius
-    axes = _axes(points)
+    axes = point_axes(points)
     qx, qy, qz = axes[0], axes[1], axes[2]
     for row in range(rows):
         vx, vy, vz = viewer[row, 0], viewer[row, 1], viewer[row, 2]
@@ -126,20 +126,28 @@ def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, 
     """
     rows, count = sun.shape[0], points.shape[0]
     bright = np.empty((rows, count), dtype=np.bool_)
-    limit = radius * light.threshold
-    axes = _axes(points)
-    qx, qy, qz = axes[0], axes[1], axes[2]
+    axes = point_axes(points)
     for row in range(rows):
-        sx, sy, sz = sun[row, 0], sun[row, 1], sun[row, 2]
-        if light.binary:
-            for p in range(count):
-                bright[row, p] = qx[p] * sx + qy[p] * sy + qz[p] * sz > limit
-        else:
-            for p in range(count):
-                nx, ny, nz = qx[p] / radius, qy[p] / radius, qz[p] / radius
-                cosine = nx * sx + ny * sy + nz * sz
-                bright[row, p] = _well_lit(nx, ny, nz, cosine, viewer[row], sun[row], radius, light)
+        light_row(viewer[row], sun[row], axes, radius, light, bright[row])
     return bright
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def light_row(
+    viewer: FloatArray, sun: FloatArray, axes: FloatArray, radius: float, light: Light, bright: BoolArray
+) -> None:
+    """Write what `lit` returns for one viewer, shape (3,), and one sun, shape (3,); the points as `point_axes`."""
+    qx, qy, qz = axes[0], axes[1], axes[2]
+    limit = radius * light.threshold
+    sx, sy, sz = sun[0], sun[1], sun[2]
+    if light.binary:
+        for p in range(len(bright)):
+            bright[p] = qx[p] * sx + qy[p] * sy + qz[p] * sz > limit
+    else:
+        for p in range(len(bright)):
+            nx, ny, nz = qx[p] / radius, qy[p] / radius, qz[p] / radius
+            cosine = nx * sx + ny * sy + nz * sz
+            bright[p] = _well_lit(nx, ny, nz, cosine, viewer, sun, radius, light)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -193,7 +201,7 @@ def inspect_points(
     count = points.shape[0]
     horizon = radius * radius
     terminator = radius * light.threshold
-    axes = _axes(points)
+    axes = point_axes(points)
     qx, qy, qz = axes[0], axes[1], axes[2]
     for row in range(viewer.shape[0]):
         sx, sy, sz = sun[row, 0], sun[row, 1], sun[row, 2]

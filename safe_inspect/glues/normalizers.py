@@ -49,12 +49,13 @@ class StandardNormalNormalizer(Normalizer):
         return value
 
     @cached_property
-    def _arrays(self) -> tuple[FloatArray, FloatArray]:
+    def arrays(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation, two arrays of shape (1,) or (k,)."""
         return np.atleast_1d(np.array(self.mu, np.float64)), np.atleast_1d(np.array(self.sigma, np.float64))
 
     def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
         """Raise ValueError when `mu` or `sigma` has another number of elements."""
-        for field, array in zip(("mu", "sigma"), self._arrays, strict=True):
+        for field, array in zip(("mu", "sigma"), self.arrays, strict=True):
             if array.size not in (1, size):
                 raise ValueError(
                     f"`{field}` has {array.size} elements for values of size {size}; give one number or {size}"
@@ -62,12 +63,12 @@ class StandardNormalNormalizer(Normalizer):
 
     def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return (values - mu) / sigma."""
-        mu, sigma = self._arrays
+        mu, sigma = self.arrays
         return (values - mu) / sigma
 
     def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return mu + sigma * values."""
-        mu, sigma = self._arrays
+        mu, sigma = self.arrays
         return mu + sigma * values
 
 

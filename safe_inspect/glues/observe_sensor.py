@@ -58,13 +58,13 @@ class ObserveSensor(ObservationGlue):
 
     def __call__(self, view: View) -> FloatArray:
         """Return the observation, shape (R, size)."""
-        scale, normalizer, low, high = self._prepared(view.group.sensors[self.sensor])
+        scale, normalizer, low, high = self.prepared(view.group.sensors[self.sensor])
         values = view.reading(self.sensor)
         if scale != 1.0:
             values = values * scale
         return values if normalizer is None else normalizer(values, low, high)
 
-    def _prepared(self, sensor: Sensor) -> tuple[float, Normalizer | None, FloatArray, FloatArray]:
+    def prepared(self, sensor: Sensor) -> tuple[float, Normalizer | None, FloatArray, FloatArray]:
         """Return what the observation of a sensor needs in every step; it is worked out once."""
         known = self.__dict__.get("_known")
         if known is None or known[0] is not sensor:

@@ -72,11 +72,37 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
 
     def remember(self, view: View, name: str) -> None:
         """Cluster the candidates of every row."""
-        from safe_inspect.geometry.clusters import cluster, cluster_sklearn
+        if self.backend == "sklearn":
+            self._remember_with_sklearn(view, name)
+            return
+        from safe_inspect.geometry.looking import cluster_candidates
+
+        state, group, model = view.state, view.group, view.world.points[self.inspection_entity_name]
+        cluster_candidates(
+            state.position,
+            model.body,
+            group.first,
+            group.size,
+            state.sun_direction,
+            model.points,
+            model.radius,
+            model.light,
+            state.points[self.inspection_entity_name].inspector,
+            view.memory(name, "centres"),
+            view.memory(name, "count"),
+            state.key,
+            state.step,
+            self.points_per_cluster,
+            self.max_iterations,
+            view.memory(name, "candidates"),
+            view.memory(name, "settled"),
+        )
+
+    def _remember_with_sklearn(self, view: View, name: str) -> None:
+        from safe_inspect.geometry.clusters import cluster_sklearn
 
         points = view.points(self.inspection_entity_name)
-        run = cluster if self.backend == "native" else cluster_sklearn
-        run(
+        cluster_sklearn(
             points.model.points,
             points.candidates,
             view.memory(name, "centres"),

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from safe_inspect.compiled import njit
-from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.types import FloatArray, IntArray
 
 
@@ -53,15 +52,26 @@ def advance(
         sun_angle: Angle of the sun [rad], shape (N,).
         sun_direction: Unit vector to the sun, shape (N, 3).
     """
-    acceleration = np.zeros((position.shape[1], 3))
+    deputies, move = masses.shape[0], np.empty(6)
     for n in range(position.shape[0]):
-        for d in range(masses.shape[0]):
-            spent = 0.0
-            for axis in range(3):
-                acceleration[d, axis] = control[n, d, axis] / masses[d]
-                spent += abs(acceleration[d, axis])
-            delta_v[n, d] += spent * step_size
-        propagate(position[n], velocity[n], acceleration, phi, gamma, position[n], velocity[n])
+        for b in range(position.shape[1]):
+            x, y, z = 0.0, 0.0, 0.0
+            if b < deputies:
+                x, y, z = control[n, b, 0] / masses[b], control[n, b, 1] / masses[b], control[n, b, 2] / masses[b]
+                delta_v[n, b] += (abs(x) + abs(y) + abs(z)) * step_size
+            for i in range(6):  # the sums of `propagate`, in its order
+                total = 0.0
+                for j in range(3):
+                    total += phi[i, j] * position[n, b, j]
+                for j in range(3):
+                    total += phi[i, 3 + j] * velocity[n, b, j]
+                total += gamma[i, 0] * x
+                total += gamma[i, 1] * y
+                total += gamma[i, 2] * z
+                move[i] = total
+            for j in range(3):
+                position[n, b, j] = move[j]
+                velocity[n, b, j] = move[3 + j]
         time[n] += step_size
         step[n] += 1
         sun_angle[n] += sun_rate * step_size

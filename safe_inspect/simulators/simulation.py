@@ -10,11 +10,12 @@ import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.geometry.light import Light, full_light
+from safe_inspect.geometry.looking import inspect_body
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import inspect_points, lit, lit_and_uninspected
+from safe_inspect.geometry.visibility import lit, lit_and_uninspected
 from safe_inspect.randomness import Streams
 from safe_inspect.simulators.advance import advance, point_sun
-from safe_inspect.simulators.ahead import Ahead
+from safe_inspect.simulators.ahead import DEEP, Ahead
 from safe_inspect.simulators.delta_v_scale import DeltaVScale
 from safe_inspect.simulators.inspection_simulator import InspectionPoints, InspectionSimulator
 from safe_inspect.simulators.reset import ResetPlan
@@ -86,7 +87,7 @@ class Simulation:
         self._specs = self._declare()
         self.state = State(num_envs, self._specs)
         self.before = State(num_envs, self._specs, self.state)
-        self._active = np.ones((num_envs, len(platforms)), dtype=np.bool_)
+        self._active = np.ones((max(num_envs, DEEP), len(platforms)), dtype=np.bool_)
         self._scale = DeltaVScale(config.schedule, num_envs)
         self._ahead = Ahead(num_envs, self._specs, self._begin)
         self.reset_facts: dict[str, IntArray] = {}
@@ -119,7 +120,7 @@ class Simulation:
         Returns:
             The fresh state of these rows alone, R environments.
         """
-        if len(rows) == self.num_envs:
+        if len(rows) == self.num_envs and (self.num_envs > DEEP or self._episodes.min() < 0):
             self._episodes[rows] += 1
             fresh, facts = self._begin(rows, self._episodes[rows])
             self._ahead.forget()
@@ -200,17 +201,16 @@ class Simulation:
 
     def _look(self, state: State) -> tuple[View, ...]:
         """Inspect what is in view and lit, then let the sensors remember; return the views of what they see."""
-        deputies = self.world.num_deputies
         for name, model in self._points.items():
             points = state.points[name]
-            viewers = state.position[:, :deputies] - state.position[:, model.body, None]
-            inspect_points(
-                viewers,
+            inspect_body(
+                state.position,
+                model.body,
                 state.sun_direction,
                 model.points,
                 model.radius,
                 self._cos_half_fov,
-                self._lights[name],
+                model.light,
                 self._active[: state.num_envs],
                 points.inspector,
                 points.team_count,
@@ -228,6 +228,8 @@ class Simulation:
         if not isinstance(values, dict) or any(name not in values for name in names):
             return
         azimuth, elevation = (values[name] for name in names)
+        if (azimuth == azimuth[:1]).all() and (elevation == elevation[:1]).all():  # as a rule: one row stands for all
+            azimuth, elevation = azimuth[:1], elevation[:1]
         priority = np.stack(
             (np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)), axis=-1
         )
@@ -270,4 +272,4 @@ def _points_model(name: str, body: int, points: InspectionPoints, light: Light) 
         found: BoolArray = lit_and_uninspected(viewer, sun, positions, points.radius, light, inspector)
         return found
 
-    return PointsModel(name, body, positions, points.radius, is_lit, candidates)
+    return PointsModel(name, body, positions, points.radius, light, is_lit, candidates)

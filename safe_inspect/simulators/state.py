@@ -74,6 +74,8 @@ class State:
         sun_direction: Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, shape (N, 3).
         delta_v_scale: Scale of the delta-v reward [1/(m/s)], shape (N,).
         points: `PointsState` by the body's name.
+        floats: The memory of all arrays that are not constant as numbers of float64; see `start`.
+        wholes: The same memory as numbers of int64.
         memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
     """
 
@@ -81,6 +83,8 @@ class State:
         self.num_envs = num_envs
         self.specs = specs
         self._block, arrays = _allocate(num_envs, specs, constants)
+        self.floats: FloatArray = self._block.view(np.float64)
+        self.wholes: IntArray = self._block.view(np.int64)
         self.arrays: dict[str, AnyArray] = arrays
         self.time: FloatArray = arrays["time"]
         self.step: IntArray = arrays["step"]
@@ -109,7 +113,23 @@ class State:
             if kind == "memory":
                 group, part, label = rest.split("/")
                 self.memory[group, part, label] = array.reshape(-1, *array.shape[2:])
-        self._list = list(arrays.values())
+        moving = [name for name, spec in specs.items() if not spec.constant]
+        self._starts: IntArray = np.array([self.start(name) for name in moving], dtype=np.int64)
+        self._widths: IntArray = np.array(
+            [math.prod(specs[name].shape) * arrays[name].itemsize for name in moving], dtype=np.int64
+        )
+        self._constant = [arrays[name] for name, spec in specs.items() if spec.constant]
+
+    def start(self, name: str) -> int:
+        """Return at which byte of the common memory an array begins.
+
+        Raises:
+            ValueError: The array is constant and does not lie there.
+        """
+        if self.specs[name].constant:
+            raise ValueError(f"the constant array {name} does not lie in the common memory")
+        address: int = self.arrays[name].ctypes.data - self._block.ctypes.data
+        return address
 
     def copy_from(self, other: State) -> None:
         """Overwrite this state with another of the same size that shares its constant arrays."""
@@ -117,19 +137,37 @@ class State:
 
     def put(self, rows: IntArray, other: State) -> None:
         """Overwrite some rows with the rows of a smaller state."""
-        for mine, theirs in zip(self._list, other._list, strict=True):
-            mine[rows] = theirs
+        self._copy(rows, other, np.arange(other.num_envs))
 
     def take(self, rows: IntArray, into: State | None = None) -> State:
         """Return a state that holds copies of some rows: a new one, or another of that many rows, overwritten."""
         taken = State(len(rows), self.specs) if into is None else into
-        for mine, theirs in zip(taken._list, self._list, strict=True):
-            mine[...] = theirs[rows]
+        taken._copy(np.arange(len(rows)), self, rows)
         return taken
+
+    def _copy(self, rows: IntArray, other: State, their_rows: IntArray) -> None:
+        from safe_inspect.simulators.rows import copy_rows  # compiled: not when only validated
+
+        if len(rows) != len(their_rows):
+            raise ValueError(f"{len(rows)} rows are to be overwritten with {len(their_rows)}")
+        rows, their_rows = _checked(rows, self.num_envs), _checked(their_rows, other.num_envs)
+        copy_rows(self._block, self._starts, rows, other._block, other._starts, their_rows, self._widths)
+        for mine, theirs in zip(self._constant, other._constant, strict=True):
+            mine[rows] = theirs[their_rows]
 
     def save(self, path: str) -> None:
         """Write every array to a NumPy ``.npz`` file."""
         np.savez(path, **{name.replace("/", "."): array for name, array in self.arrays.items()})  # type: ignore[arg-type]
+
+
+def _checked(rows: IntArray, count: int) -> IntArray:
+    """Return the indices of rows, those from the end counted from the beginning; the kernel itself checks nothing."""
+    rows = np.ascontiguousarray(rows, dtype=np.int64)
+    if len(rows) and (rows.min() < 0 or rows.max() >= count):
+        if rows.min() < -count or rows.max() >= count:
+            raise IndexError(f"there are {count} environments, numbered from 0; {rows.tolist()} are given")
+        return rows % count
+    return rows
 
 
 def base_specs(num_bodies: int, num_deputies: int, points: Iterable[tuple[str, int]]) -> dict[str, ArraySpec]:

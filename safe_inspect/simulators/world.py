@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from safe_inspect.geometry.light import Light
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
@@ -17,6 +18,7 @@ class PointsModel:
         body: Index of the body in the state's body axis.
         points: Positions relative to the body's centre [m], Hill frame, shape (P, 3).
         radius: Radius of the sphere that carries them [m].
+        light: The rule of light, for the compiled kernels.
         lit: Function of viewer position relative to the centre [m] (R, 3) and sun direction (R, 3); it returns which
             points are lit well enough to be inspected from there, shape (R, P).
         candidates: Function of the same and of the points' inspectors (R, P); it returns which points are lit and not
@@ -27,6 +29,7 @@ class PointsModel:
     body: int
     points: FloatArray
     radius: float
+    light: Light
     lit: Callable[[FloatArray, FloatArray], BoolArray]
     candidates: Callable[[FloatArray, FloatArray, AnyArray], BoolArray]
 

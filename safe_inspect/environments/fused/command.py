@@ -1,0 +1,52 @@
+"""The kernel that turns actions into thrust when every controller passes on a value of its own axis."""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiled import njit
+from safe_inspect.types import FloatArray, IntArray
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _within(value: float, low: float, high: float) -> float:
+    value = value if value >= low else low
+    return value if value <= high else high
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def command(
+    action: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    least: FloatArray,
+    most: FloatArray,
+    axes: IntArray,
+    clipped: FloatArray,
+    thrust: FloatArray,
+) -> bool:
+    """Write the actions within their bounds, shape (R, A), and the thrusts [N], shape (R, 3).
+
+    Args:
+        action: The actions, shape (N, G, A).
+        low: Their smallest values, shape (A,).
+        high: Their largest, shape (A,).
+        least: Smallest thrust of each controller [N], shape (A,).
+        most: Largest thrust of each [N], shape (A,).
+        axes: Axis of each controller, all different, shape (A,).
+        clipped: Takes the actions.
+        thrust: Takes the thrusts.
+
+    Returns:
+        Whether all actions are finite.
+    """
+    finite, size = True, action.shape[1]
+    for row in range(clipped.shape[0]):
+        thrust[row, 0] = thrust[row, 1] = thrust[row, 2] = 0.0
+        for a in range(len(axes)):
+            value = action[row // size, row % size, a]
+            finite &= math.isfinite(value)
+            value = _within(value, low[a], high[a])
+            clipped[row, a] = value
+            thrust[row, axes[a]] = 0.0 + _within(value, least[a], most[a])  # never -0, as in a sum from 0
+    return finite
