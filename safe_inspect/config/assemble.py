@@ -240,6 +240,7 @@ def _check_glues(
     glues: tuple[Glue, ...], parts: Mapping[str, Part], where: Path, report: Report, *, observes: bool
 ) -> None:
     commanded: set[str] = set()
+    discrete: set[bool] = set()
     for index, glue in enumerate(glues):
         try:
             glue.bounds(parts)
@@ -251,6 +252,9 @@ def _check_glues(
                 if name in commanded:
                     report((*where, index), f"the controller {name!r} is commanded twice; remove one of the glues")
                 commanded.add(name)
+            discrete |= {bool(count) for leaf in glue.leaves() for count in leaf.choices(parts)}
+    if len(discrete) > 1:
+        report(where, "some action glues choose among levels and others give real numbers; use one kind for all")
     for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
         if not any(isinstance(glue, base) for glue in glues) and (observes or base is ActionGlue):
             report(where, f"no glue {what}; add one")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,11 +20,14 @@ class Layout:
         names: Name of each element.
         low: Smallest value of each, shape (size,).
         high: Largest value of each, shape (size,).
+        choices: Of a discrete action the number of values of each element, the indices 0, 1, ...; empty: all elements
+            are real numbers.
     """
 
     names: tuple[str, ...]
     low: FloatArray
     high: FloatArray
+    choices: tuple[int, ...] = ()
 
     @property
     def size(self) -> int:
@@ -34,7 +37,11 @@ class Layout:
     def __str__(self) -> str:
         width = max(map(len, self.names), default=0)
         rows = zip(self.names, self.low, self.high, strict=True)
-        return "\n".join(f"  {name:<{width}}  [{low:g}, {high:g}]" for name, low, high in rows)
+        counts = self.choices or (0,) * self.size
+        return "\n".join(
+            f"  {name:<{width}}  " + (f"one of {count}" if count else f"[{low:g}, {high:g}]")
+            for (name, low, high), count in zip(rows, counts, strict=True)
+        )
 
 
 def observation_layout(agent: AgentSpec) -> Layout:
@@ -44,7 +51,10 @@ def observation_layout(agent: AgentSpec) -> Layout:
 
 def action_layout(agent: AgentSpec) -> Layout:
     """Return the layout of an agent's action."""
-    return _layout(agent, agent.action_glues)
+    layout = _layout(agent, agent.action_glues)
+    leaves = [leaf for glue in agent.action_glues for leaf in glue.leaves()]
+    choices = tuple(count for leaf in leaves for count in leaf.choices(agent.parts))
+    return replace(layout, choices=choices) if all(choices) else layout
 
 
 def _layout(agent: AgentSpec, glues: Sequence[Glue]) -> Layout:

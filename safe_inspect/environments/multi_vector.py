@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.by_agent import checked_actions, places_of
 from safe_inspect.environments.episodes import facts, step_facts, team_facts
-from safe_inspect.environments.spaces import box
+from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.types import AnyArray, BoolArray
@@ -77,7 +77,7 @@ class MultiAgentVectorEnv:
             agent: box(acting[place.group].observation_layout) for agent, place in self._places.items()
         }
         self.single_action_spaces = {
-            agent: box(acting[place.group].action_layout) for agent, place in self._places.items()
+            agent: action_space(acting[place.group].action_layout) for agent, place in self._places.items()
         }
         self.observation_spaces = {
             agent: batch_space(space, num_envs) for agent, space in self.single_observation_spaces.items()

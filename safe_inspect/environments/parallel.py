@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any, TypeAlias
 
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, MultiDiscrete
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.by_agent import checked_actions, places_of
 from safe_inspect.environments.episodes import facts, row, step_facts, step_info
-from safe_inspect.environments.spaces import box
+from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.types import AnyArray
@@ -57,7 +57,9 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         self.observation_spaces = {
             agent: box(acting[place.group].observation_layout) for agent, place in self._places.items()
         }
-        self.action_spaces = {agent: box(acting[place.group].action_layout) for agent, place in self._places.items()}
+        self.action_spaces = {
+            agent: action_space(acting[place.group].action_layout) for agent, place in self._places.items()
+        }
         self._shapes = {agent: space.shape for agent, space in self.action_spaces.items()}
         self.state_space = Box(-np.inf, np.inf, self.state().shape, dtype=np.float32)
 
@@ -65,7 +67,7 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         """Return the space of an agent's observations, always the same object."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> Box:
+    def action_space(self, agent: str) -> Box | MultiDiscrete:
         """Return the space of an agent's actions, always the same object."""
         return self.action_spaces[agent]
 

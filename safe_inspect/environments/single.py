@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.episodes import facts, row, step_facts, step_info
-from safe_inspect.environments.spaces import box
+from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
 
 Observation = NDArray[np.float32]
@@ -39,7 +39,7 @@ class InspectionEnv(gymnasium.Env[Observation, Observation]):
         require_one_agent(spec, "InspectionEnv", "make_parallel")
         self.core = BatchedEnvironment(spec, 1, first_slot=slot)
         self.observation_space = box(self.core.observation_layout)
-        self.action_space = box(self.core.action_layout)
+        self.action_space = action_space(self.core.action_layout)
         self._running = False
 
     def reset(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, MultiDiscrete
 
 from safe_inspect.environments.layout import Layout
 
@@ -14,3 +14,8 @@ def box(layout: Layout) -> Box:
     low = np.where(low > layout.low, np.nextafter(low, np.float32(-np.inf)), low)
     high = np.where(high < layout.high, np.nextafter(high, np.float32(np.inf)), high)
     return Box(low, high, dtype=np.float32)
+
+
+def action_space(layout: Layout) -> Box | MultiDiscrete:
+    """Return the space of an action: indices of levels where the layout is discrete, else a box."""
+    return MultiDiscrete(list(layout.choices)) if layout.choices else box(layout)

@@ -7,6 +7,7 @@ import numpy as np
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.glues.base import ActionGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.platforms.controllers import RateController, ThrustProp
 from safe_inspect.types import FloatArray, IntArray
 
@@ -36,26 +37,42 @@ class Thrusters:
         plain = [self._plain(glue) for glue, _ in self.commands]
         axes = [controller.axis for controller in plain if controller is not None]
         self._axes: list[int] | slice | None = None
+        self._levels: FloatArray | None = None
         self.plain: tuple[IntArray, FloatArray, FloatArray] | None = None
         if plain and len(set(axes)) == len(plain):
             self._axes = slice(0, 3) if axes == [0, 1, 2] else axes
-            limits = [controller.limits for controller in plain if controller is not None]
-            self._low, self._high = (np.concatenate([limit[side] for limit in limits]) for side in (0, 1))
-            self.plain = (np.array(axes, dtype=np.int64), self._low, self._high)
+            tables = [glue.table for glue, _ in self.commands if isinstance(glue, DiscreteControllerGlue)]
+            if len(tables) == len(plain):
+                self._columns, self._last = np.arange(len(tables)), np.array([len(table) - 1.0 for table in tables])
+                self._levels = np.zeros((len(tables), max(map(len, tables))))
+                for row, table in zip(self._levels, tables, strict=True):
+                    row[: len(table)] = table
+            elif tables:
+                self._axes = None
+            else:
+                limits = [controller.limits for controller in plain if controller is not None]
+                self._low, self._high = (np.concatenate([limit[side] for limit in limits]) for side in (0, 1))
+                self.plain = (np.array(axes, dtype=np.int64), self._low, self._high)
 
     def __call__(self, action: FloatArray) -> FloatArray:
         """Return the thrust [N], Hill frame, shape (R, 3), for actions of shape (R, A)."""
         thrust = np.zeros((len(action), 3))
-        if self._axes is not None:
+        if self._levels is not None:
+            index = np.minimum(np.maximum(np.rint(action), 0.0), self._last).astype(np.int64)
+            thrust[:, self._axes] += self._levels[self._columns, index]
+        elif self._axes is not None:
             thrust[:, self._axes] += np.minimum(np.maximum(action, self._low), self._high)
-            return thrust
-        for glue, columns in self.commands:
-            thrust += glue(action[:, columns], self._parts)
+        else:
+            for glue, columns in self.commands:
+                thrust += glue(action[:, columns], self._parts)
         return thrust
 
     def _plain(self, glue: ActionGlue) -> RateController | None:
-        """Return the controller of a glue that only passes a value on to it; None for any other glue."""
-        if type(glue) is not ControllerGlue or glue.normalization.active is not None:
+        """Return the controller of a glue that only passes a value or a level on to it; None for any other glue."""
+        if type(glue) is ControllerGlue:
+            if glue.normalization.active is not None:
+                return None
+        elif type(glue) is not DiscreteControllerGlue:
             return None
         controller = self._parts[glue.controller]
         if isinstance(controller, RateController) and type(controller.commanded) is ThrustProp:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.experiments.environment import ENVIRONMENT
+from safe_inspect.experiments.keys import FRESH_KEYS
 from safe_inspect.experiments.policies import PolicySettings
 from safe_inspect.experiments.translation import Translation
 from safe_inspect.experiments.values import GRID, is_searched
@@ -161,16 +162,19 @@ def _set_policies(config: AlgorithmConfig, model: Mapping[str, Any], policies: M
     """Tell RLlib which policies there are, which agents they fly and what each has of its own."""
     from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
     from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
-    from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
-    config.rl_module(model_config=DefaultModelConfig(**model))
+    from safe_inspect.experiments.fresh_policy import policy_spec
+
     if not policies:
+        if FRESH_KEYS.keys() & model.keys():
+            config.rl_module(rl_module_spec=policy_spec(model))
+        else:
+            config.rl_module(model_config=DefaultModelConfig(**model))
         return
     specs = {}
     for name, policy in policies.items():
         if policy.trains:
-            own = DefaultModelConfig(**{**model, **policy.settings.get("model_config", {})})
-            specs[name] = RLModuleSpec(model_config=own)
+            specs[name] = policy_spec({**model, **policy.settings.get("model_config", {})})
         else:
             from safe_inspect.experiments.frozen import frozen_spec
 

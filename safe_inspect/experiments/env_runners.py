@@ -27,6 +27,9 @@ from safe_inspect.experiments.sampler import Sampler, crews, seats_of
 from safe_inspect.experiments.stock import why_stock
 from safe_inspect.experiments.team_spaces import TeamSpaces
 
+#: Name of the task's part of a runner's state.
+TASK = "task"
+
 
 class _Batched:
     """What both runners do alike; the class behind it is RLlib's own runner."""
@@ -139,6 +142,21 @@ class _Batched:
         steps = log_steps(self.metrics, rollout, self.seats, len(reports), self.several)
         if steps:
             self._log_env_steps(metric=self._metrics_num_env_steps_sampled, num_steps=steps)  # type: ignore[attr-defined]
+
+    def get_state(self, components: Any = None, *, not_components: Any = None, **kwargs: Any) -> dict[str, Any]:
+        """Return the state for a checkpoint: RLlib's, and what of the task lives through resets."""
+        state: dict[str, Any] = super().get_state(components, not_components=not_components, **kwargs)  # type: ignore[misc]
+        wanted = self._check_component(TASK, components, not_components)  # type: ignore[attr-defined]
+        if wanted and isinstance(self.env, TeamSpaces):
+            state[TASK] = self.env.team.simulation.carried()
+        return state
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from a state; the evaluation does not take the training's prices."""
+        super().set_state(state)  # type: ignore[misc]
+        if TASK in state and isinstance(self.env, TeamSpaces) and not self.config.in_evaluation:
+            self.env.team.simulation.restore(state[TASK])
+            self._needs_initial_reset = True
 
     def get_metrics(self) -> Any:
         """Return what was logged since the last call."""

@@ -108,6 +108,8 @@ def _episode(
     part = (member, piece.env, slice(piece.start, stop))
     observations: Any = track.observations[member, piece.env, piece.start : stop + 1]
     actions: Any = track.actions[part]
+    if np.issubdtype(spaces[1].dtype, np.integer):
+        actions = actions.astype(spaces[1].dtype)
     rewards: Any = track.rewards[part]
     if piece.over and stop == piece.stop:  # behind the end stands the first observation of the next episode
         observations = np.concatenate((observations[:-1], piece.finals[seat.group][None, member]))

@@ -8,34 +8,48 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from gymnasium.spaces import MultiDiscrete
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.rl_module import RLModule, RLModuleSpec
 
 from safe_inspect.environments.group import AgentGroup
-from safe_inspect.environments.spaces import box
+from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.checkpoints import policy_folder
+from safe_inspect.experiments.fresh_policy import FreshPolicy
 from safe_inspect.experiments.policies import PolicySettings, layouts_of
 
 _NO_NOISE = -20.0
+_CERTAIN = 1.0e3
 
 
 class FrozenPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
-    """RLlib's policy without exploration: its actions are the means."""
+    """RLlib's policy without exploration: its actions are the means, or the most likely choices."""
 
     def _forward_exploration(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
         outputs: dict[str, Any] = self._forward(batch)
-        mean = outputs[Columns.ACTION_DIST_INPUTS].chunk(2, dim=-1)[0]
-        outputs[Columns.ACTION_DIST_INPUTS] = torch.cat((mean, torch.full_like(mean, _NO_NOISE)), dim=-1)
+        inputs = outputs[Columns.ACTION_DIST_INPUTS]
+        if isinstance(self.action_space, MultiDiscrete):
+            parts = [_certain(part) for part in inputs.split(self.action_space.nvec.tolist(), dim=-1)]
+            outputs[Columns.ACTION_DIST_INPUTS] = torch.cat(parts, dim=-1)
+        else:
+            mean = inputs.chunk(2, dim=-1)[0]
+            outputs[Columns.ACTION_DIST_INPUTS] = torch.cat((mean, torch.full_like(mean, _NO_NOISE)), dim=-1)
         return outputs
+
+
+def _certain(logits: torch.Tensor) -> torch.Tensor:
+    """Return logits of a choice that is certainly the most likely one."""
+    chosen = torch.zeros_like(logits).scatter_(-1, logits.argmax(dim=-1, keepdim=True), 1.0)
+    return chosen * _CERTAIN
 
 
 def frozen_spec(policy: PolicySettings) -> RLModuleSpec:
     """Return how RLlib builds a policy that comes from a checkpoint."""
     path = _source(policy)
     module = _load(path)
-    own = type(module) is DefaultPPOTorchRLModule
+    own = type(module) in (DefaultPPOTorchRLModule, FreshPolicy)
     return RLModuleSpec(
         module_class=FrozenPolicy if own else type(module),
         observation_space=module.observation_space,
@@ -64,7 +78,8 @@ def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentG
                 strict=True,
             )
             for what, space, layout in pairs:
-                if space.shape != box(layout).shape:
+                wanted = box(layout) if what == "observation" else action_space(layout)
+                if space.shape != wanted.shape or type(space) is not type(wanted):
                     raise CheckpointError(
                         f"{policy.checkpoint}: the policy of {agent} has {space.shape[0]} elements of {what}, and the "
                         f"agent {layout.size}; give a checkpoint of the same glues"

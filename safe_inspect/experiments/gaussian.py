@@ -18,11 +18,11 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 Words = NDArray[np.uint64]
 
-_NAME = np.uint64(zlib.crc32(b"action"))
-_WORD = np.uint64(0xFFFFFFFF)
-_SHIFT = np.uint64(32)
-_STEP_SHIFT = np.uint64(12)
-_UNIT = 2.0**-32
+ACTION = np.uint64(zlib.crc32(b"action"))
+WORD = np.uint64(0xFFFFFFFF)
+SHIFT = np.uint64(32)
+STEP_SHIFT = np.uint64(12)
+UNIT = 2.0**-32
 _HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
@@ -76,16 +76,16 @@ def draw_actions(
 def _normals(seed: np.uint64, slot: np.uint64, episode: int, step: int, block: int, normal: FloatArray) -> None:
     """Write four independent standard normal numbers, by Box and Muller's transform of one Philox block."""
     w0, w1, w2, w3 = philox4x32(
-        np.uint64(block) + (np.uint64(step) << _STEP_SHIFT),
-        _NAME,
-        np.uint64(episode) & _WORD,
-        slot & _WORD,
-        seed & _WORD,
-        seed >> _SHIFT,
+        np.uint64(block) + (np.uint64(step) << STEP_SHIFT),
+        ACTION,
+        np.uint64(episode) & WORD,
+        slot & WORD,
+        seed & WORD,
+        seed >> SHIFT,
     )
-    radius = math.sqrt(-2.0 * math.log((np.float64(w0) + 0.5) * _UNIT))
-    angle = 2.0 * math.pi * np.float64(w1) * _UNIT
+    radius = math.sqrt(-2.0 * math.log((np.float64(w0) + 0.5) * UNIT))
+    angle = 2.0 * math.pi * np.float64(w1) * UNIT
     normal[0], normal[1] = radius * math.cos(angle), radius * math.sin(angle)
-    radius = math.sqrt(-2.0 * math.log((np.float64(w2) + 0.5) * _UNIT))
-    angle = 2.0 * math.pi * np.float64(w3) * _UNIT
+    radius = math.sqrt(-2.0 * math.log((np.float64(w2) + 0.5) * UNIT))
+    angle = 2.0 * math.pi * np.float64(w3) * UNIT
     normal[2], normal[3] = radius * math.cos(angle), radius * math.sin(angle)

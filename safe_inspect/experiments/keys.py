@@ -174,6 +174,14 @@ POLICY_KEYS = (
 
 _ACTIVATION = Key("text", choices=("tanh", "relu", "swish", "silu", "linear"), optional=True)
 
+#: The weights of a policy that has not learned: keys of ours in `model_config`, for PPO.
+FRESH_KEYS: dict[str, Key] = {
+    "orthogonal": _SWITCH,
+    "initial_choice": Key("integer", low=0, optional=True),
+    "initial_probability": Key("number", low=0.01, high=0.99),
+    "initial_std": Key("number", low=1e-4, optional=True),
+}
+
 #: The nets: attributes of `DefaultModelConfig` that make sense for vectors of numbers.
 MODEL_KEYS: dict[str, Key] = {
     "fcnet_hiddens": Key("integers", low=1),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
-from safe_inspect.environments.spaces import box
+from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.experiments.environment import Reported, build_team, first_slot
 from safe_inspect.experiments.episode_sums import EpisodeSums, Report
 from safe_inspect.experiments.sampler import Seat, seats_of
@@ -40,7 +40,7 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         self.agents = list(self.possible_agents)
         acting = self.team.acting
         self.observation_spaces = {seat.agent: box(acting[seat.group].observation_layout) for seat in self._seats}
-        self.action_spaces = {seat.agent: box(acting[seat.group].action_layout) for seat in self._seats}
+        self.action_spaces = {seat.agent: action_space(acting[seat.group].action_layout) for seat in self._seats}
         super().__init__()  # type: ignore[no-untyped-call]
 
     def place(self, worker_index: int, num_envs: int, index: int, evaluation: bool) -> None:

@@ -12,39 +12,82 @@ from numpy.typing import NDArray
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.rl_module import RLModule
 
+from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.policies import Flight
 from safe_inspect.experiments.checkpoints import policy_folder
-from safe_inspect.types import FloatArray
+from safe_inspect.experiments.distributions import Distribution, distribution_of_module
+from safe_inspect.types import AnyArray, FloatArray
 
 
 class TrainedPolicy:
-    """The mean action of a Gaussian policy, without exploration.
+    """A trained policy as a function of observations.
 
     Args:
         module: RLlib's module of the policy.
+        sampled: False: the mean action of a Gaussian policy, the most likely choice of a categorical one. True: actions
+            are drawn from the distribution, as in training. A draw is a function of the seed, the environment slot, the
+            step and the agent, so that the same seed gives the same episodes.
+        seed: Seed of the draws.
+
+    Raises:
+        CheckpointError: The policy's actions are neither Gaussian nor categorical.
     """
 
-    def __init__(self, module: Any) -> None:
+    def __init__(self, module: Any, sampled: bool = False, seed: int = 0) -> None:
         self.module = module.eval()
+        self.sampled, self.seed = sampled, seed
+        distribution = distribution_of_module(module)
+        if distribution is None:
+            raise CheckpointError("the policy's actions are neither Gaussian nor categorical; only such can be flown")
+        self._distribution: Distribution = distribution
+        self._width = int(np.prod(module.action_space.shape))
+        self._flight: Flight | None = None
+        self._steps = 0
 
-    def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
-        """Return the actions (N, A) for observations (N, O)."""
+    def begin(self, flight: Flight) -> None:
+        """Take note of the slots of the rows of the next steps, for the draws."""
+        self._flight, self._steps = flight, 0
+
+    def inputs(self, observation: NDArray[np.float32]) -> AnyArray:
+        """Return the inputs of the action distributions, float32, shape (R, I), for observations (R, O)."""
         with torch.no_grad():
             outputs = self.module.forward_inference({Columns.OBS: torch.from_numpy(np.ascontiguousarray(observation))})
-        mean = outputs[Columns.ACTION_DIST_INPUTS].chunk(2, dim=-1)[0]
-        return np.asarray(mean.numpy(), dtype=np.float64)
+        return np.asarray(outputs[Columns.ACTION_DIST_INPUTS].numpy())
+
+    def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
+        """Return the actions (R, A) for observations (R, O)."""
+        inputs = self.inputs(observation)
+        rows = len(inputs)
+        actions = np.empty((rows, self._width), dtype=np.float32)
+        slots = np.arange(rows) if self._flight is None else self._flight.slots
+        deputies = np.zeros(rows, dtype=np.int64) if self._flight is None else self._flight.deputies
+        episode, step = np.zeros(rows, dtype=np.int64), np.full(rows, self._steps, dtype=np.int64)
+        likelihood = np.empty(rows, dtype=np.float32)
+        for deputy in np.unique(deputies):
+            mine = np.flatnonzero(deputies == deputy)
+            drawn, density = np.empty((len(mine), self._width), dtype=np.float32), likelihood[: len(mine)]
+            where = (slots[mine].astype(np.uint64), episode[mine], step[mine], int(deputy), drawn, density)
+            self._distribution.draw(inputs[mine], self.sampled, np.uint64(self.seed), *where)
+            actions[mine] = drawn
+        self._steps += 1
+        return actions.astype(np.float64)
 
 
-def load_policy(checkpoint: str | os.PathLike[str], policy: str | None = None) -> TrainedPolicy:
+def load_policy(
+    checkpoint: str | os.PathLike[str], policy: str | None = None, *, sampled: bool = False, seed: int = 0
+) -> TrainedPolicy:
     """Return a policy of a checkpoint.
 
     Args:
         checkpoint: The checkpoint's folder.
         policy: Name of the policy, where the checkpoint holds several.
+        sampled: Whether actions are drawn, see `TrainedPolicy`.
+        seed: Seed of the draws.
 
     Raises:
         CheckpointError: The checkpoint is missing or damaged, or has no such policy.
     """
-    return TrainedPolicy(_load(checkpoint, policy))
+    return TrainedPolicy(_load(checkpoint, policy), sampled, seed)
 
 
 def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0, policy: str | None = None) -> TrainedPolicy:

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
-from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussian
 
+from safe_inspect.experiments.distributions import distribution_of_module
 from safe_inspect.types import AnyArray
 
 #: The results of the matrix products of fewer rows depend on their number, in the last bit.
@@ -18,7 +18,7 @@ LEAST_ROWS = 16
 
 
 class PolicyNet:
-    """Mean and logarithm of the standard deviation of a Gaussian policy, for the observations of one step.
+    """The inputs of a policy's action distribution, for the observations of one step.
 
     The rows are padded to `LEAST_ROWS`, so that a row's result does not depend on how many stand beside it.
 
@@ -41,7 +41,7 @@ class PolicyNet:
         self._plain = self._plain_layers()
 
     def __call__(self, explore: bool, step: int) -> AnyArray:
-        """Return the inputs of the action distributions, float32, shape (rows, 2 A).
+        """Return the inputs of the action distributions, float32, shape (rows, I).
 
         Args:
             explore: Whether the module is asked for actions that explore.
@@ -86,8 +86,4 @@ def why_not_served(module: Any) -> str:
     """Return why the batched runner cannot sample with a module; empty when it can."""
     if module.is_stateful():
         return "its policy is recurrent"
-    try:
-        distribution = module.get_exploration_action_dist_cls()
-    except (AttributeError, NotImplementedError):
-        return "its policy has no Gaussian actions"
-    return "" if distribution is TorchDiagGaussian else "its policy has no Gaussian actions"
+    return "its policy's actions are neither Gaussian nor categorical" if distribution_of_module(module) is None else ""

@@ -29,7 +29,7 @@ class Batch:
         lengths: Steps of each piece, shape (P,).
         terminated: Whether the task ended with a piece's last step, shape (P,).
         actions: Shape (R, A).
-        inputs: Inputs of the action distribution when they were drawn, shape (R, 2 A).
+        inputs: Inputs of the action distribution when they were drawn, shape (R, I).
         log_probabilities: Of the actions, shape (R,).
         rewards: Shape (R,).
         weights: Mean number of the weights that flew it; None: not told.

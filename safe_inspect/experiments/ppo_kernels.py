@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from safe_inspect.compiled import njit
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -122,6 +124,87 @@ def policy_gradient(
             gradient[i, width + j] = (
                 push * (z * z - 1.0) - entropy_coefficient + kl_coefficient * (1.0 - spread)
             ) / count
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def choice_gradient(
+    rows: IntArray,
+    inputs: AnyArray,
+    sizes: IntArray,
+    actions: AnyArray,
+    old_inputs: AnyArray,
+    old_log_probability: AnyArray,
+    advantages: AnyArray,
+    clip: float,
+    entropy_coefficient: float,
+    kl_coefficient: float,
+    gradient: AnyArray,
+    sums: FloatArray,
+) -> None:
+    """Compute the gradient of the policy's loss with respect to the logits of its categorical distributions.
+
+    The loss is that of `policy_gradient`.
+
+    Args:
+        rows: The minibatch: indices of the batch's R rows, shape (B,).
+        inputs: Logits of the minibatch, those of an element behind those of the one before, shape (B, K_1 + ... + K_A).
+        sizes: K_1 to K_A, the number of values of each element, shape (A,).
+        actions: Indices of the batch, shape (R, A).
+        old_inputs: Logits with which the actions were drawn, shape (R, K_1 + ... + K_A).
+        old_log_probability: Logarithms of the actions' probabilities when they were drawn, shape (R,).
+        advantages: Of the batch, shape (R,).
+        clip: As in `policy_gradient`.
+        entropy_coefficient: As in `policy_gradient`.
+        kl_coefficient: As in `policy_gradient`.
+        gradient: Receives the gradient, shape (B, K_1 + ... + K_A).
+        sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
+    """
+    sums[:] = 0.0
+    count, width = len(rows), len(sizes)
+    logs, old_logs = np.empty(inputs.shape[1]), np.empty(inputs.shape[1])
+    for i in range(count):
+        row = rows[i]
+        first, total = 0, 0.0
+        for j in range(width):
+            _log_softmax(inputs[i], first, sizes[j], logs)
+            _log_softmax(old_inputs[row], first, sizes[j], old_logs)
+            total += logs[first + int(actions[row, j])]
+            first += sizes[j]
+        advantage = float(advantages[row])
+        ratio = math.exp(total - float(old_log_probability[row]))
+        free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
+        sums[SURROGATE] += min(free, held)
+        push = -free if free < held or 1.0 - clip <= ratio <= 1.0 + clip else 0.0
+        first = 0
+        for j in range(width):
+            entropy = 0.0
+            for k in range(first, first + sizes[j]):
+                entropy -= math.exp(logs[k]) * logs[k]
+                sums[KL] += math.exp(old_logs[k]) * (old_logs[k] - logs[k])
+            sums[ENTROPY] += entropy
+            chosen = first + int(actions[row, j])
+            for k in range(first, first + sizes[j]):
+                share = math.exp(logs[k])
+                drawn = 1.0 if k == chosen else 0.0
+                gradient[i, k] = (
+                    push * (drawn - share)
+                    + entropy_coefficient * share * (logs[k] + entropy)
+                    + kl_coefficient * (share - math.exp(old_logs[k]))
+                ) / count
+            first += sizes[j]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _log_softmax(logits: AnyArray, first: int, size: int, logs: FloatArray) -> None:
+    """Write the logarithms of the probabilities of some logits."""
+    largest = float(logits[first])
+    for k in range(first + 1, first + size):
+        largest = max(largest, float(logits[k]))
+    mass = 0.0
+    for k in range(first, first + size):
+        mass += math.exp(float(logits[k]) - largest)
+    for k in range(first, first + size):
+        logs[k] = float(logits[k]) - largest - math.log(mass)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]

@@ -30,6 +30,7 @@ from ray.rllib.utils.metrics import (
 )
 
 from safe_inspect.experiments.callbacks import set_threads
+from safe_inspect.experiments.distributions import distribution_of_module
 from safe_inspect.experiments.ppo_batch import Batch, batches_of, minibatches
 from safe_inspect.experiments.ppo_nets import nets_of, part_of
 from safe_inspect.experiments.ppo_training import NetTraining, Terms, joined
@@ -125,10 +126,12 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         if config.grad_clip:
             clip = partial(self._get_clip_function(), grad_clip=config.grad_clip, grad_clip_by=config.grad_clip_by)
         ((_, optimiser),) = self.get_optimizers_for_module(name)
+        module: Any = self.module[name].unwrapped()
+        sizes = getattr(distribution_of_module(module), "sizes", None)
         together = clip is not None and config.grad_clip_by == "global_norm"
         return [
-            NetTraining(net, part_of(optimiser, net.parameters), batch, order, terms, clip)
-            for net in nets_of(self.module[name].unwrapped(), together)
+            NetTraining(net, part_of(optimiser, net.parameters), batch, order, terms, clip, sizes)
+            for net in nets_of(module, together)
         ]
 
     def _run(self, trainings: list[NetTraining]) -> None:

@@ -22,6 +22,7 @@ from safe_inspect.experiments.ppo_kernels import (
     KL,
     SURROGATE,
     UNCLIPPED,
+    choice_gradient,
     policy_gradient,
     value_gradient,
 )
@@ -63,6 +64,7 @@ class NetTraining:
         order: The rows of each minibatch, shape (M, B).
         terms: The coefficients of the loss.
         clip_gradients: Clips gradients in place and may return their norm; None: they stay as they are.
+        sizes: Number of values of each element of a categorical action; None: the actions are Gaussian.
 
     Attributes:
         losses: After `run`, what the last minibatch gave, under RLlib's names.
@@ -77,9 +79,10 @@ class NetTraining:
         order: IntArray,
         terms: Terms,
         clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None,
+        sizes: IntArray | None = None,
     ) -> None:
         self._net, self._optimiser, self._batch, self._order, self._terms = net, optimiser, batch, order, terms
-        self._clip_gradients = clip_gradients
+        self._clip_gradients, self._sizes = clip_gradients, sizes
         size = order.shape[1]
         self._sums = np.zeros(3)
         self._value_sums = np.zeros(2)
@@ -117,9 +120,13 @@ class NetTraining:
 
     def _policy_gradient(self, rows: IntArray, inputs: AnyArray) -> torch.Tensor:
         batch, terms = self._batch, self._terms
-        policy_gradient(
+        work: Any = policy_gradient
+        outputs: tuple[AnyArray, ...] = (inputs,)
+        if self._sizes is not None:
+            work, outputs = choice_gradient, (inputs, self._sizes)
+        work(
             rows,
-            inputs,
+            *outputs,
             batch.actions,
             batch.inputs,
             batch.log_probabilities,

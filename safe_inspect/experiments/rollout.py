@@ -17,16 +17,16 @@ class Track:
         observations: At the beginning of each step and, at the last index, at the end of the last one, float32, shape
             (G, N, T + 1, O).
         actions: As the policy drew them, not clipped, float32, shape (G, N, T, A).
-        inputs: Inputs of the action distribution, float32, shape (G, N, T, 2 A).
+        inputs: Inputs of the action distribution, float32, shape (G, N, T, I).
         log_probabilities: Of the actions, float32, shape (G, N, T).
         rewards: Rewards, float32, shape (G, N, T).
     """
 
-    def __init__(self, size: tuple[int, int, int], envs: int, steps: int) -> None:
-        agents, observation, action = size
+    def __init__(self, size: tuple[int, int, int, int], envs: int, steps: int) -> None:
+        agents, observation, action, inputs = size
         self.observations: AnyArray = np.empty((agents, envs, steps + 1, observation), dtype=np.float32)
         self.actions: AnyArray = np.empty((agents, envs, steps, action), dtype=np.float32)
-        self.inputs: AnyArray = np.empty((agents, envs, steps, 2 * action), dtype=np.float32)
+        self.inputs: AnyArray = np.empty((agents, envs, steps, inputs), dtype=np.float32)
         self.log_probabilities: AnyArray = np.empty((agents, envs, steps), dtype=np.float32)
         self.rewards: AnyArray = np.empty((agents, envs, steps), dtype=np.float32)
 
@@ -85,7 +85,8 @@ class Rollout:
     """What some steps of N environments gave.
 
     Args:
-        sizes: For each group the numbers of agents, observation elements and action elements.
+        sizes: For each group the numbers of agents, of elements of observation and action, and of inputs of the action
+            distribution.
         envs: Number of environments, N.
         steps: Number of steps, T.
         begun: Steps of the running episodes before, shape (N,).
@@ -102,7 +103,7 @@ class Rollout:
 
     def __init__(
         self,
-        sizes: Sequence[tuple[int, int, int]],
+        sizes: Sequence[tuple[int, int, int, int]],
         envs: int,
         steps: int,
         begun: IntArray,

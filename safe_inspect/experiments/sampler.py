@@ -10,8 +10,8 @@ import numpy as np
 
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
+from safe_inspect.experiments.distributions import distribution_of
 from safe_inspect.experiments.episode_sums import EpisodeSums, Report
-from safe_inspect.experiments.gaussian import draw_actions
 from safe_inspect.experiments.policy_net import PolicyNet
 from safe_inspect.experiments.rollout import Rollout
 from safe_inspect.types import AnyArray, BoolArray, IntArray
@@ -85,6 +85,7 @@ class Sampler:
         self._nets = {policy: nets(policy, count * len(crew)) for policy, crew in self._crews.items()}
         self._where = [environment.groups.index(group) for group in environment.acting]
         self._actions = [np.zeros((count, group.size, group.action_layout.size)) for group in environment.acting]
+        self._distributions = [distribution_of(group.action_layout) for group in environment.acting]
         self._generator = np.random.default_rng(seed)
         self._sums = EpisodeSums(environment)
         self._step: IntArray = np.zeros(count, dtype=np.int64)
@@ -138,7 +139,8 @@ class Sampler:
 
     def _rollout(self, steps: int, wanted: IntArray | None = None) -> Rollout:
         sizes = [
-            (group.size, group.observation_layout.size, group.action_layout.size) for group in self.environment.acting
+            (group.size, group.observation_layout.size, group.action_layout.size, distribution.inputs)
+            for group, distribution in zip(self.environment.acting, self._distributions, strict=True)
         ]
         begun = self._step.copy()
         return Rollout(sizes, self.environment.num_envs, steps, begun, self._flying.copy(), wanted)
@@ -179,7 +181,7 @@ class Sampler:
                 track, member = rollout.tracks[seat.group], seat.member
                 mine = inputs[place * count : (place + 1) * count]
                 action = track.actions[member, :, time]
-                draw_actions(
+                self._distributions[seat.group].draw(
                     mine,
                     explore,
                     self._seed,
@@ -197,7 +199,10 @@ class Sampler:
         rollout.random = True
         for group, track, actions in zip(self.environment.acting, rollout.tracks, self._actions, strict=True):
             layout = group.action_layout
-            actions[...] = self._generator.uniform(layout.low, layout.high, actions.shape)
+            if layout.choices:
+                actions[...] = self._generator.integers(0, layout.choices, actions.shape)
+            else:
+                actions[...] = self._generator.uniform(layout.low, layout.high, actions.shape)
             track.actions[:, :, time] = actions.transpose(1, 0, 2)
 
     def _begin_again(self, rollout: Rollout, time: int, transition: TeamTransition) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import torch
-from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussian
 from ray.rllib.core.rl_module.apis.self_supervised_loss_api import SelfSupervisedLossAPI
 from ray.rllib.core.rl_module.apis.value_function_api import ValueFunctionAPI
+
+from safe_inspect.experiments.distributions import distribution_of_module
 
 
 def why_stock_learner(config: Any) -> str:
@@ -40,9 +41,8 @@ def why_not_learned(learner: Any, name: str) -> str:
     judges: bool = isinstance(module, ValueFunctionAPI)
     if not judges or not learner.config.get_config_for_module(name).use_critic:
         return f"the policy {name} has no value function"
-    kinds = {module.get_train_action_dist_cls(), module.get_exploration_action_dist_cls()}
-    if kinds != {TorchDiagGaussian}:
-        return f"the policy {name} has no Gaussian actions"
+    if distribution_of_module(module) is None:
+        return f"the actions of the policy {name} are neither Gaussian nor categorical"
     optimisers = [optimiser for _, optimiser in learner.get_optimizers_for_module(name)]
     if [type(optimiser) for optimiser in optimisers] != [torch.optim.Adam] or len(optimisers[0].param_groups) != 1:
         return f"the policy {name} has another optimiser than Adam"

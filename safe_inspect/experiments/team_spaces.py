@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gymnasium import spaces as gym_spaces
 
-from safe_inspect.environments.spaces import box
+from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.experiments.sampler import Seat
 
@@ -23,7 +23,7 @@ class TeamSpaces:
         self.num_envs = team.num_envs
         groups = [team.acting[seat.group] for seat in seats]
         self.by_agent = {
-            seat.agent: (box(group.observation_layout), box(group.action_layout))
+            seat.agent: (box(group.observation_layout), action_space(group.action_layout))
             for seat, group in zip(seats, groups, strict=True)
         }
         observation, action = (

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector import VectorEnv as _VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from safe_inspect.environments.spaces import box
+from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.environment import Reported, build_team, first_slot
 from safe_inspect.experiments.episode_sums import EpisodeSums, Report
@@ -43,7 +43,7 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
             raise SafeInspectError(f"one agent acts from outside here, not {', '.join(acting)}")
         group = self.team.acting[0]
         self.single_observation_space = box(group.observation_layout)
-        self.single_action_space = box(group.action_layout)
+        self.single_action_space = action_space(group.action_layout)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 

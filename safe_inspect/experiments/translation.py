@@ -52,7 +52,9 @@ class _Tables:
     searchable: bool = False
 
 
-_MODEL = _Tables(keys.MODEL_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT)
+_MODEL = _Tables(
+    keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
+)
 _TUNE = _Tables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
 _RAY = _Tables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, run_keys.RAY_ONLY_AT)
 
@@ -162,6 +164,12 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         settings["model_config"] = model.settings
         notes += model.notes
         problems += model.problems
+        if algorithm != "PPO":
+            problems += [
+                Problem(f"only PPO has the key `{key}`", f"{model_path}.{key}", hint="remove it")
+                for key in model.settings
+                if key in keys.FRESH_KEYS
+            ]
     if isinstance(settings.get("evaluation_config"), Mapping):
         evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm, True)
         settings["evaluation_config"] = evaluation.settings

@@ -2,6 +2,7 @@
 
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.normalizers import LinearNormalizer, Normalizer, StandardNormalNormalizer
 from safe_inspect.glues.observe_sensor import ObserveSensor
@@ -9,6 +10,7 @@ from safe_inspect.glues.observe_sensor import ObserveSensor
 __all__ = [
     "ActionGlue",
     "ControllerGlue",
+    "DiscreteControllerGlue",
     "Glue",
     "LinearNormalizer",
     "Normalization",

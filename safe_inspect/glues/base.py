@@ -51,6 +51,13 @@ class ActionGlue(Glue):
     def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
         """Return the thrust [N], Hill frame, shape (R, 3)."""
 
+    def choices(self, parts: Parts) -> tuple[int, ...]:
+        """Return for each element of the action how many values it has, the indices 0, 1, ...; 0: it is a real number.
+
+        All are real numbers by default.
+        """
+        return (0,) * len(self.names(parts))
+
     def leaves(self) -> tuple[ActionGlue, ...]:
         """Return the glues that command a controller: the wrapped ones of a wrapper, else the glue itself."""
         return (self,)

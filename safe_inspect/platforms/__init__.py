@@ -11,7 +11,7 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesVelocitySensor,
 )
 from safe_inspect.platforms.point_sensors import InspectedPointsSensor, UninspectedPointsSensor
-from safe_inspect.platforms.state_sensors import PositionSensor, SunAngleSensor, VelocitySensor
+from safe_inspect.platforms.state_sensors import PositionSensor, SunAngleSensor, SunDirectionSensor, VelocitySensor
 
 __all__ = [
     "CWHPlatform",
@@ -30,6 +30,7 @@ __all__ = [
     "RateController",
     "Sensor",
     "SunAngleSensor",
+    "SunDirectionSensor",
     "ThrustProp",
     "UninspectedPointsSensor",
     "VelocitySensor",

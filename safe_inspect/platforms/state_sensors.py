@@ -59,3 +59,18 @@ class SunAngleSensor(Sensor, name="Sensor_SunAngle"):
             return angle
         wrapped = np.mod(angle, 2.0 * math.pi)
         return np.where(wrapped >= 2.0 * math.pi, 0.0, wrapped)  # mod of a tiny negative angle rounds up to 2 pi
+
+
+class SunDirectionSensor(Sensor, name="Sensor_SunDirection"):
+    """Unit vector from the chief to the sun [-], Hill frame, shape (R, 3): [cos, -sin, 0] of the sun's angle.
+
+    Unlike the angle it has no jump where a revolution ends.
+    """
+
+    elements: ClassVar[tuple[str, ...]] = ("x_sun", "y_sun", "z_sun")
+    symbol: ClassVar[str] = "-"
+    bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
+
+    def __call__(self, view: View) -> FloatArray:
+        """Return the direction to the sun [-], shape (R, 3)."""
+        return view.sun_direction

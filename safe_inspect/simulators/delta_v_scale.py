@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,24 @@ class DeltaVScale:
         self._sum: FloatArray = np.zeros(num_envs)
         self._episodes: IntArray = np.zeros(num_envs, dtype=np.int64)
         self._calls_until_due = schedule.steps_until_update
+
+    def carried(self) -> dict[str, AnyArray]:
+        """Return copies of all that it keeps, each of shape (N,), for a checkpoint."""
+        return {
+            "scale": self.scale.copy(),
+            "steps": self._steps.copy(),
+            "sum": self._sum.copy(),
+            "episodes": self._episodes.copy(),
+        }
+
+    def restore(self, carried: Mapping[str, AnyArray]) -> None:
+        """Go on from what `carried` returned; with another number of slots each takes the mean scale."""
+        if len(carried["scale"]) != len(self.scale):
+            self.scale[:] = np.clip(np.mean(carried["scale"]), *self._schedule.bounds)
+            return
+        self.scale[:] = np.clip(carried["scale"], *self._schedule.bounds)
+        self._steps[:], self._sum[:], self._episodes[:] = carried["steps"], carried["sum"], carried["episodes"]
+        self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
     def end_episodes(self, rows: IntArray, fraction: FloatArray) -> None:
         """Take note of finished episodes: their slots and inspected fractions."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,6 +110,14 @@ class Simulation:
         self._episodes[:] = -1
         self._ahead.forget()
         self._scale = DeltaVScale(self._config.schedule, self.num_envs)
+
+    def carried(self) -> dict[str, AnyArray]:
+        """Return what lives through resets, for a checkpoint: the adaptive scale of the delta-v reward."""
+        return self._scale.carried()
+
+    def restore(self, carried: Mapping[str, AnyArray]) -> None:
+        """Go on from what `carried` returned; call it before a reset."""
+        self._scale.restore(carried)
 
     def reset(self, rows: IntArray) -> State:
         """Begin a new episode in some rows.

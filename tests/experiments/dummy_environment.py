@@ -13,6 +13,8 @@ from safe_inspect.errors import PluginValueError
 from safe_inspect.randomness import Streams
 
 ONE = [{"agents": ["pilot"], "policies": ["pilot"], "size": 11}]
+#: One agent that chooses among a few levels of each of its elements.
+CHOOSING = [{"agents": ["pilot"], "policies": ["pilot"], "size": 11, "choices": (3, 2, 5)}]
 #: Three agents in two groups; those of the first share one policy.
 TEAM = [
     {"agents": ["red", "blue"], "policies": ["shared", "shared"], "size": 11},
@@ -24,6 +26,19 @@ THREE = [{"agents": ["red", "blue", "green"], "policies": ["red", "blue", "green
 def layout(size, bound):
     names = tuple(f"element {index}" for index in range(size))
     return Layout(names, np.full(size, -bound), np.full(size, bound))
+
+
+def chosen(choices):
+    return Layout(tuple("XYZ"), np.zeros(3), np.array(choices) - 1.0, tuple(choices))
+
+
+def pushes_of(group, action):
+    """Return the push of each agent, from -1 to 1, shape (N, G)."""
+    action = np.asarray(action, np.float64)
+    if group.action_layout.choices:
+        assert (action == np.rint(action)).all()
+        action = 2.0 * action / group.action_layout.high - 1.0
+    return np.clip(action, -1.0, 1.0).mean(axis=2)
 
 
 class DummyTeam:
@@ -43,14 +58,17 @@ class DummyTeam:
                 scripted=False,
                 guard=None,
                 observation_layout=layout(entry["size"], np.inf),
-                action_layout=layout(3, 1.0),
+                action_layout=chosen(entry["choices"]) if "choices" in entry else layout(3, 1.0),
             )
             self.groups.append(group)
             first += group.size
         self.groups = self.acting = tuple(self.groups)
         self.spec = SimpleNamespace(team_safety=None)
         world = SimpleNamespace(points={"chief": SimpleNamespace(num_points=99)})
-        self.simulation = SimpleNamespace(world=world, episodes=np.full(num_envs, -1))
+        self.simulation = SimpleNamespace(
+            world=world, episodes=np.full(num_envs, -1), carried=lambda: self.carried, restore=self.restore
+        )
+        self.carried = {"scale": np.full(num_envs, -0.1)}
         shape = (num_envs, first)
         self.start, self.now = np.zeros(shape), np.zeros(shape)
         self.limit, self.t = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=int)
@@ -59,6 +77,9 @@ class DummyTeam:
             delta_v=np.zeros(shape), finished=np.zeros(shape, dtype=np.int8), points={"chief": points}
         )
         self.steps = 0
+
+    def restore(self, carried):
+        self.carried = carried
 
     def observe(self, rows):
         for group in self.groups:
@@ -90,7 +111,7 @@ class DummyTeam:
             raise PluginValueError("reward `near` returned NaN; state saved in x.npz")
         time.sleep(self.experiment.get("sleep", 0.0))
         active = self.state.finished == 0
-        pushes = [np.clip(np.asarray(action, np.float64), -1.0, 1.0).mean(axis=2) for action in actions]
+        pushes = [pushes_of(group, action) for group, action in zip(self.groups, actions, strict=True)]
         push = np.where(active, np.concatenate(pushes, axis=1), 0.0)
         self.now += np.where(active, 0.1 * push + self.experiment.get("drift", 0.0), 0.0)
         self.t += 1

@@ -11,7 +11,7 @@ from training_values import MAKER
 
 pytestmark = pytest.mark.ray
 
-EXPERIMENT = Path(__file__).parents[2] / "configs" / "multiagent-translational-inspection" / "experiment.yml"
+EXPERIMENT = Path(__file__).parents[2] / "configs" / "multiagent-translational-inspection" / "experiment-seed.yml"
 
 
 def dummy(**experiment):

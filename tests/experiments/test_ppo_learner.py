@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from algorithms import build, parts_of, targets
-from dummy_environment import ONE, TEAM
+from dummy_environment import CHOOSING, ONE, TEAM
 
 pytestmark = pytest.mark.ray
 
@@ -105,13 +105,14 @@ def test_advantages_at_terminations_truncations_and_cuts(algorithm, team):
     [
         (ONE, {}),
         (TEAM, {}),
+        (CHOOSING, {"entropy_coeff": 0.02}),
         (ONE, {"lr": [[0, 3e-3], [2000, 1e-3]], "entropy_coeff": [[0, 0.05], [2000, 0.01]], "vf_clip_param": 0.02}),
         (ONE, {"grad_clip": 0.05, "grad_clip_by": "global_norm"}),
         (ONE, {"grad_clip": 0.002, "grad_clip_by": "value", "use_kl_loss": False}),
         (ONE, {"model_config": {"fcnet_hiddens": [16], "vf_share_layers": True}, "log_gradients": True}),
         (ONE, {"model_config": {"fcnet_hiddens": [16], "free_log_std": True, "fcnet_activation": "relu"}}),
     ],
-    ids=["one", "team", "schedules", "norm", "value", "shared", "free"],
+    ids=["one", "team", "choosing", "schedules", "norm", "value", "shared", "free"],
 )
 def test_whole_batch_updates_equal_those_of_rllib(algorithm, team, more):
     settings = {"lr": 2e-3, "clip_param": 0.05, **more}
@@ -194,6 +195,38 @@ def test_the_gradients_are_those_of_rllibs_loss():
     ppo_kernels.value_gradient(rows, inputs[rows, 0], advantages, 0.5, 0.7, found, sums)
     np.testing.assert_allclose(found, values.grad.numpy(), atol=1e-12)
     np.testing.assert_allclose(sums / 150, [float(squared.clamp(0, 0.5).mean()), float(squared.mean())], rtol=1e-10)
+
+
+def test_the_gradients_of_choices_are_those_of_rllibs_loss():
+    import torch
+    from ray.rllib.core.distribution.torch.torch_distribution import TorchMultiCategorical
+
+    from safe_inspect.experiments import ppo_kernels
+
+    generator = np.random.default_rng(4)
+    count, sizes = 400, np.array([3, 2, 5])
+    made = TorchMultiCategorical.get_partial_dist_cls(space=None, input_lens=sizes.tolist())
+    inputs, old = (0.5 * generator.standard_normal((count, sizes.sum())) for _ in range(2))
+    actions, advantages = generator.integers(0, sizes, (count, 3)).astype(float), generator.standard_normal(count)
+    rows = generator.permutation(count)[:150]
+    new = torch.tensor(inputs[rows], requires_grad=True)
+    now, before = made.from_logits(new), made.from_logits(torch.tensor(old[rows]))
+    taken, weight = torch.tensor(actions[rows]), torch.tensor(advantages[rows])
+    density = before.logp(taken)
+    ratio = torch.exp(now.logp(taken) - density)
+    surrogate = torch.min(weight * ratio, weight * torch.clamp(ratio, 0.8, 1.2))
+    loss = torch.mean(-surrogate - 0.03 * now.entropy()) + 0.4 * before.kl(now).mean()
+    loss.backward()
+    assert 0.2 < float(((ratio > 1.2) | (ratio < 0.8)).double().mean()) < 0.95
+    all_density = np.zeros(count)
+    all_density[rows] = density.numpy()
+    found, sums = np.empty((150, sizes.sum())), np.empty(3)
+    ppo_kernels.choice_gradient(
+        rows, inputs[rows], sizes, actions, old, all_density, advantages, 0.2, 0.03, 0.4, found, sums
+    )
+    np.testing.assert_allclose(found, new.grad.numpy(), atol=1e-12)
+    expected = (surrogate.mean(), now.entropy().mean(), before.kl(now).mean())
+    np.testing.assert_allclose(sums / 150, [float(value) for value in expected], rtol=1e-10)
 
 
 @pytest.mark.parametrize(("rows", "size", "epochs"), [(100, 30, 3), (100, None, 2), (40, 64, 2), (90, 30, 1)])

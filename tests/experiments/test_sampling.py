@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from algorithms import build, parts_of, targets
-from dummy_environment import ONE, TEAM, THREE
+from dummy_environment import CHOOSING, ONE, TEAM, THREE
 from training_values import QUICK
 
 from safe_inspect.experiments.environment import DEFAULT_MAKER
@@ -69,6 +69,33 @@ def test_the_learner_keeps_the_raw_action_and_its_density(algorithm, runner):
         np.testing.assert_allclose(piece.get_extra_model_outputs("action_logp"), expected, atol=5e-6)
 
 
+@pytest.mark.parametrize("runner", ["batched", "stock"])
+def test_choices_are_drawn_with_their_probabilities(algorithm, runner):
+    import torch
+
+    algo = algorithm({"team": CHOOSING}, env_runner=runner)
+    pieces = algo.env_runner.sample(num_timesteps=2000)
+    actions = np.concatenate([piece.get_actions() for piece in pieces])
+    assert np.issubdtype(actions.dtype, np.integer)
+    inputs = torch.from_numpy(np.concatenate([piece.get_extra_model_outputs("action_dist_inputs") for piece in pieces]))
+    first = 0
+    density = 0.0
+    for column, size in enumerate(CHOOSING[0]["choices"]):
+        chances = torch.softmax(inputs[:, first : first + size].double(), dim=1).numpy()
+        counts = np.bincount(actions[:, column], minlength=size)
+        spread = np.sqrt((chances * (1.0 - chances)).sum(axis=0))
+        assert (np.abs(counts - chances.sum(axis=0)) < 4.5 * spread).all()
+        density = density + np.log(chances[np.arange(len(actions)), actions[:, column]])
+        first += size
+    told = np.concatenate([piece.get_extra_model_outputs("action_logp") for piece in pieces])
+    np.testing.assert_allclose(told, density, atol=1e-5)
+    if runner == "batched":
+        modes = algo.env_runner.sample(num_timesteps=200, explore=False)
+        for piece in modes:
+            parts = np.split(piece.get_extra_model_outputs("action_dist_inputs"), [3, 5], axis=1)
+            np.testing.assert_array_equal(piece.get_actions(), np.stack([part.argmax(axis=1) for part in parts], 1))
+
+
 def paths(metrics, prefix=()):
     found = set()
     for key, value in metrics.items():
@@ -125,7 +152,7 @@ def sampled(algo, calls):
     return found
 
 
-@pytest.mark.parametrize("team", [ONE, THREE], ids=["one", "three"])
+@pytest.mark.parametrize("team", [ONE, THREE, CHOOSING], ids=["one", "three", "choosing"])
 def test_episodes_do_not_depend_on_the_number_of_runners(algorithm, team):
     found = [
         sampled(

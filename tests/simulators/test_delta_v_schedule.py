@@ -110,3 +110,24 @@ def test_a_batch_keeps_one_scale_for_each_slot(shipped, first_slot):
         scale = np.clip(scale + move, -0.1, -0.001)
     assert len(np.unique(scale)) > 1
     np.testing.assert_allclose(env.state.delta_v_scale, scale, rtol=1e-12)
+
+
+def test_a_restored_scale_goes_on_as_if_nothing_had_happened():
+    rng = np.random.default_rng(2)
+    running = np.ones(3, dtype=np.bool_)
+    whole, first = DeltaVScale(SCHEDULE, 3), DeltaVScale(SCHEDULE, 3)
+    for step in range(400):
+        if step == 237:
+            second = DeltaVScale(SCHEDULE, 3)
+            second.restore(first.carried())
+            first = second
+        ended = np.flatnonzero(rng.random(3) < 0.1)
+        fraction = rng.uniform(0.5, 1.0, len(ended))
+        for scale in (whole, first):
+            scale.end_episodes(ended, fraction)
+            scale.advance(running)
+        np.testing.assert_array_equal(first.scale, whole.scale)
+    assert np.ptp(whole.scale) > 0.0 or whole.scale[0] != SCHEDULE.start
+    other = DeltaVScale(SCHEDULE, 5)
+    other.restore(whole.carried())
+    np.testing.assert_allclose(other.scale, whole.scale.mean())

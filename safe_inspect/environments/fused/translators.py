@@ -19,7 +19,7 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesVelocitySensor,
 )
 from safe_inspect.platforms.point_sensors import InspectedPointsSensor, UninspectedPointsSensor
-from safe_inspect.platforms.state_sensors import PositionSensor, SunAngleSensor, VelocitySensor
+from safe_inspect.platforms.state_sensors import PositionSensor, SunAngleSensor, SunDirectionSensor, VelocitySensor
 from safe_inspect.rewards.base import Reward
 from safe_inspect.rewards.crash import InspectionCrashReward
 from safe_inspect.rewards.delta_v import InspectionDeltaVReward
@@ -55,6 +55,10 @@ def _vector(array: str) -> Callable[[Any, Translation], list[Element]]:
 
 def _sun_angle(sensor: SunAngleSensor, to: Translation) -> list[Element]:
     return [(codes.ANGLE if sensor.wrap else codes.FLOAT, to.of_environment("sun_angle"))]
+
+
+def _sun_direction(sensor: SunDirectionSensor, to: Translation) -> list[Element]:
+    return [(codes.FLOAT, to.source("sun_direction", axis, 3)) for axis in range(3)]
 
 
 def _inspected(sensor: InspectedPointsSensor, to: Translation) -> list[Element]:
@@ -152,6 +156,7 @@ SENSORS: dict[type[Sensor], Callable[[Any, Translation], list[Element] | None]] 
     EntityPositionSensor: _vector("position"),
     EntityVelocitySensor: _vector("velocity"),
     SunAngleSensor: _sun_angle,
+    SunDirectionSensor: _sun_direction,
     InspectedPointsSensor: _inspected,
     UninspectedPointsSensor: _uninspected,
     NearestDeputiesPositionSensor: _nearest(codes.NEAREST_POSITIONS),
