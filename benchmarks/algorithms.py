@@ -9,8 +9,8 @@ from typing import Any
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 
-SINGLE = configs_root() / "translational-inspection" / "experiment.yml"
-TEAM = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+SINGLE = configs_root() / "translational-inspection" / "experiment-seed.yml"
+TEAM = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 
 
 def configure(cfg: Any, overrides: list[str] | tuple[str, ...] = (), **rllib: Any) -> Any:

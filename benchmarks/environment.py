@@ -31,8 +31,8 @@ from safe_inspect.config.spec import EnvironmentSpec  # noqa: E402
 from safe_inspect.environments import TeamEnvironment, load_spec  # noqa: E402
 
 TASK = "safe_inspect/TranslationalInspection-v0"
-TASK_FILE = configs_root() / "translational-inspection" / "experiment.yml"
-TEAM_TASK = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+TASK_FILE = configs_root() / "translational-inspection" / "experiment-seed.yml"
+TEAM_TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 OWN_FILTER = "RTAGlueCWHInspection1v1.config.enabled=True"
 TEAM_FILTER = "env_config.rta.config.enabled=True"
 #: Random thrust as a share of the largest: episodes of a hundred steps and more, and of about thirty.

@@ -22,10 +22,10 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 
 import numpy as np  # noqa: E402
 
-from safe_inspect.evaluation.drawing import save  # noqa: E402
-from safe_inspect.evaluation.team_figure import team_safety_figure  # noqa: E402
 from safe_inspect.evaluation.team_flight import TeamFlight  # noqa: E402
 from safe_inspect.evaluation.team_safety import FILTERS, draw_teams, team_report, team_thrust  # noqa: E402
+from safe_inspect.figures.drawing import save  # noqa: E402
+from safe_inspect.figures.team_figure import team_safety_figure  # noqa: E402
 from safe_inspect.rta.filters import TeamFilter, TeamState  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 

@@ -30,7 +30,7 @@ from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import SafeInspectError
 
-CONFIGURATION = "configs/translational-inspection/experiment.yml"
+CONFIGURATION = "configs/translational-inspection/experiment-seed.yml"
 WARM_UP = 2
 
 

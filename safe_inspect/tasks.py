@@ -5,11 +5,11 @@ from __future__ import annotations
 import gymnasium
 
 #: The experiment file of every registered id, below the shipped configurations.
-TASKS = {"safe_inspect/TranslationalInspection-v0": "translational-inspection/experiment.yml"}
+TASKS = {"safe_inspect/TranslationalInspection-v0": "translational-inspection/experiment-seed.yml"}
 
 #: The experiment file of every id that stands for several agents; Gymnasium knows single agents only.
 TEAM_TASKS = {
-    "safe_inspect/MultiagentTranslationalInspection-v0": "multiagent-translational-inspection/experiment.yml",
+    "safe_inspect/MultiagentTranslationalInspection-v0": "multiagent-translational-inspection/experiment-seed.yml",
 }
 
 

@@ -13,7 +13,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 @pytest.fixture(scope="session")
 def shipped() -> Path:
     """Return the shipped experiment file."""
-    return configs_root() / "translational-inspection" / "experiment.yml"
+    return configs_root() / "translational-inspection" / "experiment-seed.yml"
 
 
 @pytest.fixture

@@ -61,16 +61,16 @@ def test_the_published_files_give_the_same_environment(copied, shipped):
 def test_the_published_files_of_several_agents_load_but_for_a_name_that_nobody_has(copied, shipped):
     ours = copied.parent / "multiagent-translational-inspection"
     shutil.copytree(configs_root() / ours.name, ours)
-    expected = load_experiment(ours / "experiment.yml")
+    expected = load_experiment(ours / "experiment-seed.yml")
     for name, text in blocks(PUBLISHED_TEAM[0].read_text(encoding="utf-8")).items():
         assert "safe_autonomy_sims" in text
         (ours / name).write_text(text)
     with pytest.raises(ConfigError) as caught:
-        load_experiment(ours / "experiment.yml")
+        load_experiment(ours / "experiment-seed.yml")
     (problem,) = caught.value.problems
     assert "SafeSuccessfulInspectionDoneFunction" in problem.message
     assert problem.location is not None
-    theirs = load_experiment(ours / "experiment.yml", [SUCCESS])
+    theirs = load_experiment(ours / "experiment-seed.yml", [SUCCESS])
     assert [agent.name for agent in theirs.spec.agents] == [agent.name for agent in expected.spec.agents]
     first, second = (BatchedEnvironment(experiment.spec, 16, seed=11) for experiment in (expected, theirs))
     seen, also = first.reset(), second.reset()

@@ -11,7 +11,7 @@ from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.errors import ConfigError
 
-TASK = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 AGENT = "blue#_ctrl"
 
 

@@ -17,8 +17,8 @@ from safe_inspect.platforms import Sensor
 from safe_inspect.registry import registry
 from safe_inspect.rewards import Reward
 
-SINGLE = configs_root() / "translational-inspection" / "experiment.yml"
-TEAM = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+SINGLE = configs_root() / "translational-inspection" / "experiment-seed.yml"
+TEAM = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 #: A delta-v scale that moves, and short episodes, so that every kind of end is met.
 LIVELY = (
     "env_config.simulator.config.steps_until_update=60",

@@ -21,7 +21,7 @@ from safe_inspect.rta.team import TeamFiltered, TeamSafety
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.types import BoolArray, FloatArray
 
-TASK = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 NUM_ENVS, STEPS, SEED = 5, 60, 77
 
 

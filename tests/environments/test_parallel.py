@@ -27,7 +27,7 @@ from safe_inspect.environments import (
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 
-TASK = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 ONE, FILTER_ON = "blue#_ctrl.count=1", "RTAGlueCWHInspection1v1.config.enabled=True"
 NAMES = ["blue0_ctrl", "blue1_ctrl", "blue2_ctrl"]
 

@@ -46,12 +46,12 @@ ABOUT = [[60.0, 0.0, 5.0], [-30.0, 52.0, 0.0], [-30.0, -52.0, -5.0]]
 
 @lru_cache
 def single(*overrides: str) -> EnvironmentSpec:
-    return load_experiment(configs_root() / "translational-inspection" / "experiment.yml", overrides).spec
+    return load_experiment(configs_root() / "translational-inspection" / "experiment-seed.yml", overrides).spec
 
 
 @lru_cache
 def several(*overrides: str) -> EnvironmentSpec:
-    return load_experiment(configs_root() / "multiagent-translational-inspection" / "experiment.yml", overrides).spec
+    return load_experiment(configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml", overrides).spec
 
 
 def begun(spec: EnvironmentSpec, position: Sequence, velocity: Sequence | None = None) -> EnvironmentSpec:

@@ -14,4 +14,4 @@ def spec():
 @pytest.fixture(scope="session")
 def team():
     """Return the shipped task of three deputies."""
-    return load_spec(configs_root() / "multiagent-translational-inspection" / "experiment.yml")
+    return load_spec(configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml")

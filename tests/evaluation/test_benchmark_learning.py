@@ -41,7 +41,7 @@ class Loaded:
     ],
 )
 def test_each_policy_of_the_checkpoint_is_loaded_once_and_flies_its_agents(learning, folder, overrides, asked, fliers):
-    experiment = load_experiment(configs_root() / folder / "experiment.yml", overrides)
+    experiment = load_experiment(configs_root() / folder / "experiment-seed.yml", overrides)
     load = Loaded()
     pilots = learning.pilots(experiment, load)
     assert load.asked == asked

@@ -347,7 +347,7 @@ def problem_of(folder, file, right, wrong, at):
     path.write_text(text.replace(right, wrong, 1))
     line = path.read_text().partition(at)[0].count("\n") + 1
     with pytest.raises(ConfigError) as caught:
-        load_experiment("configs/translational-inspection/experiment.yml")
+        load_experiment("configs/translational-inspection/experiment-seed.yml")
     return str(caught.value), f"configs/translational-inspection/{file}:{line} "
 
 
@@ -399,11 +399,11 @@ def test_a_constraint_that_the_backup_cannot_keep_is_refused_at_once(copied, met
     agent.write_text(agent.read_text().replace(OFF_LINE, f"        enabled: True\n        method: {method}\n", 1))
     parameters.write_text(parameters.read_text().replace("[chief_collision,", "[OwnConstraint, chief_collision,", 1))
     if good:
-        spec = load_experiment("configs/translational-inspection/experiment.yml").spec
+        spec = load_experiment("configs/translational-inspection/experiment-seed.yml").spec
         assert "OwnConstraint" in spec.agents[0].action_glues[0].constraints
         return
     with pytest.raises(ConfigError, match=r"agent\.yml:\d+ agent_config.*backup filter cannot keep 'OwnConstraint'"):
-        load_experiment("configs/translational-inspection/experiment.yml")
+        load_experiment("configs/translational-inspection/experiment-seed.yml")
 
 
 _PARTS = "agent_config.blue0_ctrl.config.config.parts"
@@ -419,5 +419,5 @@ _PARTS = "agent_config.blue0_ctrl.config.config.parts"
 def test_a_filter_that_knows_another_spacecraft_is_refused(overrides, words):
     """A wrong mass or thrust would void the promise of the filter in silence."""
     with pytest.raises(ConfigError) as caught:
-        load_experiment(configs_root() / "translational-inspection/experiment.yml", [ON, *overrides])
+        load_experiment(configs_root() / "translational-inspection/experiment-seed.yml", [ON, *overrides])
     assert words in str(caught.value)

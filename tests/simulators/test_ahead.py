@@ -8,7 +8,7 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import TeamEnvironment, load_spec
 
-TEAM = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+TEAM = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 
 
 @pytest.fixture(scope="module")
