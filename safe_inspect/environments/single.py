@@ -17,7 +17,7 @@ from safe_inspect.errors import SafeInspectError
 Observation = NDArray[np.float32]
 
 
-class InspectionEnv(gymnasium.Env[Observation, Observation]):
+class InspectionEnv(gymnasium.Env[Observation, Any]):
     """One environment.
 
     The info of every step holds ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of

@@ -30,8 +30,8 @@ class FreshPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
 
     def setup(self) -> None:
         """Build the nets, and set their first weights."""
-        super().setup()
-        own = self.model_config
+        super().setup()  # type: ignore[no-untyped-call]
+        own: Any = self.model_config
         with torch.no_grad():
             if own.get("orthogonal"):
                 self._draw_orthogonal()

@@ -53,7 +53,7 @@ def test_orthogonal_weights(algorithm):
 
 def test_only_ppo_has_these_keys():
     found = translate_rllib({"algorithm": "SAC", "model_config": {"initial_std": 0.1}})
-    assert ["only PPO has the key `initial_std`"] == [problem.message for problem in found.problems]
+    assert [problem.message for problem in found.problems] == ["only PPO has the key `initial_std`"]
 
 
 @pytest.mark.parametrize("team", [ONE, TEAM], ids=["one", "team"])
@@ -64,8 +64,6 @@ def test_a_checkpoint_keeps_what_of_the_task_lives_through_resets(algorithm, tea
     algo.save_to_path(str(tmp_path / "checkpoint"))
     other = algorithm({"team": team})
     other.restore_from_path(str(tmp_path / "checkpoint"))
-    np.testing.assert_array_equal(
-        other.env_runner.env.team.carried["scale"], algo.env_runner.env.team.carried["scale"]
-    )
+    np.testing.assert_array_equal(other.env_runner.env.team.carried["scale"], algo.env_runner.env.team.carried["scale"])
     assert "task" not in algo.env_runner.get_state(components=["rl_module"])
     other.train()

@@ -1,0 +1,45 @@
+"""The inverse of a small matrix, compiled: no BLAS, so that it is the same to the bit everywhere."""
+
+from __future__ import annotations
+
+from safe_inspect.compiled import njit
+from safe_inspect.types import FloatArray
+
+#: A pivot smaller than this is none.
+_SINGULAR = 1e-9
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def invert(matrix: FloatArray, inverse: FloatArray, size: int) -> bool:
+    """Write the inverse of a matrix by Gauss's and Jordan's method with partial pivoting; return whether it has one.
+
+    Args:
+        matrix: The matrix, in the first `size` rows and columns; destroyed.
+        inverse: Receives the inverse there.
+        size: Number of rows.
+    """
+    for i in range(size):
+        for j in range(size):
+            inverse[i, j] = 1.0 if i == j else 0.0
+    for i in range(size):
+        best = i
+        for k in range(i + 1, size):
+            if abs(matrix[k, i]) > abs(matrix[best, i]):
+                best = k
+        if abs(matrix[best, i]) < _SINGULAR:
+            return False
+        if best != i:
+            for j in range(size):
+                matrix[i, j], matrix[best, j] = matrix[best, j], matrix[i, j]
+                inverse[i, j], inverse[best, j] = inverse[best, j], inverse[i, j]
+        pivot = 1.0 / matrix[i, i]
+        for j in range(size):
+            matrix[i, j] *= pivot
+            inverse[i, j] *= pivot
+        for k in range(size):
+            factor = matrix[k, i]
+            if k != i and factor != 0.0:
+                for j in range(size):
+                    matrix[k, j] -= factor * matrix[i, j]
+                    inverse[k, j] -= factor * inverse[i, j]
+    return True

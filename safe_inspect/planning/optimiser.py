@@ -1,0 +1,126 @@
+"""`optimise`: the cheapest plan that is found for each of some episodes, each one flown in the simulator."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import numpy as np
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.planning.flight import Flown, fly
+from safe_inspect.planning.open_loop import Burn, OpenLoopPlan, Plan
+from safe_inspect.planning.record import Entry
+from safe_inspect.planning.search import Effort, Found, search
+from safe_inspect.planning.task import Demands, course_of, demands_of, thrust_reach
+from safe_inspect.policies.inspector import NaturalMotionInspector
+from safe_inspect.types import FloatArray
+
+#: How long is searched, by the name of the effort.
+EFFORTS = MappingProxyType(
+    {
+        "quick": Effort(beginnings=30, chains=3, programmes=200, temperature=0.004),
+        "normal": Effort(beginnings=100, chains=4, programmes=300, temperature=0.004),
+        "thorough": Effort(beginnings=1000, chains=12, programmes=1500, temperature=0.01),
+    }
+)
+#: A burn lasts at most this many steps.
+_LONGEST = 256
+_WORD, _MIX = 0xFFFFFFFFFFFFFFFF, 0x9E6C63D0876A9A99  # keeps these draws apart from others with the episode's key
+
+
+def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, effort: Effort) -> list[Entry]:
+    """Find a plan for the first episode of each of some slots, and fly it.
+
+    The plan of an episode is a pure function of the task, the seed, the slot and the effort. The scripted inspector's
+    flight is one of the plans to begin with; it stands where no cheaper plan is found that the simulator confirms.
+
+    Args:
+        spec: The task.
+        episodes: Number of slots.
+        seed: Seed of the run.
+        first_slot: The first of them.
+        effort: How long is searched.
+
+    Raises:
+        SafeInspectError: The task is none that plans can be made for.
+    """
+    demands = demands_of(spec)
+    inspector = NaturalMotionInspector(
+        inspection_entity_name=demands.entity,
+        horizon=demands.horizon,
+        near=max(16.0, 1.2 * demands.near),
+        far=min(0.975 * demands.far, 1e6),
+        field_of_view=demands.field_of_view,
+        sun_rate=demands.sun_rate,
+    )
+    guide = fly(spec, inspector, episodes, seed, first_slot)
+    environment = TeamEnvironment(spec, episodes, seed=seed, first_slot=first_slot)
+    environment.reset()
+    found = [_search(environment, row, demands, guide, effort) for row in range(episodes)]
+    plans = [plan for plan, _ in found]
+    flown = _confirm(spec, plans, guide, seed, first_slot)
+    instead = [
+        bool(guide.success[row]) and not (flown.success[row] and flown.delta_v[row] <= guide.delta_v[row])
+        for row in range(episodes)
+    ]
+    if any(instead):
+        plans = [_flown_plan(guide.thrust[row]) if instead[row] else plan for row, plan in enumerate(plans)]
+        flown = _confirm(spec, plans, guide, seed, first_slot)
+    return [
+        Entry(
+            key=int(flown.key[row]),
+            success=bool(flown.success[row]),
+            delta_v=float(flown.delta_v[row]),
+            steps=int(flown.steps[row]),
+            inspected=int(flown.inspected[row]),
+            burns=float(flown.burns[row]),
+            plan=plans[row],
+            planned=found[row][1] if np.isfinite(found[row][1]) else None,
+            inspector=float(guide.delta_v[row]) if guide.success[row] else None,
+            own=not instead[row],
+        )
+        for row in range(episodes)
+    ]
+
+
+def _search(
+    environment: TeamEnvironment, row: int, demands: Demands, guide: Flown, effort: Effort
+) -> tuple[Plan, float]:
+    """Return the plan of one episode and what it costs [m/s], infinite when none is found."""
+    world, reach = environment.simulation.world, thrust_reach(environment)
+    key, hold = int(environment.state.key[row]), 1
+    while True:
+        course, needed = course_of(environment, row, demands, hold)
+        given = guide.looks[row : row + 1, needed] if guide.success[row] else np.zeros((0, len(needed)), np.int64)
+        random = np.array([(key ^ _MIX) & _WORD], np.uint64)
+        found = search(course, np.ascontiguousarray(given), random, effort)
+        if not np.isfinite(found.delta_v):
+            return (), float(found.delta_v)
+        if _within(found, hold, reach) or hold >= _LONGEST:
+            break
+        hold *= 2  # longer burns, each of less thrust
+    force = world.masses[0] / (hold * world.step_size)
+    burns = zip(found.start.tolist(), (found.burns * force).tolist(), strict=True)
+    return tuple(Burn(step=start, steps=hold, thrust=tuple(thrust)) for start, thrust in burns), float(found.delta_v)
+
+
+def _within(found: Found, hold: int, reach: FloatArray) -> bool:
+    """Return whether the burns, which may overlap, keep within what a step can give."""
+    steps = np.zeros((int(found.start.max(initial=0)) + hold, 3))
+    for start, burn in zip(found.start, found.burns, strict=True):
+        steps[start : start + hold] += burn / hold
+    return bool((np.abs(steps) <= reach * (1.0 + 1e-12)).all())
+
+
+def _flown_plan(thrust: FloatArray) -> Plan:
+    """Return a plan that gives the thrust of every step, shape (T, 3)."""
+    return tuple(
+        Burn(step=int(step), thrust=tuple(thrust[step].tolist())) for step in np.flatnonzero(thrust.any(axis=1))
+    )
+
+
+def _confirm(spec: EnvironmentSpec, plans: list[Plan], guide: Flown, seed: int, first_slot: int) -> Flown:
+    """Fly the plans."""
+    policy = OpenLoopPlan.of(zip(guide.key.tolist(), plans, strict=True))
+    return fly(spec, policy, len(plans), seed, first_slot)

@@ -1,0 +1,155 @@
+"""The file of a baseline: what every episode came to, and how it was flown."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.planning.open_loop import Plan
+
+FORMAT = 1
+_PLAN: TypeAdapter[Plan] = TypeAdapter(Plan)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One episode of a baseline.
+
+    Attributes:
+        key: Random key of the episode.
+        success: Whether it was won.
+        delta_v: Velocity change spent, mean over the deputies [m/s].
+        steps: Number of steps.
+        inspected: Number of points inspected.
+        burns: Number of burns, mean over the deputies.
+        plan: The plan that was flown; None for a policy.
+        planned: What the search said that its plan would spend [m/s]; None when it found none.
+        inspector: What the scripted inspector spends in this episode [m/s]; None where it fails, or was not flown.
+        own: Whether the plan is the search's; else it is the inspector's flight.
+    """
+
+    key: int
+    success: bool
+    delta_v: float
+    steps: int
+    inspected: int
+    burns: float
+    plan: Plan | None = None
+    planned: float | None = None
+    inspector: float | None = None
+    own: bool = True
+
+
+@dataclass(frozen=True)
+class Record:
+    """The episodes of environment slots 0, 1, 2, ... as one baseline flies them.
+
+    Attributes:
+        kind: Name of the baseline.
+        seed: Seed of the run.
+        effort: How long was searched; None for a policy.
+        task: What makes episodes comparable; see `safe_inspect.evaluation.task.task_of`.
+        about: Where the numbers come from: version, configuration file, overrides.
+        entries: The episodes.
+    """
+
+    kind: str
+    seed: int
+    effort: str | None
+    task: Mapping[str, Any]
+    about: Mapping[str, Any]
+    entries: tuple[Entry, ...] = ()
+
+    def of(self, entries: tuple[Entry, ...]) -> Record:
+        """Return the record with other episodes."""
+        return replace(self, entries=entries)
+
+    def difference(self, other: Record) -> str:
+        """Say in what another record is not of the same run; nothing when it is."""
+        for what in ("kind", "seed", "effort"):
+            if getattr(self, what) != getattr(other, what):
+                return f"the {what} is {getattr(other, what)!r} there and {getattr(self, what)!r} here"
+        if self.about.get("safe_inspect") != other.about.get("safe_inspect"):
+            return f"it was made by version {other.about.get('safe_inspect')}"
+        return "" if self.task == other.task else "it is of another task"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what the file holds."""
+        rows = [asdict(entry) for entry in self.entries]
+        columns = {name: [row[name] for row in rows] for name in ("success", "steps", "inspected", "burns")}
+        optimised = self.kind == "optimiser"
+        return {
+            "format": FORMAT,
+            "kind": self.kind,
+            "seed": self.seed,
+            "episodes": len(rows),
+            "effort": self.effort,
+            # A plan that fails is no reference for what success costs.
+            "delta_v": [row["delta_v"] if row["success"] or not optimised else None for row in rows],
+            "spent": [row["delta_v"] for row in rows],
+            **columns,
+            "planned": [row["planned"] for row in rows],
+            "inspector": [row["inspector"] for row in rows],
+            "own": [row["own"] for row in rows],
+            "keys": [f"{entry.key:016x}" for entry in self.entries],
+            "plans": [
+                None if entry.plan is None else [burn.model_dump(mode="json") for burn in entry.plan]
+                for entry in self.entries
+            ],
+            **self.about,
+            "task": self.task,
+        }
+
+
+def read_record(path: str | os.PathLike[str]) -> Record:
+    """Return the record in a file.
+
+    Raises:
+        SafeInspectError: The file cannot be read, or holds none.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        if content["format"] != FORMAT:
+            raise ValueError(f"its format is {content['format']}, not {FORMAT}")
+        entries = tuple(
+            Entry(
+                key=int(content["keys"][row], 16),
+                delta_v=content["spent"][row],
+                plan=None if content["plans"][row] is None else _PLAN.validate_python(content["plans"][row]),
+                **{name: content[name][row] for name in _COLUMNS},
+            )
+            for row in range(content["episodes"])
+        )
+        about = {name: content[name] for name in ("safe_inspect", "configuration_file", "overrides")}
+        return Record(content["kind"], content["seed"], content["effort"], content["task"], about, entries)
+    except OSError as error:
+        raise SafeInspectError(f"{path}: it cannot be read ({error.strerror}); give another file") from None
+    except (ValueError, KeyError, TypeError, IndexError, ValidationError) as error:
+        told = f"no {error}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
+        raise SafeInspectError(f"{path}: this is no file of `safe-inspect baseline` ({told})") from None
+
+
+_COLUMNS = ("success", "steps", "inspected", "burns", "planned", "inspector", "own")
+
+
+def write_record(record: Record, path: Path) -> None:
+    """Write a record; a process that is killed meanwhile leaves the old file.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_text(json.dumps(record.as_dict(), allow_nan=False) + "\n", encoding="utf-8")
+        os.replace(beside, path)
+    except OSError as error:
+        if beside.parent.is_dir():
+            beside.unlink(missing_ok=True)
+        raise OutputError(f"{path}: the result cannot be written there ({error.strerror}); give another file") from None

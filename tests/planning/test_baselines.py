@@ -1,0 +1,129 @@
+"""The command: it goes on after a stop with the same result, and says in one line what is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safe_inspect.baseline_commands import add_baseline_arguments, run_baseline
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation import baseline, rollout
+from safe_inspect.planning.baselines import complete
+from safe_inspect.planning.open_loop import OpenLoopPlan
+from safe_inspect.planning.record import Record, read_record
+
+ABOUT = {"safe_inspect": "0", "configuration_file": "x", "overrides": []}
+
+
+class StoppedError(Exception):
+    pass
+
+
+def asked(kind: str = "optimiser", seed: int = 3) -> Record:
+    return Record(kind, seed, "quick" if kind == "optimiser" else None, {"points": 100}, ABOUT)
+
+
+def command(*texts: str) -> int:
+    parser = argparse.ArgumentParser()
+    add_baseline_arguments(parser)
+    return run_baseline(parser.parse_intermixed_args(texts))
+
+
+def test_a_run_that_was_stopped_goes_on_with_the_same_result(spec: EnvironmentSpec, tmp_path: Path) -> None:
+    def stop(done: int, wanted: int) -> None:
+        if done >= 2:
+            raise StoppedError
+
+    stopped, whole = tmp_path / "stopped.json", tmp_path / "whole.json"
+    with pytest.raises(StoppedError):
+        complete(spec, asked(), 4, path=stopped, batch=1, progress=stop)
+    assert not stopped.exists()
+    assert len(read_record(f"{stopped}.part").entries) == 2
+    told: list[int] = []
+    complete(spec, asked(), 4, path=stopped, batch=2, progress=lambda done, wanted: told.append(done))
+    complete(spec, asked(), 4, path=whole, batch=4)
+    assert told == [2, 4]
+    assert stopped.read_bytes() == whole.read_bytes()
+    assert not Path(f"{stopped}.part").exists()
+    # More episodes go on from the file; fewer are read from it.
+    more = complete(spec, asked(), 5, path=stopped)
+    assert more.entries[:4] == read_record(whole).entries
+    assert complete(spec, asked(), 2, path=stopped).entries == more.entries[:2]
+    assert len(read_record(stopped).entries) == 5
+
+
+def test_a_file_of_another_run_is_kept_unless_forced(spec: EnvironmentSpec, tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    complete(spec, asked("zero-thrust"), 2, path=path)
+    before = path.read_bytes()
+    other = Record("zero-thrust", 3, None, {"points": 99}, ABOUT)
+    for record, told in ((asked("zero-thrust", 4), "seed"), (asked("random"), "kind"), (other, "another task")):
+        with pytest.raises(OutputError, match=told):
+            complete(spec, record, 2, path=path)
+    assert path.read_bytes() == before
+    complete(spec, asked("zero-thrust", 4), 2, path=path, force=True)
+    assert read_record(path).seed == 4
+    path.write_text("{}")
+    with pytest.raises(SafeInspectError, match="no file of"):
+        complete(spec, asked("zero-thrust", 4), 2, path=path)
+    complete(spec, asked("zero-thrust", 4), 2, path=path, force=True)
+
+
+@pytest.mark.parametrize("kind", ["zero-thrust", "random"])
+def test_a_policy_is_flown_as_in_a_rollout(spec: EnvironmentSpec, kind: str) -> None:
+    found = complete(spec, asked(kind), 12, batch=5).entries
+    flown = rollout(spec, baseline(kind), episodes=12, seed=3)
+    np.testing.assert_array_equal([entry.delta_v for entry in found], flown.delta_v)
+    np.testing.assert_array_equal([entry.steps for entry in found], flown.length)
+    np.testing.assert_array_equal([entry.success for entry in found], flown.success)
+    np.testing.assert_allclose([entry.inspected / 100 for entry in found], flown.inspected_fraction)
+
+
+def test_the_file_tells_every_episode(spec: EnvironmentSpec, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    path = tmp_path / "optimum.json"
+    assert command("optimiser", "--episodes", "2", "--seed", "9", "--effort", "quick", "--output", str(path)) == 0
+    printed = capsys.readouterr().out
+    assert "success   100.00 %" in printed
+    content = json.loads(path.read_text())
+    assert (content["kind"], content["seed"], content["episodes"]) == ("optimiser", 9, 2)
+    for name in ("delta_v", "success", "steps", "plans"):
+        assert len(content[name]) == 2
+    flown = rollout(spec, OpenLoopPlan.read(path), episodes=2, seed=9)
+    assert flown.delta_v.tolist() == content["delta_v"]
+    assert flown.success.tolist() == content["success"]
+
+
+@pytest.mark.parametrize(
+    ("texts", "told"),
+    [
+        (["optimser"], "did you mean `optimiser`"),
+        (["inspector", "--effort", "quick"], "leave it out"),
+        (["zero-thrust", "--output", "{folder}"], "folder"),
+        (["zero-thrust", "--output", "{folder}/none/x.json"], "cannot be written"),
+        (["zero-thrust", "--cfg", "{folder}/none.yml"], "none.yml"),
+        (["zero-thrust", "nonsense.path=1"], "nonsense"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(texts: list[str], told: str, tmp_path: Path) -> None:
+    with pytest.raises(SafeInspectError, match=told) as caught:
+        command(*(text.format(folder=tmp_path) for text in texts), "--episodes", "1")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("texts", [["--episodes", "0"], ["--seed", "-1"], ["--effort", "huge"]])
+def test_numbers_out_of_range_are_refused(texts: list[str]) -> None:
+    with pytest.raises(SystemExit):
+        command("random", *texts)
+
+
+def test_a_file_without_plans_is_no_policy(spec: EnvironmentSpec, tmp_path: Path) -> None:
+    complete(spec, asked("zero-thrust"), 1, path=tmp_path / "none.json")
+    with pytest.raises(SafeInspectError, match="no plans"):
+        OpenLoopPlan.read(tmp_path / "none.json")
+    with pytest.raises(SafeInspectError, match="cannot be read"):
+        OpenLoopPlan.read(tmp_path / "missing.json")
