@@ -31,9 +31,9 @@ def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_safety(arguments: argparse.Namespace) -> int:
     """Print the safety report; return 1 when a constraint was violated."""
-    from safe_inspect.evaluation.drawing import save
     from safe_inspect.evaluation.safety import safety_report
-    from safe_inspect.evaluation.safety_figures import safety_figure
+    from safe_inspect.figures.drawing import save
+    from safe_inspect.figures.safety_figures import safety_figure
 
     experiment = _load(arguments, enable=not arguments.off)
 
@@ -56,8 +56,8 @@ def run_safety(arguments: argparse.Namespace) -> int:
 def run_acceptance(arguments: argparse.Namespace) -> int:
     """Print the acceptance rates."""
     from safe_inspect.evaluation.acceptance import acceptance
-    from safe_inspect.evaluation.drawing import save
-    from safe_inspect.evaluation.safety_figures import acceptance_figure
+    from safe_inspect.figures.drawing import save
+    from safe_inspect.figures.safety_figures import acceptance_figure
 
     found = acceptance(_load(arguments, enable=False).spec, arguments.draws, arguments.seed)
     print(found)

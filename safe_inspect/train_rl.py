@@ -138,8 +138,8 @@ def _closing(result: Any) -> str:
 
 def _draw_curve(folder: Path) -> Path | None:
     """Draw the learning curve, unless matplotlib or a first iteration is missing."""
-    from safe_inspect.evaluation.drawing import save
-    from safe_inspect.evaluation.learning_curve import learning_curve_figure
+    from safe_inspect.figures.drawing import save
+    from safe_inspect.figures.learning_curve import learning_curve_figure
 
     target = folder / "learning_curve.png"
     try:

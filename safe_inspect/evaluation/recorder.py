@@ -67,6 +67,7 @@ class Recorder:
                     status=DoneStatus(int(status[row])),
                     slot=self._slot + row,
                     deputies=self._environment.simulation.world.platforms,
+                    mean_motion=self._environment.simulation.world.mean_motion,
                 )
             )
         return made

@@ -27,6 +27,7 @@ class Trajectory:
         status: How the episode ended.
         slot: Global index of the environment slot.
         deputies: Name of each deputy.
+        mean_motion: Mean motion of the chief's orbit [rad/s].
     """
 
     time: FloatArray
@@ -41,11 +42,17 @@ class Trajectory:
     status: DoneStatus
     slot: int
     deputies: tuple[str, ...]
+    mean_motion: float = 0.001027
 
     @property
     def range(self) -> FloatArray:
         """Distance of each deputy from the chief's centre [m], shape (T + 1, D)."""
         return np.asarray(np.sqrt(np.square(self.position).sum(axis=-1)))
+
+    @property
+    def speed(self) -> FloatArray:
+        """Speed of each deputy in the chief's frame [m/s], shape (T + 1, D)."""
+        return np.asarray(np.sqrt(np.square(self.velocity).sum(axis=-1)))
 
     @property
     def coverage(self) -> FloatArray:

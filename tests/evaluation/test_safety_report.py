@@ -8,9 +8,9 @@ import pytest
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.adversaries import ADVERSARIES
-from safe_inspect.evaluation.drawing import save
 from safe_inspect.evaluation.safety import safety_report
-from safe_inspect.evaluation.safety_figures import safety_figure
+from safe_inspect.figures.drawing import save
+from safe_inspect.figures.safety_figures import safety_figure
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"
 METHOD = "agent_config.blue0_ctrl.config.config.glues.0.config.method"

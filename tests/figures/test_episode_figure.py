@@ -9,17 +9,15 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.evaluation import rollout
-from safe_inspect.evaluation.plots import learning_curve_figure, save, trajectory_figure
-from safe_inspect.policies import RandomThrust, ZeroThrust
+from safe_inspect.evaluation.recording import record_episode
+from safe_inspect.figures import learning_curve_figure, save, trajectory_figure
+from safe_inspect.figures.chief_figure import reach_of
+from safe_inspect.figures.scene import ring_radii
+from safe_inspect.figures.time_panels import speed_limit
+from safe_inspect.policies import ZeroThrust
 
 PNG = b"\x89PNG"
 HEADER = "iteration,steps,return_mean,success_rate,inspected_fraction,delta_v"
-
-
-@pytest.fixture(scope="module")
-def flown(spec):
-    return rollout(spec, RandomThrust(), episodes=1, seed=3, record=1).trajectories[0]
 
 
 def texts(figure):
@@ -30,7 +28,7 @@ def test_a_trajectory_renders_and_tells_what_was_inspected(flown, tmp_path):
     figure = trajectory_figure(flown)
     seen = int(np.isfinite(flown.inspected_at).sum())
     assert 0 < seen < 100
-    assert any(text.startswith(f"{seen} of 100 points inspected") and "lose" in text for text in texts(figure))
+    assert any(text.startswith(f"{seen} of 100 points inspected") and "(lost)" in text for text in texts(figure))
     assert "crosses: not inspected" in texts(figure)
     save(figure, tmp_path / "new" / "picture.png")
     assert (tmp_path / "new" / "picture.png").read_bytes().startswith(PNG)
@@ -51,22 +49,87 @@ def test_a_whole_inspection_has_no_crosses(flown):
 
 
 def test_a_drift_renders(spec, tmp_path):
-    drift = rollout(spec, ZeroThrust(), episodes=1, seed=3, record=1).trajectories[0]
-    save(trajectory_figure(drift), tmp_path / "drift.png")
+    drift = record_episode(spec, ZeroThrust(), seed=3).until(600.0)
+    figure = trajectory_figure(drift)
+    save(figure, tmp_path / "drift.png")
+    assert not any(line.get_label() == "burn" for line in figure.axes[0].get_lines())
 
 
-def test_several_deputies_have_a_colour_and_a_legend_each(team, tmp_path):
-    flown = rollout(team, RandomThrust(), episodes=1, seed=3, record=1).trajectories[0]
+def panels(figure):
+    """Return the axes over time by the beginning of their label."""
+    return {axes.get_ylabel().split()[0]: axes for axes in figure.axes if axes.get_ylabel()}
+
+
+def test_the_points_are_coloured_by_the_time_of_their_inspection(flown):
+    figure = trajectory_figure(flown)
+    when, front = flown.inspected_at / 60.0, 0
+    for axes in figure.axes[1:3]:  # the chief from two sides
+        dots, missed = axes.collections
+        front += len(missed.get_offsets()) + len(dots.get_offsets())
+        assert set(np.round(dots.get_array(), 9)) <= set(np.round(when[np.isfinite(when)], 9))
+        assert dots.norm.vmin == 0.0
+        assert dots.norm.vmax == pytest.approx(flown.time[-1] / 60.0)
+    assert front == len(flown.points)
+
+
+def test_the_speed_is_drawn_against_its_published_limit(flown):
+    lines = panels(trajectory_figure(flown))["speed"].get_lines()
+    np.testing.assert_allclose(lines[0].get_ydata(), np.linalg.norm(flown.velocity[:, 0], axis=-1))
+    distance = np.linalg.norm(flown.position[:, 0], axis=-1)
+    np.testing.assert_allclose(lines[1].get_ydata(), 0.2 + 2.0 * flown.mean_motion * (distance - 10.0))
+    np.testing.assert_allclose(lines[1].get_ydata(), speed_limit(flown)[:, 0])
+
+
+def test_the_thrust_of_each_axis_is_drawn(flown):
+    shown = panels(trajectory_figure(flown))
+    for axis, name in enumerate("xyz"):
+        drawn = max(shown[name].get_lines(), key=lambda line: len(line.get_xdata()))
+        np.testing.assert_allclose(drawn.get_ydata()[:-1], flown.control[:, 0, axis])
+
+
+def test_the_burns_stand_where_they_were_and_point_along_the_thrust(spec):
+    from safe_inspect.policies import NaturalMotionInspector
+
+    flown = record_episode(spec, NaturalMotionInspector(), seed=1)
+    axes = trajectory_figure(flown).axes[0]
+    strokes = next(line for line in axes.get_lines() if line.get_color() == "#222222" and len(line.get_xdata()) > 2)
+    ends = np.stack(strokes.get_data_3d(), axis=-1).reshape(-1, 3, 3)
+    burning = np.flatnonzero(np.abs(flown.control[:, 0]).sum(axis=-1))
+    np.testing.assert_allclose(ends[:, 0], flown.position[burning, 0])
+    along, thrust = ends[:, 1] - ends[:, 0], flown.control[burning, 0]
+    cosine = (along * thrust).sum(axis=1) / np.linalg.norm(along, axis=1) / np.linalg.norm(thrust, axis=1)
+    np.testing.assert_allclose(cosine, 1.0)
+
+
+def test_several_deputies_have_a_colour_and_a_legend_each(flown_team, tmp_path):
+    flown = flown_team
     figure = trajectory_figure(flown)
     save(figure, tmp_path / "three.svg")
     legends = [[text.get_text() for text in legend.get_texts()] for legend in figure.legends]
     assert ["deputy blue0", "deputy blue1", "deputy blue2"] in legends
-    assert ["start", "end", "sun at the start", "sun at the end"] in legends
+    assert ["start", "end", "burn", "sun at the start", "at the end"] in legends
     counts = np.bincount(flown.inspector + 1, minlength=4)[1:]
     assert [f"blue{index}: {count}" for index, count in enumerate(counts)] in legends
     ways = {line.get_label(): line.get_color() for line in figure.axes[0].get_lines()}
     assert len({ways[f"deputy {name}"] for name in flown.deputies}) == 3
     np.testing.assert_allclose(sum(flown.coverage_of(index) for index in range(3)), flown.coverage)
+
+
+def test_a_deputy_that_is_lost_does_not_dwarf_the_others(flown_team):
+    position = flown_team.position.copy()
+    position[-5:, 1] *= 1000.0
+    lost = dataclasses.replace(flown_team, position=position)
+    assert reach_of(lost) <= 1000.0
+    axes = trajectory_figure(lost).axes[0]
+    assert np.abs(axes.get_xlim3d()).max() < 2000.0
+
+
+def test_rings_are_round_and_few():
+    for reach in (7.0, 30.0, 99.0, 130.0, 480.0, 830.0, 4e4):
+        rings = ring_radii(reach)
+        assert 1 <= len(rings) <= 4
+        assert reach / 2.01 <= rings[-1] <= reach
+        np.testing.assert_allclose(np.diff([0.0, *rings]), rings[0])
 
 
 def test_figures_leave_no_state_behind(flown, tmp_path):

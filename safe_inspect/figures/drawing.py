@@ -57,19 +57,30 @@ def deputy_marker(index: int) -> str:
     return ("o", "^", "s")[index // len(DEPUTY_COLOURS) % 3]
 
 
+def require_matplotlib() -> None:
+    """Check that Matplotlib is installed.
+
+    Raises:
+        SafeInspectError: It is not.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except ModuleNotFoundError as error:
+        if error.name != "matplotlib":
+            raise
+        message = "figures need Matplotlib; install it with: pip install 'safe_inspect[plot]'"
+        raise SafeInspectError(message) from None
+
+
 def style() -> Any:
     """Return a context in which figures have the common style.
 
     Raises:
         SafeInspectError: Matplotlib is not installed.
     """
-    try:
-        import matplotlib
-    except ModuleNotFoundError as error:
-        if error.name != "matplotlib":
-            raise
-        message = "figures need Matplotlib; install it with: pip install 'safe_inspect[plot]'"
-        raise SafeInspectError(message) from None
+    require_matplotlib()
+    import matplotlib
+
     return matplotlib.rc_context(_STYLE)
 
 

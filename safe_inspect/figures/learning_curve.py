@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.evaluation.drawing import BLUE, GREY, ORANGE, style
+from safe_inspect.figures.drawing import BLUE, GREY, ORANGE, style
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_STEPS = "steps"
+#: Column of progress.csv that counts the environment steps.
+STEPS = "steps"
 #: Column of progress.csv, label, factor.
-_PANELS = (
+PANELS = (
     ("return_mean", "return [-]", 1.0),
     ("success_rate", "success [%]", 100.0),
     ("inspected_fraction", "inspected [%]", 100.0),
@@ -38,7 +39,7 @@ def read_progress(path: str | os.PathLike[str]) -> dict[str, FloatArray]:
             rows, names = list(reader), tuple(reader.fieldnames or ())
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise SafeInspectError(f"cannot read {os.fspath(path)!r}: {error}") from None
-    missing = [name for name in (_STEPS, *(column for column, _, _ in _PANELS)) if name not in names]
+    missing = [name for name in (STEPS, *(column for column, _, _ in PANELS)) if name not in names]
     if missing:
         raise SafeInspectError(
             f"{os.fspath(path)!r} has no column `{missing[0]}`; {did_you_mean(missing[0], names)} "
@@ -68,9 +69,9 @@ def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
 
         figure = Figure(figsize=(8.0, 4.8), facecolor="white", layout="constrained")
         panels = figure.subplots(2, 2, sharex=True)
-        scale, unit = _step_unit(columns[_STEPS])
-        steps = columns[_STEPS] / scale
-        for axes, (name, label, factor) in zip(panels.flat, _PANELS, strict=True):
+        scale, unit = step_unit(columns[STEPS])
+        steps = columns[STEPS] / scale
+        for axes, (name, label, factor) in zip(panels.flat, PANELS, strict=True):
             lines = [_draw(axes, steps, columns[name] * factor, "training", color=BLUE)]
             evaluated = columns.get(f"evaluation_{name}")
             if evaluated is not None:
@@ -100,7 +101,8 @@ def _draw(axes: Any, steps: FloatArray, values: FloatArray, label: str, **kwargs
     return True
 
 
-def _step_unit(steps: FloatArray) -> tuple[float, str]:
+def step_unit(steps: FloatArray) -> tuple[float, str]:
+    """Return what a number of steps is divided by in a figure, and how the figure says it."""
     largest = np.nanmax(steps, initial=0.0)
     if largest >= 2e6:
         return 1e6, " [millions]"

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.evaluation.drawing import BLACK, GREEN, GREY, SEQUENTIAL, VERMILION, deputy_line, deputy_marker
 from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.figures.drawing import BLACK, GREY, SEQUENTIAL, VERMILION, deputy_line, deputy_marker
 from safe_inspect.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -17,10 +17,18 @@ if TYPE_CHECKING:
 #: From where the reader looks at the chief [degrees].
 VIEW = {"elev": 22.0, "azim": -52.0}
 
+_RIGHT = 0.985
+_FARTHEST = 1000.0
+_ENDINGS = {
+    DoneStatus.WIN: "success",
+    DoneStatus.LOSE: "lost",
+    DoneStatus.DRAW: "neither won nor lost",
+}
+
 
 def clock(episode: Trajectory) -> tuple[float, str]:
     """Return the unit in which the figure tells the time, in seconds, and its symbol."""
-    return (3600.0, "h") if episode.time[-1] >= 3600.0 else (60.0, "min")
+    return (3600.0, "h") if episode.time[-1] >= 86_400.0 else (60.0, "min")
 
 
 def radius_of(episode: Trajectory) -> float:
@@ -28,20 +36,38 @@ def radius_of(episode: Trajectory) -> float:
     return float(np.sqrt(np.square(episode.points).sum(axis=-1)).max(initial=0.0))
 
 
-def towards(turn: float = 0.0) -> FloatArray:
-    """Return the unit vector to the reader, who may look from a place turned about z [degrees]."""
-    elevation, azimuth = np.radians(VIEW["elev"]), np.radians(VIEW["azim"] + turn)
+def towards() -> FloatArray:
+    """Return the unit vector from the chief to the reader."""
+    elevation, azimuth = np.radians(VIEW["elev"]), np.radians(VIEW["azim"])
     horizontal = np.cos(elevation)
     return np.array([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)])
 
 
+def reach_of(episode: Trajectory) -> float:
+    """Return the largest range that is shown [m]: a deputy that is lost drifts far away, and would dwarf all others.
+
+    It is 1 km, or half as much again as the deputies' ranges at the start.
+    """
+    most = max(_FARTHEST, 1.5 * float(episode.range[0].max()))
+    return float(episode.range[episode.range <= most].max())
+
+
+def picture_axes(sight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the unit vectors to the right and up for a reader towards whom `sight` points."""
+    right = np.cross((0.0, 0.0, 1.0), sight)
+    right /= np.sqrt(np.square(right).sum())
+    return right, np.cross(sight, right)
+
+
 def point_colours(episode: Trajectory) -> list[tuple[BoolArray, str]]:
-    """Return the colours of the points on the small chief, each with the points that have it."""
-    seen = np.isfinite(episode.inspected_at)
-    if len(episode.deputies) == 1:
-        return [(seen, GREEN), (~seen, VERMILION)]
+    """Return the colour of each deputy's points and that of the points that nobody has seen, with the points."""
     owners = [(episode.inspector == index, deputy_line(index)["color"]) for index in range(len(episode.deputies))]
-    return [*owners, (~seen, GREY)]
+    return [*owners, (~np.isfinite(episode.inspected_at), GREY)]
+
+
+def ending(episode: Trajectory) -> str:
+    """Return how an episode ended, in words; empty while it runs."""
+    return _ENDINGS.get(episode.status, "")
 
 
 def draw_chief(figure: Figure, episode: Trajectory) -> None:
@@ -49,12 +75,9 @@ def draw_chief(figure: Figure, episode: Trajectory) -> None:
     radius = radius_of(episode)
     seen = np.isfinite(episode.inspected_at)
     several = len(episode.deputies) > 1
-    for column, turn in enumerate((0.0, 180.0)):
-        axes: Any = figure.add_axes((0.575 + 0.16 * column, 0.64, 0.155, 0.265))
-        sight = towards(turn)
-        right = np.cross((0.0, 0.0, 1.0), sight)
-        right /= np.sqrt(np.square(right).sum())
-        up = np.cross(sight, right)
+    for column, sight in enumerate((towards(), -towards())):
+        axes: Any = figure.add_axes((0.02 + 0.175 * column, 0.03, 0.17, 0.235))
+        right, up = picture_axes(sight)
         front = episode.points @ sight > 0.0
         flat = np.stack((episode.points @ right, episode.points @ up), axis=-1)
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
@@ -66,43 +89,48 @@ def draw_chief(figure: Figure, episode: Trajectory) -> None:
         )
         axes.set_aspect("equal")
         axes.set_axis_off()
-        axes.set_title("as on the left" if turn == 0.0 else "from behind", pad=2.0, fontsize=8.5)
+        axes.set_title("from behind" if column else "chief as above", pad=2.0, fontsize=8.5)
     (_inspectors_key if several else _time_key)(figure, episode)
     scale, unit = clock(episode)
-    text = f"{int(seen.sum())} of {len(seen)} points inspected after {episode.time[-1] / scale:.2f} {unit}"
-    if episode.status is not DoneStatus.RUNNING:
-        text += f" ({episode.status.name.lower()})"
-    figure.text(0.61 if several else 0.58, 0.955, text, fontsize=9.5, color=BLACK)
+    text = f"{int(seen.sum())} of {len(seen)} points inspected after {episode.time[-1] / scale:.1f} {unit}"
+    spent = float(episode.delta_v[-1].sum())
+    text += f", delta-v {spent:.3g} m/s{' in all' if several else ''}"
+    text += f" ({ending(episode)})" if ending(episode) else ""
+    figure.text(_RIGHT, 0.985, text, fontsize=9.5, color=BLACK, ha="right", va="top")
     if not seen.all():
         ink = BLACK if several else VERMILION
-        figure.text(0.7325, 0.625, "crosses: not inspected", fontsize=8, color=ink, ha="center")
+        figure.text(0.1925, 0.012, "crosses: not inspected", fontsize=8, color=ink, ha="center")
 
 
-def _by_time(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray) -> None:
-    when = episode.inspected_at[shown] / clock(episode)[0]
-    norm = _norm(episode)
-    axes.scatter(*flat[shown].T, c=when, cmap=SEQUENTIAL, norm=norm, s=20, edgecolors="white", linewidths=0.4)
-
-
-def _by_inspector(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray) -> None:
-    for index in range(len(episode.deputies)):
-        own = flat[shown & (episode.inspector == index)]
-        colour, marker = deputy_line(index)["color"], deputy_marker(index)
-        axes.scatter(*own.T, color=colour, marker=marker, s=20, edgecolors="white", linewidths=0.4)
-
-
-def _norm(episode: Trajectory) -> Any:
+def time_norm(episode: Trajectory) -> Any:
+    """Return the scale of the colours that tell the time, in minutes."""
     from matplotlib.colors import Normalize
 
     return Normalize(0.0, float(episode.time[-1]) / clock(episode)[0])
 
 
+def _by_time(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray) -> None:
+    when = episode.inspected_at[shown] / clock(episode)[0]
+    axes.scatter(
+        *flat[shown].T, c=when, cmap=SEQUENTIAL, norm=time_norm(episode), s=22, edgecolors="white", linewidths=0.4
+    )
+
+
+def _by_inspector(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray) -> None:
+    """Draw the points with the colour of who saw them first; the earlier, the larger."""
+    for index in range(len(episode.deputies)):
+        own = shown & (episode.inspector == index)
+        size = 34.0 - 22.0 * episode.inspected_at[own] / episode.time[-1]
+        colour, marker = deputy_line(index)["color"], deputy_marker(index)
+        axes.scatter(*flat[own].T, color=colour, marker=marker, s=size, edgecolors="white", linewidths=0.4)
+
+
 def _time_key(figure: Figure, episode: Trajectory) -> None:
     from matplotlib.cm import ScalarMappable
 
-    place = figure.add_axes((0.915, 0.67, 0.012, 0.2))
+    place = figure.add_axes((0.40, 0.05, 0.012, 0.185))
     label = f"inspected at [{clock(episode)[1]}]"
-    bar = figure.colorbar(ScalarMappable(_norm(episode), SEQUENTIAL), cax=place, label=label)
+    bar = figure.colorbar(ScalarMappable(time_norm(episode), SEQUENTIAL), cax=place, label=label)
     bar.outline.set_linewidth(0.5)  # type: ignore[operator]
 
 
@@ -116,6 +144,7 @@ def _inspectors_key(figure: Figure, episode: Trajectory) -> None:
         for index in range(len(counts))
     ]
     labels = [f"{name}: {count}" for name, count in zip(episode.deputies, counts, strict=True)]
-    place: Any = {"loc": "center left", "bbox_to_anchor": (0.893, 0.77), "handlelength": 0.6, "borderpad": 0.0}
+    place: Any = {"loc": "center left", "bbox_to_anchor": (0.38, 0.15), "handlelength": 0.6, "borderpad": 0.0}
     place["labelspacing"] = 0.5 if len(counts) <= 6 else 0.15
-    figure.legend(handles, labels, title="first seen by", title_fontsize=8, alignment="left", **place)
+    title = "first seen by\n(larger: earlier)"
+    figure.legend(handles, labels, title=title, title_fontsize=8, alignment="left", **place)

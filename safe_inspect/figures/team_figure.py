@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from safe_inspect.evaluation.drawing import BLACK, BLUE, GREY, ORANGE, VERMILION, style
 from safe_inspect.evaluation.team_safety import TeamReport
+from safe_inspect.figures.drawing import BLACK, BLUE, GREY, ORANGE, VERMILION, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,0 +1,208 @@
+"""`open_source`: who is to fly, and the task, from what a user writes on the command line.
+
+Ray and Torch are loaded for a checkpoint only, onnxruntime for an ONNX file only.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.environments.layout import Layout, action_layout, observation_layout
+from safe_inspect.environments.registration import load_spec
+from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError, did_you_mean
+from safe_inspect.evaluation.crew import Policies
+from safe_inspect.evaluation.policies import BASELINES, Policy, baseline
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
+from safe_inspect.experiments.checkpoints import SEAL, find_newest, policy_folder, read_checkpoint
+from safe_inspect.experiments.run_folder import RunFolder
+from safe_inspect.registry import registry
+
+#: The task of a source that has none of its own, when none is given.
+DEFAULT_TASK = "safe_inspect/TranslationalInspection-v0"
+
+
+def open_source(
+    text: str | os.PathLike[str], cfg: str | os.PathLike[str] | None = None, overrides: Iterable[str] = ()
+) -> tuple[EnvironmentSpec, Policies]:
+    """Return the task and who flies its agents.
+
+    Args:
+        text: A checkpoint's folder; the folder of a training run, which stands for its newest checkpoint; an ONNX
+            file; or the name of a policy that the package ships, of a baseline or of any scripted policy. A name comes
+            before a folder of that name, which is written ``./name``.
+        cfg: Experiment file, or id of a shipped task. Unless given, a trained policy flies in the task that it was
+            trained in, and a scripted one in `DEFAULT_TASK`.
+        overrides: ``path.of.keys=value`` for each value that replaces one of the configuration's.
+
+    Returns:
+        The task, and what `safe_inspect.evaluation.rollout` takes: one policy for all agents, or a mapping from the
+        names of the agents that act from outside to theirs.
+
+    Raises:
+        CheckpointError: The checkpoint is damaged, of another task, or there is none.
+        ConfigError: The configuration has mistakes.
+        SafeInspectError: There is no such source.
+    """
+    name, path = os.fspath(text), Path(text).expanduser()
+    known = {*BASELINES, *(registered for registered, _ in registry.items("policy"))}
+    if name in known:  # a folder of that name is written ./name
+        return load_spec(cfg or DEFAULT_TASK, overrides), baseline(name)
+    if name in shipped_policies():
+        return _open_shipped(name, cfg, overrides)
+    if path.is_dir():
+        return _open_checkpoint(_checkpoint(path), cfg, overrides)
+    if path.suffix == ".onnx":
+        from safe_inspect.evaluation.onnx_policy import load_onnx
+
+        policy = load_onnx(path)
+        return policy.prepare(policy.task(overrides) if cfg is None else load_spec(cfg, overrides)), policy
+    if path.exists():
+        raise SafeInspectError(f"{name}: this file is no policy; give the folder of a checkpoint or an ONNX file")
+    if os.sep in name:
+        raise SafeInspectError(f"{name}: there is no such checkpoint or ONNX file")
+    if "." in name:  # a plugin's class by its dotted path
+        return load_spec(cfg or DEFAULT_TASK, overrides), baseline(name)
+    hint = did_you_mean(name, {*known, *shipped_policies()})
+    raise SafeInspectError(
+        f"no policy {name!r}: it is neither a checkpoint's folder nor an ONNX file nor the name of one; {hint}"
+    )
+
+
+def _open_shipped(
+    name: str, cfg: str | os.PathLike[str] | None, overrides: Iterable[str]
+) -> tuple[EnvironmentSpec, Policies]:
+    policies = shipped_policy(name).load()
+    first = next(iter(policies.values()))
+    spec = first.task(overrides) if cfg is None else load_spec(cfg, overrides)
+    outside = [agent.name for agent in spec.agents if agent.pilot is None]
+    if len({id(policy) for policy in policies.values()}) == 1:
+        return first.prepare(spec), first
+    missing = [agent for agent in outside if agent not in policies]
+    if missing:
+        raise CheckpointError(
+            f"{name}: the shipped policies fly {', '.join(policies)}, and none {missing[0]!r}; "
+            "give the experiment that they were trained with"
+        )
+    for policy in {id(policy): policy for policy in policies.values()}.values():
+        spec = policy.prepare(spec, [agent for agent in outside if policies[agent] is policy])
+    return spec, {agent: policies[agent] for agent in outside}
+
+
+def _checkpoint(path: Path) -> Path:
+    """Return a checkpoint's folder; of a run's folder, or one within it, the newest complete checkpoint."""
+    if (path / SEAL).is_file() or path.name.startswith("checkpoint_"):
+        return path
+    if configuration_of(path) is None:
+        raise CheckpointError(
+            f"{path}: this is neither a checkpoint nor the folder of a training run; give the folder of either"
+        )
+    found = find_newest(path)
+    if found.newest is None:
+        why = found.refused[0] if found.refused else "wait for the first, or give another run"
+        raise CheckpointError(f"{path}: the run has no complete checkpoint; {why}")
+    return found.newest.path
+
+
+def configuration_of(checkpoint: str | os.PathLike[str]) -> Path | None:
+    """Return the resolved configuration of the run in which a checkpoint lies; None where it lies elsewhere."""
+    path = Path(checkpoint).expanduser().absolute()
+    for folder in (path, *path.parents):
+        configuration = RunFolder(folder).configuration
+        if configuration.is_file():
+            return configuration
+    return None
+
+
+def _open_checkpoint(
+    path: Path, cfg: str | os.PathLike[str] | None, overrides: Iterable[str]
+) -> tuple[EnvironmentSpec, Policies]:
+    read_checkpoint(path)
+    configuration = configuration_of(path)
+    task = configuration if cfg is None else cfg
+    if task is None:
+        raise CheckpointError(
+            f"{path}: the checkpoint lies in no folder of a training run, so its task is not known; give it with --cfg"
+        )
+    spec = load_spec(task, overrides)
+    trained_for = None if cfg is None or configuration is None else _spec_of(configuration)
+    policies: dict[str, Policy] = {}
+    loaded: dict[str, Any] = {}
+    for agent in spec.agents:
+        if agent.pilot is not None:
+            continue
+        chosen = _chosen(path, agent)
+        if trained_for is not None:
+            _check_names(path, agent, trained_for)
+        if chosen not in loaded:
+            loaded[chosen] = _load(path, chosen)
+        _check_sizes(path, agent, loaded[chosen])
+        policies[agent.name] = loaded[chosen]
+    return spec, policies
+
+
+def _spec_of(configuration: Path) -> EnvironmentSpec | None:
+    """Return the task of a run; None where a plugin of it is missing by now, which matters to nobody here."""
+    try:
+        return load_spec(configuration)
+    except ConfigError:
+        return None
+
+
+def _chosen(path: Path, agent: AgentSpec) -> str:
+    """Return the name of the checkpoint's policy that flies an agent: the agent's own, or the only one."""
+    try:
+        return policy_folder(path, usual=agent.policy).name
+    except CheckpointError as error:
+        known = str(error).partition("; ")[0]
+        raise CheckpointError(
+            f"{known}, and none is the {agent.policy!r} of the agent {agent.name!r}; "
+            "give the experiment that it was trained with"
+        ) from None
+
+
+def _load(path: Path, name: str) -> Any:
+    from safe_inspect.experiments.policy import load_policy  # loads Ray and Torch
+
+    return load_policy(path, name)
+
+
+def _layouts(agent: AgentSpec) -> dict[str, Layout]:
+    return {"observation": observation_layout(agent), "action": action_layout(agent)}
+
+
+def _check_names(path: Path, agent: AgentSpec, trained_for: EnvironmentSpec) -> None:
+    """Refuse an agent whose observations or actions are none that the run's agents had."""
+    theirs = [_layouts(other) for other in trained_for.agents if other.pilot is None]
+    for what, layout in _layouts(agent).items():
+        if theirs and all(layout.names != other[what].names for other in theirs):
+            mine, others = layout.names, theirs[0][what].names
+            pairs = zip(mine, others, strict=False)
+            differ = next((f"{own} and not {other}" for own, other in pairs if own != other), "fewer or more elements")
+            raise CheckpointError(
+                f"{path}: the checkpoint is of another task: the agent {agent.name!r} has {len(mine)} elements of "
+                f"{what}, the policy was trained on {len(others)} ({differ}); give an experiment with the same glues"
+            )
+
+
+def _check_sizes(path: Path, agent: AgentSpec, policy: Any) -> None:
+    """Refuse a policy that takes or gives another number of elements than the agent's."""
+    module = policy.module
+    spaces = {"observation": module.observation_space, "action": module.action_space}
+    for what, layout in _layouts(agent).items():
+        shape = getattr(spaces[what], "shape", None)
+        if shape and shape != (layout.size,):
+            raise CheckpointError(
+                f"{path}: the checkpoint is of another task: its policy has {shape[0]} elements of {what}, and the "
+                f"agent {agent.name!r} {layout.size}; give an experiment with the same glues"
+            )
+    mine, theirs = action_layout(agent).choices, tuple(int(count) for count in getattr(spaces["action"], "nvec", ()))
+    if mine != theirs:
+        told = ["continuous" if not choices else f"of {choices} levels" for choices in (theirs, mine)]
+        raise CheckpointError(
+            f"{path}: the checkpoint is of another task: its policy's actions are {told[0]}, and those of the agent "
+            f"{agent.name!r} {told[1]}; give an experiment with the same glues"
+        )

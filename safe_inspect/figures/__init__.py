@@ -1,0 +1,20 @@
+"""All pictures: figures, films, interactive pages. Matplotlib is imported when a picture is drawn."""
+
+from safe_inspect.figures.curves import curves_figure
+from safe_inspect.figures.drawing import save
+from safe_inspect.figures.film import Film
+from safe_inspect.figures.film_files import save_film
+from safe_inspect.figures.learning_curve import learning_curve_figure
+from safe_inspect.figures.page import episode_page, save_page
+from safe_inspect.figures.trajectory_figure import trajectory_figure
+
+__all__ = [
+    "Film",
+    "curves_figure",
+    "episode_page",
+    "learning_curve_figure",
+    "save",
+    "save_film",
+    "save_page",
+    "trajectory_figure",
+]

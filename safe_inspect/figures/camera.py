@@ -1,0 +1,104 @@
+"""What a camera far from the chief sees of an episode: plain projections for animations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.figures.chief_figure import picture_axes
+from safe_inspect.types import BoolArray, FloatArray
+
+
+@dataclass(frozen=True)
+class Camera:
+    """An orthographic camera that looks at the chief.
+
+    Attributes:
+        sight: Unit vector from the chief to the camera, shape (3,).
+    """
+
+    sight: FloatArray
+
+    @classmethod
+    def at(cls, elevation: float, azimuth: float) -> Camera:
+        """Return the camera at an elevation over the orbital plane and an azimuth from the radial axis [degrees]."""
+        up, around = np.radians(elevation), np.radians(azimuth)
+        return cls(np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]))
+
+    def flat(self, points: FloatArray) -> FloatArray:
+        """Return where points lie in the picture, to the right and up [m], shape (..., 2)."""
+        right, up = picture_axes(self.sight)
+        return np.stack(((points * right).sum(axis=-1), (points * up).sum(axis=-1)), axis=-1)
+
+    def hidden(self, points: FloatArray, radius: float) -> BoolArray:
+        """Return which points lie behind the chief, shape (...,)."""
+        across = np.square(self.flat(points)).sum(axis=-1)
+        return np.asarray(((points * self.sight).sum(axis=-1) < 0.0) & (across < radius * radius))
+
+    def day(self, sun: FloatArray, radius: float, corners: int = 24) -> FloatArray:
+        """Return the outline of what is seen of a sphere's day side, shape (2 * corners, 2).
+
+        Args:
+            sun: Unit vector to the sun, shape (3,).
+            radius: Radius of the sphere [m].
+            corners: Half the number of corners.
+        """
+        along = self.flat(sun)
+        norm = float(np.sqrt(np.square(along).sum()))
+        along = along / norm if norm > 1e-9 else np.array([1.0, 0.0])
+        across = np.array([-along[1], along[0]])
+        angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, corners)[:, None]
+        limb = np.cos(angle) * along + np.sin(angle) * across
+        depth = float((sun * self.sight).sum())  # the terminator is an ellipse with this half axis
+        terminator = -depth * np.cos(angle) * along + np.sin(angle) * across
+        return np.asarray(radius * np.concatenate((limb, terminator[::-1])))
+
+
+@dataclass(frozen=True)
+class Moment:
+    """An episode at one time.
+
+    Attributes:
+        time: Time since the reset [s].
+        position: Position of each deputy [m], shape (D, 3).
+        delta_v: Velocity change that each deputy has spent [m/s], shape (D,).
+        sun: Unit vector to the sun, shape (3,).
+        seen: Points that are inspected, shape (P,).
+        lit: Points on the sun's side, shape (P,).
+        row: The last recorded state that is not later.
+    """
+
+    time: float
+    position: FloatArray
+    delta_v: FloatArray
+    sun: FloatArray
+    seen: BoolArray
+    lit: BoolArray
+    row: int
+
+
+def moment(episode: Trajectory, time: float) -> Moment:
+    """Return an episode at a time [s]; between two recorded states the deputies follow the cubic through both.
+
+    The cubic has the recorded positions and velocities at its ends.
+    """
+    time = float(np.clip(time, episode.time[0], episode.time[-1]))
+    row = int(np.clip(np.searchsorted(episode.time, time, side="right") - 1, 0, len(episode.time) - 2))
+    step = float(episode.time[row + 1] - episode.time[row])
+    u = (time - float(episode.time[row])) / step
+    here, there = episode.position[row], episode.position[row + 1]
+    leaving, arriving = step * episode.velocity[row], step * episode.velocity[row + 1]
+    position = (
+        (2.0 * u**3 - 3.0 * u**2 + 1.0) * here
+        + (u**3 - 2.0 * u**2 + u) * leaving
+        + (3.0 * u**2 - 2.0 * u**3) * there
+        + (u**3 - u**2) * arriving
+    )
+    angle = float((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
+    sun = np.array([np.cos(angle), -np.sin(angle), 0.0])
+    last = row + 1 if u >= 1.0 else row
+    return Moment(
+        time, position, episode.delta_v[last], sun, episode.inspected_at <= time, (episode.points @ sun) > 0.0, last
+    )

@@ -1,0 +1,122 @@
+"""Films as files: GIF by Pillow, MP4 by ffmpeg."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.figures.film import Film
+from safe_inspect.types import AnyArray
+
+#: Told the number of drawn pictures and of all of them.
+Progress = Callable[[int, int], None]
+
+_COLOURS = 96
+
+
+def save_film(film: Film, path: str | os.PathLike[str], fps: float = 25.0, progress: Progress | None = None) -> None:
+    """Write a film; the ending of the file's name says the format (gif, mp4).
+
+    Args:
+        film: The film.
+        path: The file.
+        fps: Pictures a second.
+        progress: Called after each picture.
+
+    Raises:
+        OutputError: The file cannot be written, or the format is unknown.
+        SafeInspectError: What writes the format is not installed.
+    """
+    target = Path(path)
+    writers = {".gif": _write_gif, ".mp4": _write_mp4}
+    if target.suffix.lower() not in writers:
+        raise OutputError(f"cannot write the film {os.fspath(path)!r}: its name ends in .gif or .mp4")
+    if not 1.0 <= fps <= 100.0:
+        raise ValueError(f"a film has 1 to 100 pictures a second, not {fps:g}")
+    if target.suffix.lower() == ".mp4":
+        find_ffmpeg()  # before the pictures are drawn
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.touch()  # likewise
+        writers[target.suffix.lower()](_told(film, progress), film.size, target, fps)
+    except OSError as error:
+        raise OutputError(f"cannot write the film {os.fspath(path)!r}: {error}") from None
+
+
+def _told(film: Film, progress: Progress | None) -> Iterable[AnyArray]:
+    for index, picture in enumerate(film):
+        yield picture
+        if progress is not None:
+            progress(index + 1, len(film))
+
+
+def _write_gif(pictures: Iterable[AnyArray], size: tuple[int, int], path: Path, fps: float) -> None:
+    """Write a GIF with one palette for all pictures, so that what does not move costs nothing."""
+    from PIL import Image
+
+    images = [Image.fromarray(picture) for picture in pictures]
+    sample = [images[round(share * (len(images) - 1))] for share in (0.0, 0.33, 0.67, 1.0)]
+    montage = Image.fromarray(np.concatenate([np.asarray(image) for image in sample], axis=0))
+    palette = montage.quantize(_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    _whiten(palette)
+    frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    durations = [max(round(100.0 / fps) * 10, 10)] * len(frames)
+    durations[-1] += 2000  # the end can be looked at
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=True, disposal=1)
+
+
+def _whiten(image: Any) -> None:
+    """Make the lightest colours of a palette white: Pillow takes one of them for white, not the nearest."""
+    colours = np.asarray(image.getpalette(), dtype=np.int64).reshape(-1, 3)
+    colours[colours.min(axis=1) >= 246] = 255
+    image.putpalette(colours.reshape(-1).tolist())
+
+
+def find_ffmpeg() -> str:
+    """Return the ffmpeg of this machine, or that of the package imageio-ffmpeg.
+
+    Raises:
+        SafeInspectError: There is neither.
+    """
+    found = shutil.which("ffmpeg")
+    if found:
+        return found
+    try:
+        import imageio_ffmpeg  # type: ignore[import-untyped]
+
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except (ImportError, RuntimeError):
+        raise SafeInspectError(
+            "MP4 films need ffmpeg; install it with: pip install 'safe_inspect[film]', or write a .gif"
+        ) from None
+
+
+def _write_mp4(pictures: Iterable[AnyArray], size: tuple[int, int], path: Path, fps: float) -> None:
+    command: list[Any] = [
+        find_ffmpeg(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}",
+        "-r", f"{fps:g}", "-i", "-", "-an", "-c:v", "libx264", "-preset", "slow", "-crf", "20", "-pix_fmt", "yuv420p",
+        "-movflags", "+faststart", str(path),
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdin is not None
+    assert process.stderr is not None
+    told = b""
+    try:
+        for picture in pictures:
+            process.stdin.write(np.ascontiguousarray(picture).tobytes())
+        process.stdin.close()
+        told = process.stderr.read()
+    except BrokenPipeError:
+        told = process.stderr.read()
+    finally:
+        code = process.wait()
+    if code:
+        reason = told.decode(errors="replace").strip().splitlines()
+        raise OutputError(f"cannot write the film {str(path)!r}: ffmpeg says: {reason[-1] if reason else code}")

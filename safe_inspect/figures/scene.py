@@ -1,0 +1,202 @@
+"""The scene in the figure of an episode: chief, ways, burns and sun, true to scale."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.figures.chief_figure import VIEW, picture_axes, point_colours, radius_of, reach_of, time_norm, towards
+from safe_inspect.figures.drawing import BLACK, GREY, ORANGE, PALE, SEQUENTIAL, VERMILION, deputy_line
+from safe_inspect.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")
+_MOST_BURNS = 80  # drawn for each deputy: the largest
+#: Up to so many burns of a deputy are drawn one by one, so that the smallest is seen too.
+FEW_BURNS = 20
+_TURN = 2.0 * np.pi
+
+
+def draw_scene(figure: Figure, episode: Trajectory) -> None:
+    """Draw the ways of the deputies about the chief."""
+    axes: Any = figure.add_axes((0.0, 0.318, 0.53, 0.625), projection="3d", computed_zorder=False)
+    axes.view_init(**VIEW)
+    axes.set_proj_type("ortho")
+    reach = reach_of(episode)
+    radius, rings = radius_of(episode), ring_radii(reach)
+    _draw_rings(axes, rings, radius, _label_azimuth(episode))
+    _draw_chief(axes, episode)
+    for index, name in enumerate(episode.deputies):
+        line, way = deputy_line(index), _shown(episode.position[:, index], reach)
+        _draw_line(axes, way, radius, linewidth=1.4, label=f"deputy {name}", **line)
+        for row, face, marker in ((0, "white", "o"), (-1, line["color"], "s")):
+            axes.plot(
+                *way[row, :, None], linestyle="", marker=marker, markersize=6, markeredgecolor=line["color"], zorder=6,
+                markerfacecolor=face, markeredgewidth=1.3,
+            )  # fmt: skip
+    several = len(episode.deputies) > 1
+    ink = BLACK if several else deputy_line(0)["color"]
+    for face, marker, label in (("white", "o", "start"), (ink, "s", "end")):
+        axes.plot(
+            [], [], [], linestyle="", marker=marker, markersize=6, markeredgecolor=ink, markerfacecolor=face,
+            markeredgewidth=1.3, label=label,
+        )  # fmt: skip
+    _draw_burns(axes, episode, rings[-1])
+    _draw_sun(axes, episode, rings[-1])
+    _fit(axes, episode, 1.1 * rings[-1])
+    axes.set(xlabel=_AXES[0], ylabel=_AXES[1])
+    _draw_legends(figure, axes, len(episode.deputies))
+
+
+def _shown(way: FloatArray, reach: float) -> FloatArray:
+    """Return a way up to where it leaves what is shown for good."""
+    inside = np.flatnonzero(np.square(way).sum(axis=-1) <= reach * reach * (1.0 + 1e-9))
+    return way[: inside[-1] + 1] if len(inside) else way[:1]
+
+
+def _label_azimuth(episode: Trajectory) -> float:
+    """Return the azimuth at the side of the rings [rad] where their labels are farthest from the sun's arrows."""
+    offsets = np.array([-84.0, 84.0, -112.0, 112.0, -60.0, 60.0])
+    azimuths = np.radians(VIEW["azim"] + offsets)
+    right, up = picture_axes(towards())
+
+    def flat(directions: FloatArray) -> FloatArray:
+        return np.stack(((directions * right).sum(axis=-1), (directions * up).sum(axis=-1)), axis=-1)
+
+    places = flat(np.stack((np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)), axis=-1))
+    arrows = np.concatenate([share * flat(episode.sun_direction[[0, -1]]) for share in (0.65, 0.8, 1.0)])
+    apart = np.sqrt(np.square(places[:, None] - arrows).sum(axis=-1)).min(axis=1)
+    return float(azimuths[int(np.argmax(apart > 0.35))] if (apart > 0.35).any() else azimuths[int(np.argmax(apart))])
+
+
+def _draw_rings(axes: Any, rings: list[float], radius: float, azimuth: float) -> None:
+    angle = np.linspace(0.0, _TURN, 361)
+    for index, ring in enumerate(rings):
+        circle = ring * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
+        _draw_line(axes, circle, radius, color=PALE, linewidth=0.9)
+        if len(rings) > 2 and index < len(rings) - 1:
+            continue  # their labels would touch each other, or the ways
+        place = ring * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        axes.text(
+            *place, f"{ring:g} m", color=GREY, fontsize=7, ha="center", va="center", zorder=2,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
+        )  # fmt: skip
+
+
+def _draw_chief(axes: Any, episode: Trajectory) -> None:
+    """Draw the sphere and the points on its near side, in the colours of the large chief below."""
+    radius = radius_of(episode)
+    longitude, latitude = np.meshgrid(np.linspace(0.0, _TURN, 37), np.linspace(-np.pi / 2.0, np.pi / 2.0, 19))
+    x, y = radius * np.cos(latitude) * np.cos(longitude), radius * np.cos(latitude) * np.sin(longitude)
+    axes.plot_surface(x, y, radius * np.sin(latitude), color="#D8D8D8", linewidth=0, antialiased=False, zorder=2)
+    front, seen = episode.points @ towards() > 0.0, np.isfinite(episode.inspected_at)
+    dots: Any = {"depthshade": False, "linewidths": 0, "zorder": 2, "s": 5.0}
+    if len(episode.deputies) == 1:
+        shown = front & seen
+        norm, when = time_norm(episode), episode.inspected_at[shown] / 60.0
+        axes.scatter(*episode.points[shown].T, c=when, cmap=SEQUENTIAL, norm=norm, **dots)
+        axes.scatter(*episode.points[front & ~seen].T, color=VERMILION, **dots)
+        return
+    for which, colour in point_colours(episode):
+        axes.scatter(*episode.points[which & front].T, color=colour, **dots)
+
+
+def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = None, **kwargs: Any) -> None:
+    """Draw a line; what the chief hides lies behind it (Matplotlib sorts whole lines only)."""
+    sight = towards()
+    depth = way @ sight
+    off_axis = np.square(way - depth[:, None] * sight).sum(axis=-1)
+    hidden = (depth < 0.0) & (off_axis < radius * radius)
+    for order, which in ((1, hidden), (3, ~hidden)):
+        shown = which.copy()
+        shown[1:] |= which[:-1]  # the pieces meet
+        axes.plot(
+            *np.where(shown[:, None], way, np.nan).T, zorder=order - (kwargs["color"] == PALE), **kwargs,
+            label=label if order == 3 else None,
+        )  # fmt: skip
+
+
+def burns_of(episode: Trajectory, deputy: int, most: int = _MOST_BURNS) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """Return the steps of a deputy's largest burns, in the order of time, shape (B,)."""
+    size = np.square(episode.control[:, deputy]).sum(axis=-1)
+    burning = np.flatnonzero(size)
+    return np.sort(burning[np.argsort(-size[burning], kind="stable")[:most]])
+
+
+def stroke(size: Any, few: bool) -> Any:
+    """Return the length of a burn's stroke in radii of the outer ring, for a thrust as a share of the largest."""
+    return 0.06 + 0.12 * size if few else 0.15 * size
+
+
+def _draw_burns(axes: Any, episode: Trajectory, ring: float) -> None:
+    """Draw a stroke in the direction of the thrust for every burn; the larger the burn, the longer the stroke."""
+    norm = np.sqrt(np.square(episode.control).sum(axis=-1))
+    if not norm.any():
+        return
+    for deputy in range(len(episode.deputies)):
+        steps = burns_of(episode, deputy)
+        steps = steps[episode.range[steps, deputy] <= 1.2 * ring]
+        if not len(steps):
+            continue
+        size = norm[steps, deputy, None]
+        few = len(steps) <= FEW_BURNS
+        length = ring * stroke(size / norm.max(), few)
+        foot = episode.position[steps, deputy]
+        tip = foot + length * episode.control[steps, deputy] / size
+        gaps = np.stack((foot, tip, np.full_like(foot, np.nan)), axis=1).reshape(-1, 3)
+        axes.plot(*gaps.T, color=BLACK, linewidth=1.3 if few else 0.6, zorder=5, label=None)
+        axes.plot(*foot.T, linestyle="", marker="o", color=BLACK, markersize=3.0 if few else 1.2, zorder=5)
+    axes.plot([], [], [], color=BLACK, linewidth=1.3, marker="o", markevery=[0], markersize=3.0, label="burn")
+
+
+def _draw_sun(axes: Any, episode: Trajectory, ring: float) -> None:
+    """Draw an arrow from the chief towards the sun at the start and at the end, and the sun's way between them."""
+    sun = episode.sun_direction
+    for row, dashes, label in ((0, "-", "sun at the start"), (-1, (0, (2, 1.5)), "at the end")):
+        direction = sun[row]
+        tail, tip = direction * 0.62 * ring, direction * 1.0 * ring
+        look: Any = {"color": ORANGE, "linewidth": 1.8, "zorder": 4}
+        axes.plot(*np.stack((tail, tip), axis=-1), linestyle=dashes, label=label, **look)
+        aside = np.array([-direction[1], direction[0], 0.0])
+        barbs = [tip - 0.08 * ring * direction + side * 0.045 * ring * aside for side in (1.0, -1.0)]
+        axes.plot(*np.stack((barbs[0], tip, barbs[1]), axis=-1), **look)
+    turned = np.abs(episode.sun_angle - episode.sun_angle[0])[:, None]  # the turns lie side by side
+    axes.plot(*(sun * ring * (1.0 + 0.035 * turned / _TURN)).T, color=ORANGE, linewidth=0.8, zorder=2)
+
+
+def ring_radii(reach: float) -> list[float]:
+    """Return one to four round radii within what is to be shown."""
+    power = 10.0 ** np.floor(np.log10(max(reach, 1.0) / 5.0))
+    step = next(float(size * power) for size in (1.0, 2.0, 2.5, 5.0, 10.0) if reach / (size * power) < 5.0)
+    return [step * (index + 1) for index in range(max(int(reach / step), 1))]
+
+
+def _fit(axes: Any, episode: Trajectory, ring: float) -> None:
+    """Give the three axes one scale, with room for the way, the chief and the outermost ring."""
+    near = episode.range <= reach_of(episode)
+    ways = episode.position[near]
+    reach = np.array([ring, ring, max(radius_of(episode), 0.45 * ring)])
+    low, high = np.minimum(ways.min(axis=0), -reach), np.maximum(ways.max(axis=0), reach)
+    pad = 0.03 * (high - low).max()
+    low, high = low - pad, high + pad
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.1)
+    axes.text(high[0], high[1], high[2] + 2.0 * pad, _AXES[2], ha="right", va="bottom")
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.pane.set_visible(False)
+    axes.grid(False)
+    axes.locator_params(nbins=5)
+    axes.tick_params(pad=0.0)
+
+
+def _draw_legends(figure: Figure, axes: Any, deputies: int) -> None:
+    """Write the legend; several deputies stand in rows of four, and below them what is the same for all."""
+    handles, labels = axes.get_legend_handles_labels()
+    cuts = [*range(0, deputies, 4), deputies] if deputies > 1 else [0, labels.index("sun at the start")]
+    for index, (first, last) in enumerate(zip(cuts, [*cuts[1:], None], strict=True)):
+        place: Any = {"loc": "upper left", "bbox_to_anchor": (0.01, 0.99 - 0.028 * index), "borderpad": 0.2}
+        figure.legend(handles[first:last], labels[first:last], ncols=6, columnspacing=1.1, handlelength=1.5, **place)

@@ -1,0 +1,92 @@
+"""The panels over time in the figure of an episode: coverage, range, speed with its limit, thrust."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.figures.chief_figure import clock, reach_of
+from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, VERMILION, deputy_line
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_FEW = 20  # burns
+_AXIS_COLOURS = (VERMILION, BLUE, GREEN)
+_LEFT, _WIDTH = 0.625, 0.36
+_PLACES = ((0.79, 0.15), (0.605, 0.15), (0.42, 0.15), (0.305, 0.08), (0.195, 0.08), (0.085, 0.08))
+
+
+def speed_limit(episode: Trajectory) -> FloatArray:
+    """Return the largest safe speed at each deputy's range: v0 + 2 n (r - d0) [m/s], shape (T + 1, D).
+
+    These are the published values: 0.2 m/s at 10 m, and twice the mean motion more for every metre.
+    """
+    limit = ConstraintParameters(n=episode.mean_motion)
+    return np.asarray(limit.v0 + limit.v1 * (episode.range - limit.speed_distance))
+
+
+def draw_times(figure: Figure, episode: Trajectory) -> None:
+    """Draw the six panels, one below the other, with one axis of time."""
+    scale, unit = clock(episode)
+    time = episode.time / scale
+    panels: list[Any] = [figure.add_axes((_LEFT, bottom, _WIDTH, height)) for bottom, height in _PLACES]
+    _draw_coverage(panels[0], episode, time)
+    for index in range(len(episode.deputies)):
+        panels[1].plot(time, episode.range[:, index], **deputy_line(index))
+    near = episode.range <= reach_of(episode)
+    panels[1].set(ylabel="range\n[m]", ylim=(0, None if near.all() else 1.05 * reach_of(episode)))
+    _draw_speed(panels[2], episode, time)
+    several = len(episode.deputies) > 1
+    reach = 1.2 * float(np.abs(episode.control).max(initial=0.0)) or 1.0
+    for axis, axes in enumerate(panels[3:]):
+        for index in range(len(episode.deputies)):
+            line = deputy_line(index) if several else {"color": _AXIS_COLOURS[axis]}
+            _draw_thrust(axes, time, episode.control[:, index, axis], **line)
+        axes.set(ylim=(-reach, reach), ylabel=f"{'xyz'[axis]}")
+        axes.locator_params(axis="y", nbins=3)
+    figure.text(_LEFT - 0.083, 0.235, "thrust [N]", rotation=90, va="center", ha="center", color=BLACK)
+    for axes in panels:
+        axes.set_xlim(-0.015 * time[-1], time[-1])  # a burn at the start is seen beside the axis
+        axes.tick_params(labelbottom=axes is panels[-1])
+        axes.yaxis.set_label_coords(-0.135, 0.5)
+    orbit = 2.0 * np.pi / episode.mean_motion / scale
+    panels[-1].set_xlabel(f"time [{unit}], an orbit is {orbit:.3g} {unit}")
+
+
+def _draw_coverage(axes: Any, episode: Trajectory, time: FloatArray) -> None:
+    several = len(episode.deputies) > 1
+    axes.step(time, 100.0 * episode.coverage, where="post", color=BLACK, label="together" if several else None)
+    for index in range(len(episode.deputies)) if several else ():
+        axes.step(time, 100.0 * episode.coverage_of(index), where="post", linewidth=1.2, **deputy_line(index))
+    if several:
+        axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.96), handlelength=1.2, borderpad=0.0)
+    axes.set(ylabel="inspected\n[%]", ylim=(0, 104), yticks=(0, 50, 100))
+
+
+def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:
+    limit = speed_limit(episode)
+    for index in range(len(episode.deputies)):
+        line = deputy_line(index)
+        axes.plot(time, episode.speed[:, index], **line)
+        axes.plot(time, limit[:, index], color=line["color"], linewidth=0.9, linestyle=(0, (4, 2)))
+    axes.plot([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), label="largest safe speed at the range")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.96), handlelength=2.0, borderpad=0.0)
+    near = episode.range <= reach_of(episode)
+    top = max(float(episode.speed[near].max()), float(limit[near].max()))
+    axes.set(ylabel="speed\n[m/s]", ylim=(0, None if near.all() else 1.05 * top))
+
+
+def _draw_thrust(axes: Any, time: FloatArray, values: FloatArray, **line: Any) -> None:
+    """Draw a thrust over time; a few short burns as pins, where lines would cover each other."""
+    burns = np.flatnonzero(values)
+    axes.axhline(0.0, color=GREY, linewidth=0.8, zorder=1)
+    if len(burns) > _FEW:
+        axes.step(time, np.append(values, 0.0), where="post", linewidth=0.9, **line)
+        return
+    axes.vlines(time[burns], 0.0, values[burns], color=line["color"], linewidth=1.2)
+    axes.plot(time[burns], values[burns], marker="o", markersize=3.5, linestyle="", color=line["color"])

@@ -1,0 +1,35 @@
+"""The figure of one episode: the way round the chief, what was seen when, and how it went over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.figures.chief_figure import draw_chief
+from safe_inspect.figures.drawing import style
+from safe_inspect.figures.scene import draw_scene
+from safe_inspect.figures.time_panels import draw_times
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def trajectory_figure(episode: Trajectory) -> Figure:
+    """Draw an episode.
+
+    Left, the deputies' way round the chief in Hill's frame, with rings of equal range in the orbital plane, the burns,
+    and the direction to the sun from the start to the end. Below it the chief from two sides, its points coloured by
+    the time of their inspection. Right, over time: the share of inspected points, the range, the speed with its limit,
+    and the thrust along each axis. Several deputies have a colour each, and so have the points that each saw first.
+
+    Raises:
+        SafeInspectError: Matplotlib is not installed.
+    """
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(10.0, 6.8), facecolor="white")
+        draw_scene(figure, episode)
+        draw_chief(figure, episode)
+        draw_times(figure, episode)
+    return figure

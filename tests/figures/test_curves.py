@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_inspect.errors import CheckpointError, SafeInspectError
+from safe_inspect.experiments.recipes import recipes_of
+from safe_inspect.figures.bands import band, centre_of
+from safe_inspect.figures.curves import curves_figure
+
+HEADER = "iteration,steps,return_mean,success_rate,inspected_fraction,delta_v"
+
+
+def write_run(folder, rows, seed=None, lr=1e-4):
+    """Write the folder of a run: rows of steps and one value, and its record."""
+    folder.mkdir(parents=True)
+    lines = [f"{index},{steps},{value},{value},{value},{value}" for index, (steps, value) in enumerate(rows)]
+    (folder / "progress.csv").write_text("\n".join([HEADER, *lines]))
+    if seed is not None:
+        configuration = {"experiment": {"env_config": {"seed": seed}}, "rllib_configs": {"lr": lr, "seed": seed}}
+        (folder / "run.json").write_text(json.dumps({"digest": "d", "attempts": [], "configuration": configuration}))
+    return folder
+
+
+def test_the_mean_of_lines_on_other_grids_is_a_line():
+    one = np.arange(0.0, 101.0, 10.0)
+    other = np.arange(0.0, 101.0, 4.0)
+    found = band([(one, 2.0 * one), (other, 4.0 * other)])
+    np.testing.assert_allclose(found.centre, 3.0 * found.steps)
+    np.testing.assert_allclose(found.low, 2.0 * found.steps)  # of two seeds a resample is often twice the same one
+    np.testing.assert_allclose(found.high, 4.0 * found.steps)
+    assert (found.curves == 2).all()
+
+
+def test_past_the_end_of_a_shorter_run_the_others_go_on():
+    short, long = np.array([0.0, 50.0]), np.array([10.0, 100.0])
+    found = band([(short, np.zeros(2)), (long, np.ones(2))])
+    alone = found.steps > 50.0
+    np.testing.assert_allclose(found.centre[alone], 1.0)
+    assert np.isnan(found.low[alone]).all()
+    assert (found.curves[alone] == 1).all()
+    np.testing.assert_allclose(found.centre[found.steps < 10.0], 0.0)
+    both = (found.steps >= 10.0) & (found.steps <= 50.0)
+    np.testing.assert_allclose(found.centre[both], 0.5)
+    assert {10.0, 50.0} <= set(found.steps)
+
+
+def test_the_interquartile_mean_leaves_the_outer_quarters_out():
+    values = np.array([[1.0], [2.0], [3.0], [100.0]])
+    assert centre_of(values, "iqm") == pytest.approx(2.5)
+    assert centre_of(values, "mean") == pytest.approx(26.5)
+    assert centre_of(values[:3], "iqm") == pytest.approx(2.0)  # three have no quarter
+
+
+def test_the_band_covers_the_mean_of_the_population():
+    generator = np.random.default_rng(1)
+    steps, covered = np.array([0.0, 1.0]), 0
+    for seed in range(200):
+        found = band([(steps, np.full(2, value)) for value in generator.normal(size=20)], points=2, seed=seed)
+        covered += bool(found.low[0] <= 0.0 <= found.high[0])
+    assert 0.88 <= covered / 200 <= 0.98  # the percentile bootstrap of 20 values is a little narrow
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=6), min_size=1, max_size=5),
+    st.sampled_from(["mean", "iqm"]),
+)
+def test_the_centre_lies_in_its_band_and_among_the_seeds(runs, centre):
+    curves = [(np.arange(len(values), dtype=float), np.array(values)) for values in runs]
+    found = band(curves, centre, points=20, resamples=200)
+    assert np.isfinite(found.centre).all()
+    wide = np.isfinite(found.low)
+    np.testing.assert_array_equal(wide, found.curves > 1)
+    assert (found.low[wide] <= found.high[wide]).all()
+    values = np.concatenate([np.array(values) for values in runs])
+    assert (found.centre >= values.min() - 1e-6).all()
+    assert (found.centre <= values.max() + 1e-6).all()
+
+
+def test_values_that_are_not_known_are_left_out():
+    steps = np.array([0.0, 10.0, 20.0])
+    found = band([(steps, np.array([np.nan, 1.0, 3.0]))])
+    assert found.steps[0] == 10.0
+    np.testing.assert_allclose(found.centre, 1.0 + 0.2 * (found.steps - 10.0))
+    assert len(band([(steps, np.full(3, np.nan))]).steps) == 0
+
+
+def test_runs_that_differ_in_their_seed_are_one_recipe(tmp_path):
+    rows = [(1000, 0.1), (2000, 0.5)]
+    runs = [write_run(tmp_path / f"run{i}", rows, seed=i, lr=lr) for i, lr in enumerate([1e-4, 1e-4, 3e-4])]
+    recipes = recipes_of(runs)
+    assert {label: len(paths) for label, paths in recipes.items()} == {"lr 0.0001": 2, "lr 0.0003": 1}
+    assert list(recipes_of(runs, ["slow", "fast"])) == ["slow", "fast"]
+    assert {label: len(paths) for label, paths in recipes_of(runs, ["a", "b", "a"]).items()} == {"a": 2, "b": 1}
+
+
+def test_the_trials_of_a_search_are_seeds_of_its_run(tmp_path):
+    for index in range(3):
+        write_run(tmp_path / "run" / "trials" / f"trial_{index:05d}", [(1000, 0.1)])
+    assert {label: len(paths) for label, paths in recipes_of([tmp_path / "run"]).items()} == {"run": 3}
+
+
+def test_curves_of_unequal_seeds_are_drawn(tmp_path):
+    rows = [[(1000 * i, 0.01 * i) for i in range(1, n)] for n in (5, 9, 30)]
+    runs = [write_run(tmp_path / f"run_2026-01-0{i + 1}_00-00-00", row, seed=i) for i, row in enumerate(rows)]
+    figure = curves_figure(recipes_of(runs), "iqm", each=True)
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels == ["return [-]", "success [%]", "inspected [%]", "delta-v [m/s]"]
+    for axes, factor in zip(figure.axes, (1.0, 100.0, 100.0, 1.0), strict=True):
+        assert len(axes.collections) == 1  # the band
+        solid = next(line for line in axes.get_lines() if line.get_linestyle() == "-" and line.get_linewidth() > 1.0)
+        known = np.isfinite(solid.get_ydata())
+        assert solid.get_xdata()[known].max() == pytest.approx(4.0)  # thousands of steps, where all three are known
+        np.testing.assert_allclose(solid.get_ydata()[known], factor * 0.01 * solid.get_xdata()[known])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["run (3 seeds)"]
+
+
+def test_a_training_without_an_ended_episode_is_said_so(tmp_path):
+    run = write_run(tmp_path / "run", [(1000, "nan"), (2000, "nan")])
+    figure = curves_figure(recipes_of([run]))
+    assert all("no episode has ended" in [text.get_text() for text in axes.texts] for axes in figure.axes)
+
+
+def test_wrong_runs_are_one_message(tmp_path):
+    run = write_run(tmp_path / "run", [(1000, 0.1)], seed=1)
+    with pytest.raises(SafeInspectError, match="there is no such folder"):
+        recipes_of([tmp_path / "nothing"])
+    with pytest.raises(SafeInspectError, match=r"no progress\.csv is in this folder"):
+        recipes_of([tmp_path])
+    with pytest.raises(SafeInspectError, match="2 labels are given for 1 runs of 1 recipes"):
+        recipes_of([run], ["a", "b"])
+    (run / "run.json").write_text("{")
+    with pytest.raises(CheckpointError, match="damaged"):
+        recipes_of([run])
+    with pytest.raises(SafeInspectError, match="no learning curves"):
+        curves_figure({})
