@@ -1,4 +1,4 @@
-"""The command ``safe-inspect``: list, validate, schema, train, safety and acceptance."""
+"""The command ``safe-inspect``: train, evaluate and draw policies, check experiments and safety filters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,25 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from safe_inspect.baseline_commands import add_baseline_arguments, run_baseline
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation_commands import (
+    add_compare_arguments,
+    add_evaluate_arguments,
+    run_compare,
+    run_evaluate,
+)
+from safe_inspect.export_commands import add_export_arguments, run_export
+from safe_inspect.figure_commands import (
+    add_curves_arguments,
+    add_draw_arguments,
+    add_film_arguments,
+    add_view_arguments,
+    run_curves,
+    run_draw,
+    run_film,
+    run_view,
+)
 from safe_inspect.safety_commands import add_acceptance_arguments, add_safety_arguments, run_acceptance, run_safety
 from safe_inspect.version import __version__
 
@@ -52,6 +70,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_experiment_arguments(acceptance, positional=True)
     add_acceptance_arguments(acceptance)
     acceptance.set_defaults(run=run_acceptance)
+
+    for name, about, add, work in (
+        ("evaluate", "fly policies or baselines and print what they achieve", add_evaluate_arguments, run_evaluate),
+        ("compare", "put evaluations of the same episodes side by side", add_compare_arguments, run_compare),
+        (
+            "baseline",
+            "optimise open-loop plans, or fly a baseline, episode by episode",
+            add_baseline_arguments,
+            run_baseline,
+        ),
+        ("draw", "draw an episode: in space, and its figures over time", add_draw_arguments, run_draw),
+        ("film", "film an episode (GIF or MP4)", add_film_arguments, run_film),
+        ("view", "write an episode as an interactive page that opens without a network", add_view_arguments, run_view),
+        ("curves", "draw learning curves, with bands over training seeds", add_curves_arguments, run_curves),
+        ("export", "write a trained policy as an ONNX file", add_export_arguments, run_export),
+    ):
+        command = commands.add_parser(name, help=about)
+        add(command)
+        command.set_defaults(run=work)
 
     arguments = parse(parser, argv)
     return guarded(arguments.run, arguments)

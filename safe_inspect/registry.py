@@ -31,6 +31,7 @@ BUILT_IN = (
     "safe_inspect.dones",
     "safe_inspect.policies",
     "safe_inspect.rta",
+    "safe_inspect.metrics",
 )
 
 

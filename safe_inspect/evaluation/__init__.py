@@ -1,4 +1,4 @@
-"""Evaluation: rollouts, baselines, summaries and figures. Matplotlib is imported when a figure is drawn."""
+"""Evaluation: rollouts, baselines and summaries."""
 
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.policies import BASELINES, Flight, Policy, baseline, with_scripted

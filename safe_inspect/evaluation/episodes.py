@@ -23,6 +23,7 @@ class AgentEpisodes:
         status: `DoneStatus` with which it ended, 0 if it did not, int8, shape (E,).
         inspected: Points that its deputy was the first to inspect, shape (E,).
         delta_v: Velocity change spent [m/s], shape (E,).
+        metrics: Metrics of the agent by label, NaN where there was nothing to measure, each of shape (E,).
     """
 
     returns: FloatArray
@@ -31,6 +32,7 @@ class AgentEpisodes:
     status: AnyArray
     inspected: IntArray
     delta_v: FloatArray
+    metrics: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def success(self) -> AnyArray:
@@ -55,6 +57,11 @@ class Episodes:
         trajectories: The recorded episodes, the first ones, in order.
         closest: Least distance between two deputies at the beginning and at any step [m], shape (E,); None with one.
         agents: Figures of every agent by its name.
+        metrics: Metrics of the environment by label; those of the agents taken together, see `BaseMetric.team_reduce`.
+            NaN where there was nothing to measure, each of shape (E,).
+        units: Unit of every metric by label.
+        begins: State in which each episode began: ``position`` [m] and ``velocity`` [m/s] of each deputy, Hill frame,
+            shape (E, D, 3), and ``sun_angle`` [rad], shape (E,).
     """
 
     seed: int
@@ -67,6 +74,9 @@ class Episodes:
     trajectories: tuple[Trajectory, ...] = ()
     closest: FloatArray | None = None
     agents: Mapping[str, AgentEpisodes] = field(default_factory=dict)
+    metrics: Mapping[str, FloatArray] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    begins: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -75,6 +85,9 @@ class Episodes:
         agents: Mapping[str, AgentEpisodes],
         *,
         trajectories: tuple[Trajectory, ...] = (),
+        metrics: Mapping[str, FloatArray] | None = None,
+        units: Mapping[str, str] | None = None,
+        begins: Mapping[str, FloatArray] | None = None,
         **whole: AnyArray,
     ) -> Episodes:
         """Return the episodes of a team: the figures of its agents, and those of the `whole` by their names."""
@@ -91,6 +104,9 @@ class Episodes:
             delta_v=np.asarray(spent.mean(axis=0)),
             trajectories=trajectories,
             agents=agents,
+            metrics=metrics or {},
+            units=units or {},
+            begins=begins or {},
             **whole,
         )
 

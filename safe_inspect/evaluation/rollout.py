@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.crew import Crew, Policies, assign
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, join
+from safe_inspect.evaluation.gauges import check_metrics
 from safe_inspect.evaluation.policies import Policy
 from safe_inspect.evaluation.recorder import Recorder
-from safe_inspect.evaluation.tally import TERM, Tally
+from safe_inspect.evaluation.tally import METRIC, TERM, Tally
 from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.types import AnyArray
 
 #: Told the number of finished episodes and of all of them, whenever the first has grown.
@@ -26,6 +28,7 @@ def rollout(
     num_envs: int = 256,
     *,
     record: int = 0,
+    metrics: Sequence[BaseMetric] = (),
     progress: Progress | None = None,
 ) -> Episodes:
     """Fly policies for `episodes` episodes: the first episode of the environment slots 0, 1, 2, ...
@@ -43,15 +46,19 @@ def rollout(
         seed: Seed of the run.
         num_envs: Episodes that are flown at a time.
         record: How many of the first episodes are recorded in `Episodes.trajectories`.
+        metrics: What is measured of every episode besides its usual figures.
         progress: Called with (finished episodes, `episodes`).
 
     Raises:
-        SafeInspectError: An agent has no policy, a policy no agent, or one policy flies agents that differ.
+        SafeInspectError: An agent has no policy, a policy no agent, or one policy flies agents that differ; a metric
+            names what the task does not have.
+        PluginValueError: A metric gave infinity, or an array of another shape.
         ValueError: A number is out of range, or a policy's actions have another shape.
     """
     if episodes < 1 or num_envs < 1 or record < 0:
         raise ValueError(f"`episodes` ({episodes}) and `num_envs` ({num_envs}) are at least 1, `record` ({record}) 0")
     spec, flying = assign(spec, policies)
+    check_metrics(spec, metrics)
     tallies: list[Tally] = []
     trajectories: list[Trajectory] = []
     for first in range(0, episodes, num_envs):
@@ -62,21 +69,32 @@ def rollout(
             if progress is not None:
                 progress(before + finished, episodes)
 
-        tally, kept = _fly(environment, flying, first, recorded, tell)
+        tally, kept = _fly(environment, flying, metrics, first, recorded, tell)
         tallies.append(tally)
         trajectories += kept
     agents = {name: _agent(join([tally.agents[name] for tally in tallies])) for name in tallies[0].agents}
-    return Episodes.of(seed, agents, trajectories=tuple(trajectories), **join([tally.whole for tally in tallies]))
+    return Episodes.of(
+        seed,
+        agents,
+        trajectories=tuple(trajectories),
+        metrics=join([tally.metrics for tally in tallies]),
+        units={metric.label: metric.unit for metric in metrics},
+        begins=join([tally.begins for tally in tallies]),
+        **join([tally.whole for tally in tallies]),
+    )
 
 
 def _agent(figures: dict[str, AnyArray]) -> AgentEpisodes:
-    terms = {name.removeprefix(TERM): figures.pop(name) for name in tuple(figures) if name.startswith(TERM)}
-    return AgentEpisodes(terms=terms, **figures)
+    def taken(start: str) -> dict[str, AnyArray]:
+        return {name.removeprefix(start): figures.pop(name) for name in tuple(figures) if name.startswith(start)}
+
+    return AgentEpisodes(terms=taken(TERM), metrics=taken(METRIC), **figures)
 
 
 def _fly(
     environment: TeamEnvironment,
     flying: Mapping[str, Policy],
+    metrics: Sequence[BaseMetric],
     first_slot: int,
     recorded: int,
     tell: Callable[[int], None],
@@ -84,7 +102,7 @@ def _fly(
     """Fly one episode in every row of a batch; a row that has ended coasts on, unheeded, until the last has."""
     observations = environment.reset()
     crew = Crew(environment, flying, first_slot)
-    tally, recorder = Tally(environment), Recorder(environment, recorded, first_slot)
+    tally, recorder = Tally(environment, metrics), Recorder(environment, recorded, first_slot)
     while tally.running.any():
         transition = environment.step(crew(observations, tally.running))
         observations = tuple(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
+from safe_inspect.evaluation.gauges import Gauges
+from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
-#: Begins the names of the reward terms among the figures of an agent.
-TERM = "reward/"
+#: Begins the names of the reward terms, and of the metrics, among the figures of an agent.
+TERM, METRIC = "reward/", "metric/"
 
 
 class Tally:
@@ -17,15 +21,18 @@ class Tally:
 
     Args:
         environment: The batch, freshly reset.
+        metrics: What is measured besides.
 
     Attributes:
         running: Rows whose episode runs, shape (N,).
         whole: Figures of the team by their names in `Episodes`, each of shape (N,).
+        begins: State in which the episodes begin, by the names in `Episodes.begins`.
         agents: For every agent its figures by their names in `AgentEpisodes`, ``reward/NAME`` for a term, shape (N,).
     """
 
-    def __init__(self, environment: TeamEnvironment) -> None:
+    def __init__(self, environment: TeamEnvironment, metrics: Sequence[BaseMetric] = ()) -> None:
         self._environment = environment
+        self._gauges = Gauges(environment, metrics)
         rows, deputies = environment.num_envs, len(environment.agents)
         self._points = tuple(environment.simulation.world.points.values())
         self.running = np.ones(rows, dtype=np.bool_)
@@ -33,6 +40,12 @@ class Tally:
             "length": np.zeros(rows, dtype=np.int64),
             "status": np.zeros(rows, dtype=np.int8),
             "inspected_fraction": np.zeros(rows),
+        }
+        state = environment.state
+        self.begins: dict[str, FloatArray] = {
+            "position": state.position[:, :deputies].copy(),
+            "velocity": state.velocity[:, :deputies].copy(),
+            "sun_angle": state.sun_angle.copy(),
         }
         if deputies > 1:
             self.whole["closest"] = environment.team().distance.min(axis=1)
@@ -55,7 +68,14 @@ class Tally:
             for place, name in enumerate(group.agents):
                 told[name] = {figure: array[:, group.first + place] for figure, array in self._ends.items()}
                 told[name] |= {f"{TERM}{term}": value[:, place] for term, value in terms.items()}
+                own = self._gauges.of_agent(group.first + place)
+                told[name] |= {f"{METRIC}{label}": value for label, value in own.items()}
         return told
+
+    @property
+    def metrics(self) -> dict[str, FloatArray]:
+        """The metrics of the environments by label, those of the agents taken together, each of shape (N,)."""
+        return self._gauges.of_team()
 
     def add(self, transition: TeamTransition) -> bool:
         """Add a step; return whether the episodes of some rows have ended with it."""
@@ -71,6 +91,7 @@ class Tally:
         if "closest" in self.whole:
             apart = self._environment.team().distance.min(axis=1)
             np.minimum(self.whole["closest"], apart, out=self.whole["closest"], where=running)
+        self._gauges.add(transition, running)
         ends = running & transition.over
         if not ends.any():
             return False

@@ -35,6 +35,7 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     normalizer   float (R, k), and `inverse` brings it back
     constraint   phi, h and rate float (R,), gradient float (R, 6)
     shared_done  a `DoneStatus` or 0, int (N,)
+    metric       float (R,), of a `TeamMetric` (N,), NaN where there is nothing to measure; it has `unit` and `reduce`
     policy       thrust [N] (R, 3)
     rta          a `TeamFiltered`, thrusts [N] (N, D, 3); the initial states that it refuses
     simulator    an environment alone and in a batch go the same way

@@ -17,6 +17,7 @@ from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
 from safe_inspect.testing.flights import fly_twice
 from safe_inspect.testing.glues import check_glue
+from safe_inspect.testing.metrics import check_metric
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.resets import check_initializer, check_parameter, check_simulator
 from safe_inspect.testing.samples import sample_spec, sample_steps
@@ -193,6 +194,7 @@ CHECKS: dict[str, Callable[[Any, Parts, Report], None]] = {
     "done": check_done,
     "glue": check_glue,
     "initializer": check_initializer,
+    "metric": check_metric,
     "normalizer": check_normalizer,
     "parameter": check_parameter,
     "part": check_part,

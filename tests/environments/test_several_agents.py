@@ -51,7 +51,9 @@ def single(*overrides: str) -> EnvironmentSpec:
 
 @lru_cache
 def several(*overrides: str) -> EnvironmentSpec:
-    return load_experiment(configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml", overrides).spec
+    return load_experiment(
+        configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml", overrides
+    ).spec
 
 
 def begun(spec: EnvironmentSpec, position: Sequence, velocity: Sequence | None = None) -> EnvironmentSpec:

@@ -1,0 +1,23 @@
+"""Types of command line arguments that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+
+
+def positive(text: str) -> int:
+    """Return a whole number of at least 1."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"a whole number of at least 1 is wanted, not {text!r}")
+    return number
+
+
+def seed(text: str) -> int:
+    """Return a seed."""
+    if not text.isdecimal() or int(text) >= 2**64:
+        raise argparse.ArgumentTypeError(f"a whole number from 0 to 2**64 - 1 is wanted, not {text!r}")
+    return int(text)

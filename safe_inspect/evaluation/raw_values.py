@@ -1,0 +1,214 @@
+"""A task in SI units alone: what lies between a sensor's reading and a net, and between a net and a controller.
+
+An exported policy holds the normalisers of its glues. So the task in which it flies must hold none: `raw_task` switches
+them off, and changes nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.errors import ConfigError, SafeInspectError, did_you_mean
+from safe_inspect.glues.base import ActionGlue, Glue, Parts, controller_of, sensor_of
+from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
+from safe_inspect.glues.normalization import Normalization
+from safe_inspect.glues.normalizers import LinearNormalizer, Normalizer, StandardNormalNormalizer
+from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.platforms.base import Property
+from safe_inspect.platforms.controllers import RateController, ThrustProp
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.types import AnyArray, FloatArray
+
+_OFF = Normalization(enabled=False)
+
+
+@dataclass(frozen=True)
+class ObservedElement:
+    """An element of the observation: the net sees (value - centre) / width.
+
+    Attributes:
+        name: Its name, ``sensor.element``.
+        unit: SI unit of the value; empty for a pure number.
+        centre: The value that the net sees as 0.
+        width: The change of the value that the net sees as 1.
+    """
+
+    name: str
+    unit: str
+    centre: float = 0.0
+    width: float = 1.0
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit or '-'}]"
+
+
+@dataclass(frozen=True)
+class CommandedElement:
+    """An element of the action: a controller gets offset + gain * action within [low, high], or one of the levels.
+
+    Attributes:
+        name: Its name, the controller's.
+        unit: SI unit of the value.
+        low: Smallest value.
+        high: Largest value.
+        gain: See above.
+        offset: See above.
+        levels: The values among which the policy chooses; empty: any.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    gain: float = 1.0
+    offset: float = 0.0
+    levels: tuple[float, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit or '-'}]"
+
+
+def named_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
+    """Return the elements of an agent's observation, in its order, with names and units alone."""
+    found = []
+    for glue in agent.observation_glues:
+        symbol = sensor_of(agent.parts, glue.sensor).symbol if isinstance(glue, ObserveSensor) else ""
+        found += [ObservedElement(name, symbol) for name in glue.names(agent.parts)]
+    return tuple(found)
+
+
+def observed_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
+    """Return the elements of an agent's observation, in its order, and what their normalisers do.
+
+    The elements of a glue that is no `ObserveSensor` are taken as the glue gives them.
+
+    Raises:
+        ConfigError: A normaliser is none of this package's own.
+    """
+    centre: list[float] = []
+    width: list[float] = []
+    for glue in agent.observation_glues:
+        size = len(glue.names(agent.parts))
+        if isinstance(glue, ObserveSensor):
+            scale, normalizer, low, high = glue.prepared(sensor_of(agent.parts, glue.sensor))
+            gain, offset = _affine(agent, glue, normalizer, low, high)
+            centre += (-offset / gain / scale).tolist()
+            width += (1.0 / gain / scale).tolist()
+        else:
+            centre += [0.0] * size
+            width += [1.0] * size
+    rows = zip(named_elements(agent), centre, width, strict=True)
+    return tuple(replace(element, centre=at + 0.0, width=by) for element, at, by in rows)
+
+
+def commanded_elements(agent: AgentSpec) -> tuple[CommandedElement, ...]:
+    """Return the elements of an agent's action, in its order.
+
+    Raises:
+        ConfigError: A normaliser is none of this package's own, or a foreign glue chooses among levels.
+    """
+    return tuple(element for glue in agent.action_glues for element in _commanded(agent, glue))
+
+
+def _commanded(agent: AgentSpec, glue: Glue) -> list[CommandedElement]:
+    assert isinstance(glue, ActionGlue)
+    if isinstance(glue, SafetyGlue):
+        return [element for inner in glue.wrapped for element in _commanded(agent, inner)]
+    names = glue.names(agent.parts)
+    if isinstance(glue, DiscreteControllerGlue):
+        unit, low, high = _controller(agent.parts, glue.controller)
+        levels = tuple(float(level) for level in glue.levels)
+        return [CommandedElement(names[0], unit, float(low[0]), float(high[0]), levels=levels)]
+    if isinstance(glue, ControllerGlue):
+        unit, low, high = _controller(agent.parts, glue.controller)
+        gain, offset = _affine(agent, glue, glue.normalization.active, low, high)
+        rows = zip(names, low.tolist(), high.tolist(), (1.0 / gain).tolist(), (-offset / gain).tolist(), strict=True)
+        return [CommandedElement(name, unit, least, most, by, at + 0.0) for name, least, most, by, at in rows]
+    if any(glue.choices(agent.parts)):
+        raise ConfigError(
+            f"{_title(agent, glue)}: what its choices mean is not known outside this glue; use DiscreteControllerGlue"
+        )
+    low, high = glue.bounds(agent.parts)
+    pairs = zip(names, low.tolist(), high.tolist(), strict=True)
+    return [CommandedElement(name, "", smallest, largest) for name, smallest, largest in pairs]
+
+
+def _controller(parts: Parts, name: str) -> tuple[str, FloatArray, FloatArray]:
+    """Return the unit and the limits of a controller's values."""
+    controller = controller_of(parts, name)
+    commanded: Property | None = controller.commanded if isinstance(controller, RateController) else None
+    return "N" if isinstance(commanded, ThrustProp) else "", *controller.limits
+
+
+def _affine(
+    agent: AgentSpec, glue: Glue, normalizer: Normalizer | None, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return gain and offset of a normaliser, normalised = gain * value + offset, each of shape (k,)."""
+    size = len(low)
+    if normalizer is None:
+        return np.ones(size), np.zeros(size)
+    if type(normalizer) is StandardNormalNormalizer:
+        mu, sigma = (np.broadcast_to(array, size) for array in normalizer.arrays)
+        return 1.0 / sigma, -mu / sigma
+    if type(normalizer) is LinearNormalizer:
+        gain = (normalizer.maximum - normalizer.minimum) / (high - low)
+        return gain, normalizer.minimum - low * gain
+    raise ConfigError(
+        f"{_title(agent, glue)}: a file cannot hold the normaliser {normalizer.registered_name}; train with "
+        "StandardNormalNormalizer, LinearNormalizer or `normalization: {enabled: False}` to export the policy"
+    )
+
+
+def _title(agent: AgentSpec, glue: Glue) -> str:
+    return f"{agent.name}, glue {glue.registered_name} ({', '.join(glue.names(agent.parts))})"
+
+
+def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
+    """Return the task with observations and actions in SI units: the same episodes, seeds and physics.
+
+    Args:
+        spec: The task.
+        agents: Names of the agents; all that act from outside unless given.
+
+    Raises:
+        SafeInspectError: There is no such agent.
+    """
+    outside = [agent.name for agent in spec.agents if agent.pilot is None]
+    chosen = outside if agents is None else list(agents)
+    for name in chosen:
+        if name not in outside:
+            raise SafeInspectError(f"no agent that acts from outside is named {name!r}; {did_you_mean(name, outside)}")
+    return replace(
+        spec,
+        agents=tuple(
+            replace(agent, glues=tuple(_raw(glue) for glue in agent.glues)) if agent.name in chosen else agent
+            for agent in spec.agents
+        ),
+    )
+
+
+def _raw(glue: Glue) -> Glue:
+    if isinstance(glue, ObserveSensor):
+        return ObserveSensor(sensor=glue.sensor, normalization=_OFF)
+    if isinstance(glue, (ControllerGlue, DiscreteControllerGlue)):
+        return ControllerGlue(controller=glue.controller, normalization=_OFF)
+    if isinstance(glue, SafetyGlue):  # made anew: a copy would keep what the glue has worked out
+        fields = {name: getattr(glue, name) for name in type(glue).model_fields}
+        return type(glue)(**{**fields, "wrapped": tuple(_raw(inner) for inner in glue.wrapped)})
+    return glue
+
+
+def plain_elements(elements: Iterable[ObservedElement | CommandedElement]) -> list[dict[str, Any]]:
+    """Return elements as dictionaries, for JSON."""
+    return [asdict(element) for element in elements]
+
+
+def columns(elements: Iterable[ObservedElement | CommandedElement], field: str) -> AnyArray:
+    """Return one field of all elements, float64, shape (size,)."""
+    return np.array([getattr(element, field) for element in elements], dtype=np.float64)

@@ -1,0 +1,239 @@
+"""Statistics of figures over episodes: interquartile mean, bootstrap intervals, Wilson's interval, paired differences.
+
+The interquartile mean and its stratified bootstrap are those of Agarwal et al., "Deep Reinforcement Learning at the
+Edge of the Statistical Precipice" (NeurIPS 2021). Every interval is a function of the values and the seed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from safe_inspect.types import AnyArray, FloatArray
+
+#: Resamples of a bootstrap, the level of every interval, and the seed of the resampling.
+RESAMPLES, LEVEL, SEED = 2000, 0.95, 0
+#: Numbers that a bootstrap draws at a time.
+_BATCH = 4_000_000
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A confidence interval, NaN where there are too few values."""
+
+    low: float
+    high: float
+
+    def as_list(self) -> list[float | None]:
+        """Return both ends for JSON; what is not known is None."""
+        return [known(self.low), known(self.high)]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One figure over many episodes; NaN where there is no value.
+
+    Attributes:
+        count: Number of episodes with a value.
+        mean: Arithmetic mean.
+        standard_deviation: Of the sample, with n - 1.
+        mean_interval: 95 % bootstrap interval of the mean.
+        iqm: Interquartile mean.
+        iqm_interval: 95 % bootstrap interval of the interquartile mean.
+        minimum: Smallest value.
+        maximum: Largest value.
+        unit: Unit of all of them; ``-`` for a pure number.
+    """
+
+    count: int
+    mean: float
+    standard_deviation: float
+    mean_interval: Interval
+    iqm: float
+    iqm_interval: Interval
+    minimum: float
+    maximum: float
+    unit: str = "-"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain numbers for JSON; what is not known is None."""
+        told: dict[str, Any] = {}
+        for name, value in asdict(self).items():
+            told[name] = known(value) if isinstance(value, float) else value
+        told["mean_interval"], told["iqm_interval"] = self.mean_interval.as_list(), self.iqm_interval.as_list()
+        return told
+
+
+def known(value: float) -> float | None:
+    """Return a number for JSON; None for what is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def interquartile_mean(values: AnyArray, axis: int = -1) -> Any:
+    """Return the mean of the middle half: of n sorted values, floor(n / 4) are left out at each end."""
+    from scipy.stats import trim_mean
+
+    return trim_mean(values, 0.25, axis=axis)
+
+
+def bootstrap(
+    strata: Sequence[FloatArray],
+    statistic: Callable[..., Any],
+    *,
+    resamples: int = RESAMPLES,
+    level: float = LEVEL,
+    seed: int = SEED,
+) -> Interval:
+    """Return the percentile interval of a statistic by a stratified bootstrap: each stratum is resampled by itself.
+
+    Args:
+        strata: The values of each stratum, such as the episodes of each training seed. One: the usual bootstrap.
+        statistic: From all values and the keyword `axis` to the statistic along that axis.
+        resamples: Number of resamples.
+        level: Confidence level.
+        seed: Seed of the resampling.
+    """
+    strata = [np.asarray(values, dtype=np.float64) for values in strata if len(values)]
+    count = sum(map(len, strata))
+    if count < 2:
+        return Interval(math.nan, math.nan)
+    whole = np.concatenate(strata)
+    if (whole == whole[0]).all():
+        return Interval(float(whole[0]), float(whole[0]))
+    if any(len(values) < 2 for values in strata):  # SciPy resamples no single value
+        fixed = np.concatenate([values for values in strata if len(values) < 2])
+        strata = [values for values in strata if len(values) > 1]
+        if not strata:
+            return Interval(math.nan, math.nan)
+    else:
+        fixed = np.empty(0)
+    from scipy.stats import bootstrap as resample
+
+    def together(*parts: FloatArray, axis: int) -> Any:
+        shape = (*np.shape(parts[0])[:-1], len(fixed))
+        return statistic(np.concatenate((*parts, np.broadcast_to(fixed, shape)), axis=-1), axis=axis)
+
+    found = resample(
+        tuple(strata),
+        together,
+        n_resamples=resamples,
+        batch=max(_BATCH // count, 1),
+        vectorized=True,
+        paired=False,
+        axis=-1,
+        confidence_level=level,
+        method="percentile",
+        random_state=np.random.default_rng(seed),
+    ).confidence_interval
+    return Interval(float(found.low), float(found.high))
+
+
+def estimate(values: AnyArray | Sequence[AnyArray], unit: str = "-", *, seed: int = SEED) -> Estimate:
+    """Return the estimate of a figure.
+
+    Args:
+        values: The figure of each episode, NaN where it has none, shape (E,); or a sequence of such, one for each
+            stratum.
+        unit: Unit of the figure.
+        seed: Seed of the resampling.
+    """
+    parts = [values] if isinstance(values, np.ndarray) else list(values)
+    strata = [np.asarray(part, dtype=np.float64) for part in parts]
+    strata = [part[~np.isnan(part)] for part in strata]
+    whole = np.concatenate(strata) if strata else np.empty(0)
+    nothing = Interval(math.nan, math.nan)
+    if not len(whole):
+        return Estimate(0, math.nan, math.nan, nothing, math.nan, nothing, math.nan, math.nan, unit)
+    return Estimate(
+        count=len(whole),
+        mean=float(whole.mean()),
+        standard_deviation=float(whole.std(ddof=1)) if len(whole) > 1 else math.nan,
+        mean_interval=bootstrap(strata, np.mean, seed=seed),
+        iqm=float(interquartile_mean(whole)),
+        iqm_interval=bootstrap(strata, interquartile_mean, seed=seed),
+        minimum=float(whole.min()),
+        maximum=float(whole.max()),
+        unit=unit,
+    )
+
+
+def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
+    """Return Wilson's score interval of a rate.
+
+    Source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", 1927.
+    """
+    from scipy.stats import binomtest
+
+    if trials < 1:
+        return Interval(math.nan, math.nan)
+    found = binomtest(successes, trials).proportion_ci(level, method="wilson")
+    return Interval(float(found.low), float(found.high))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A figure of one evaluation less that of another, episode by episode.
+
+    Attributes:
+        count: Number of episodes in which both have a value.
+        mean: Mean of the differences.
+        interval: 95 % bootstrap interval of the mean, over pairs.
+        iqm: Interquartile mean of the differences.
+        iqm_interval: 95 % bootstrap interval of the interquartile mean, over pairs.
+        smaller: Share of the pairs with a difference below 0.
+        larger: Share of the pairs with a difference above 0.
+        unit: Unit of the differences.
+    """
+
+    count: int
+    mean: float
+    interval: Interval
+    iqm: float
+    iqm_interval: Interval
+    smaller: float
+    larger: float
+    unit: str = "-"
+
+    @property
+    def verdict(self) -> Literal["lower", "higher", ""]:
+        """Whether the interval of the mean lies below or above 0; empty when 0 lies within."""
+        if self.interval.high < 0.0:
+            return "lower"
+        return "higher" if self.interval.low > 0.0 else ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain numbers for JSON; what is not known is None."""
+        told: dict[str, Any] = {}
+        for name, value in asdict(self).items():
+            told[name] = known(value) if isinstance(value, float) else value
+        told["interval"], told["iqm_interval"] = self.interval.as_list(), self.iqm_interval.as_list()
+        return told
+
+
+def paired_difference(one: AnyArray, other: AnyArray, unit: str = "-", *, seed: int = SEED) -> Difference:
+    """Return one figure less another, both of the same episodes, shape (E,).
+
+    Raises:
+        ValueError: They have not the same shape.
+    """
+    if one.shape != other.shape:
+        raise ValueError(f"pairs have the same shape, not {one.shape} and {other.shape}")
+    apart = np.asarray(one, dtype=np.float64) - np.asarray(other, dtype=np.float64)
+    apart = apart[~np.isnan(apart)]
+    if not len(apart):
+        nothing = Interval(math.nan, math.nan)
+        return Difference(0, math.nan, nothing, math.nan, nothing, math.nan, math.nan, unit)
+    return Difference(
+        count=len(apart),
+        mean=float(apart.mean()),
+        interval=bootstrap([apart], np.mean, seed=seed),
+        iqm=float(interquartile_mean(apart)),
+        iqm_interval=bootstrap([apart], interquartile_mean, seed=seed),
+        smaller=float((apart < 0.0).mean()),
+        larger=float((apart > 0.0).mean()),
+        unit=unit,
+    )

@@ -1,0 +1,162 @@
+"""What makes episodes comparable, and what is measured of a task unless told otherwise."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import yaml
+from pydantic_core import PydanticCustomError
+
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.results import FIGURES
+from safe_inspect.functor import build, describe
+from safe_inspect.metrics import (
+    BaseMetric,
+    DeltaVAfterLastPoint,
+    Interventions,
+    LargestRange,
+    LargestSpeed,
+    SmallestPhi,
+    SmallestRange,
+    TimeToCoverage,
+)
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import constraint_set
+
+#: Constraints that look at two deputies.
+_PAIRS = ("deputy_collision", "deputy_PSM", "deputy_sun")
+#: Fields of a simulator that decide on rewards alone.
+_PRICES = ("steps_until_update", "delta_v_scale_bounds", "delta_v_scale_step", "inspected_points_update_bounds")
+
+
+def task_of(spec: EnvironmentSpec) -> dict[str, Any]:
+    """Return what two evaluations must have in common to be compared: simulator, deputies, ends and filters.
+
+    Observations, actions and rewards may differ. The states in which episodes begin are compared themselves.
+    """
+    simulator = describe(spec.simulator)
+    config = {name: value for name, value in simulator["config"].items() if name not in _PRICES}
+    task = {
+        "simulator": {**simulator, "config": config},
+        "step_size": spec.step_size,
+        "agents": [
+            {"name": agent.name, "mass": spec.platforms[agent.platform].mass, "dones": _described(agent.dones)}
+            for agent in spec.agents
+        ],
+        "shared_dones": _described(spec.shared_dones),
+    }
+    plain: dict[str, Any] = json.loads(json.dumps(task, default=str))
+    return plain
+
+
+def price_of(spec: EnvironmentSpec) -> str:
+    """Return a short hash of what decides on rewards: where it differs, returns are of different tasks."""
+    simulator = describe(spec.simulator)["config"]
+    prices = {name: simulator.get(name) for name in _PRICES}
+    rewards = {agent.name: _described(agent.rewards) for agent in spec.agents}
+    text = json.dumps([prices, rewards], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def points_of(spec: EnvironmentSpec) -> tuple[str, ...]:
+    """Return the names of the bodies that carry points."""
+    return tuple(getattr(spec.simulator, "inspection_points_map", ()))
+
+
+def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
+    """Return what an evaluation measures of a task: ranges, speed, interventions, coverage, and phi of each constraint.
+
+    The constraints are those of the agents' safety glues and of the team's filter, with their parameters, enabled or
+    not.
+    """
+    metrics: list[BaseMetric] = [Interventions()]
+    bodies = [name for name in (*points_of(spec), *spec.reset.entities) if name in spec.reset.entities]
+    if bodies:
+        metrics += [cls(entity_name=bodies[0]) for cls in (SmallestRange, LargestRange, LargestSpeed)]
+    for name in points_of(spec)[:1]:
+        metrics += [
+            TimeToCoverage(inspection_entity_name=name),
+            DeltaVAfterLastPoint(inspection_entity_name=name),
+        ]
+    found: dict[str, BaseMetric] = {}
+    for filtering in (*(glue for agent in spec.agents for glue in _glues(agent)), spec.team_safety):
+        for metric in _constraints(filtering) if filtering is not None else ():
+            found.setdefault(metric.label, metric)
+    several = len(spec.agents) > 1
+    return metrics + [
+        metric
+        for metric in found.values()
+        if several or not (isinstance(metric, SmallestPhi) and metric.about == "deputies")
+    ]
+
+
+def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
+    """Return the metrics that a command line names.
+
+    Args:
+        texts: For each a registered name, a dotted path to a class, or a mapping of YAML such as
+            ``{functor: TimeToCoverage, config: {fraction: 0.5}}``.
+
+    Raises:
+        SafeInspectError: There is no such metric, or its fields are wrong.
+    """
+    made: list[BaseMetric] = []
+    for text in texts:
+        try:
+            value = yaml.safe_load(text) if text.lstrip().startswith("{") else text
+            plugin = build("metric", value)
+        except yaml.YAMLError as error:
+            raise SafeInspectError(f"--metric {text!r}: this is no mapping of YAML ({error})") from None
+        except PydanticCustomError as error:
+            problems = (error.context or {})["errors"]
+            told = "; ".join(
+                f"{'.'.join(map(str, item['loc']))}: {item['msg']}".removeprefix(": ") for item in problems
+            )
+            raise SafeInspectError(f"--metric {text}: {told}") from None
+        assert isinstance(plugin, BaseMetric), "the registry gives a plugin of the kind that is asked for"
+        if plugin.label in FIGURES and not type(plugin).__module__.startswith("safe_inspect."):
+            raise SafeInspectError(f"--metric {text}: every table has a figure {plugin.label!r}; give it another label")
+        made.append(plugin)
+    return made
+
+
+def _glues(agent: AgentSpec) -> list[SafetyGlue]:
+    return [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue)]
+
+
+def _constraints(filtering: Any) -> list[SmallestPhi]:
+    """Return the metrics of a filter's constraints; none of one that names none, as this package's filters do."""
+    fields = {name: getattr(filtering, name) for name in type(filtering).model_fields}
+    names = fields.get("constraints")
+    if not isinstance(names, tuple):
+        return []
+    given = {name: value for name, value in fields.items() if name in ConstraintParameters.model_fields}
+    made = []
+    for name, constraint in constraint_set(given, names).items():
+        pair = name in _PAIRS
+        if pair and "deputy_radius" in type(constraint).model_fields and "deputy_radius" in fields:
+            constraint = constraint.model_copy(update={"deputy_radius": fields["deputy_radius"]})
+        made.append(SmallestPhi(constraint=constraint, about="deputies" if pair else "chief"))
+    return made
+
+
+def _described(items: Iterable[Any]) -> list[Mapping[str, Any]]:
+    """Return named functors as mappings, with defaults written out."""
+    return [{"name": item.name, **describe(item.functor)} for item in items]
+
+
+def differences(one: Any, other: Any, path: str = "") -> Iterable[str]:
+    """Yield the paths of keys at which two tasks differ."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        for key in dict.fromkeys([*one, *other]):
+            yield from differences(one.get(key), other.get(key), f"{path}.{key}" if path else str(key))
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        for index, pair in enumerate(zip(one, other, strict=True)):
+            yield from differences(*pair, f"{path}[{index}]")
+    elif one != other:
+        yield path

@@ -1,0 +1,146 @@
+"""What is inspected, when, and at which price."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.metrics.base import Metric, Reduce, TeamMetric
+from safe_inspect.plugin import PointsName
+from safe_inspect.simulators.team import TeamStep
+from safe_inspect.simulators.view import Step
+from safe_inspect.types import FloatArray
+
+
+class InspectedPoints(TeamMetric):
+    """Number of points that the team has inspected at the end; shape (N,).
+
+    Attributes:
+        inspection_entity_name: The body that carries the points.
+    """
+
+    unit: ClassVar[str] = "points"
+    reduce: ClassVar[Reduce] = "last"
+
+    inspection_entity_name: PointsName = "chief"
+
+    def __call__(self, step: TeamStep) -> FloatArray:
+        """Return the number of inspected points, shape (N,)."""
+        return step.after.state.points[self.inspection_entity_name].team_count.astype(np.float64)
+
+
+class InspectedFraction(TeamMetric):
+    """Fraction of the points that the team has inspected at the end [-]; shape (N,).
+
+    Attributes:
+        inspection_entity_name: The body that carries the points.
+    """
+
+    reduce: ClassVar[Reduce] = "last"
+
+    inspection_entity_name: PointsName = "chief"
+
+    def __call__(self, step: TeamStep) -> FloatArray:
+        """Return the fraction of the points [-], shape (N,)."""
+        name = self.inspection_entity_name
+        return np.asarray(step.after.state.points[name].team_count / step.after.world.points[name].num_points)
+
+
+class TimeToCoverage(TeamMetric):
+    """Time at which the team has inspected a fraction of the points, NaN where it never has; shape (N,).
+
+    Attributes:
+        fraction: The fraction of the points [-], in (0, 1].
+        inspection_entity_name: The body that carries the points.
+    """
+
+    unit: ClassVar[str] = "s"
+    reduce: ClassVar[Reduce] = "min"
+
+    fraction: float = Field(default=0.9, gt=0, le=1)
+    inspection_entity_name: PointsName = "chief"
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"time to {100 * self.fraction:g} %"
+
+    def __call__(self, step: TeamStep) -> FloatArray:
+        """Return the time since the reset where the fraction is reached [s], else NaN, shape (N,)."""
+        name = self.inspection_entity_name
+        wanted = self.fraction * step.after.world.points[name].num_points - 1e-9
+        reached = step.after.state.points[name].team_count >= wanted
+        begun = (step.before.step == 0) & (step.before.state.points[name].team_count >= wanted)
+        now = np.where(reached, step.after.state.time, np.nan)
+        return np.where(begun, step.before.state.time, now)
+
+
+class OwnInspectedPoints(Metric):
+    """Number of points that the agent's own deputy was the first to inspect; shape (R,).
+
+    Attributes:
+        inspection_entity_name: The body that carries the points.
+    """
+
+    unit: ClassVar[str] = "points"
+    reduce: ClassVar[Reduce] = "last"
+
+    inspection_entity_name: PointsName = "chief"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the number of points, shape (R,)."""
+        return step.after.points(self.inspection_entity_name).count_of().astype(np.float64)
+
+
+class DeltaVToCoverage(Metric):
+    """Velocity change that the agent had spent when the team had inspected a fraction of the points; shape (R,).
+
+    Attributes:
+        fraction: The fraction of the points [-], in (0, 1].
+        inspection_entity_name: The body that carries the points.
+    """
+
+    unit: ClassVar[str] = "m/s"
+    reduce: ClassVar[Reduce] = "min"
+    over_agents: ClassVar = "mean"
+
+    fraction: float = Field(default=0.9, gt=0, le=1)
+    inspection_entity_name: PointsName = "chief"
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"delta-v to {100 * self.fraction:g} %"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the velocity change where the fraction is reached [m/s], else NaN, shape (R,)."""
+        points = step.after.points(self.inspection_entity_name)
+        return np.where(points.count >= self.fraction * points.num_points - 1e-9, step.after.delta_v, np.nan)
+
+
+class DeltaVAfterLastPoint(Metric):
+    """Velocity change spent after the step in which the team inspected its last new point; shape (R,).
+
+    Attributes:
+        inspection_entity_name: The body that carries the points.
+    """
+
+    unit: ClassVar[str] = "m/s"
+    reduce: ClassVar[Reduce] = "last"
+
+    inspection_entity_name: PointsName = "chief"
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return "delta-v after last point"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the velocity change so far in steps with new points [m/s], else NaN, shape (R,)."""
+        return np.where(step.new_points(self.inspection_entity_name) > 0, step.after.delta_v, np.nan)
+
+    def conclude(self, value: FloatArray, step: Step) -> FloatArray:
+        """Return what was spent since [m/s], all of it where no point was ever inspected, shape (R,)."""
+        return np.asarray(step.after.delta_v - np.where(np.isnan(value), 0.0, value))

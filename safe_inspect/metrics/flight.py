@@ -1,0 +1,119 @@
+"""How an agent flies: fuel, time, range and speed."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from safe_inspect.metrics.base import Metric, Reduce, over_both
+from safe_inspect.plugin import EntityName
+from safe_inspect.simulators.view import Step, View
+from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveForce
+
+
+def _size(vector: FloatArray) -> FloatArray:
+    """Return the length of each vector, without a reduction whose order could depend on the batch."""
+    x, y, z = vector[:, 0], vector[:, 1], vector[:, 2]
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+class DeltaV(Metric):
+    """Velocity change spent: the sum of abs(u_i) dt / m over axes and steps; shape (R,)."""
+
+    unit: ClassVar[str] = "m/s"
+    reduce: ClassVar[Reduce] = "last"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the velocity change since the reset [m/s], shape (R,)."""
+        return np.array(step.after.delta_v)
+
+
+class EpisodeLength(Metric):
+    """Number of steps until the agent has ended; shape (R,)."""
+
+    unit: ClassVar[str] = "steps"
+    reduce: ClassVar[Reduce] = "sum"
+    over_agents: ClassVar = "max"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1, shape (R,)."""
+        return np.ones(step.after.num_rows)
+
+
+class SmallestRange(Metric):
+    """Smallest distance from a body's centre at the beginning and at the steps; shape (R,).
+
+    Attributes:
+        entity_name: The body.
+    """
+
+    unit: ClassVar[str] = "m"
+    reduce: ClassVar[Reduce] = "min"
+
+    entity_name: EntityName = "chief"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the distance [m], shape (R,)."""
+        return over_both(step, step.first, self._range, np.minimum)
+
+    def _range(self, view: View) -> FloatArray:
+        return _size(view.position - view.entity_position(self.entity_name))
+
+
+class LargestRange(Metric):
+    """Largest distance from a body's centre at the beginning and at the steps; shape (R,).
+
+    Attributes:
+        entity_name: The body.
+    """
+
+    unit: ClassVar[str] = "m"
+    reduce: ClassVar[Reduce] = "max"
+
+    entity_name: EntityName = "chief"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the distance [m], shape (R,)."""
+        return over_both(step, step.first, self._range, np.maximum)
+
+    def _range(self, view: View) -> FloatArray:
+        return _size(view.position - view.entity_position(self.entity_name))
+
+
+class LargestSpeed(Metric):
+    """Largest speed relative to a body at the beginning and at the steps; shape (R,).
+
+    Attributes:
+        entity_name: The body.
+    """
+
+    unit: ClassVar[str] = "m/s"
+    reduce: ClassVar[Reduce] = "max"
+
+    entity_name: EntityName = "chief"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the speed in the rotating Hill frame [m/s], shape (R,)."""
+        return over_both(step, step.first, self._speed, np.maximum)
+
+    def _speed(self, view: View) -> FloatArray:
+        return _size(view.velocity - view.entity_velocity(self.entity_name))
+
+
+class ThrustingSteps(Metric):
+    """Number of steps with thrust; shape (R,).
+
+    Attributes:
+        threshold: A step counts when the sum of abs(u_i) exceeds this [N].
+    """
+
+    unit: ClassVar[str] = "steps"
+    reduce: ClassVar[Reduce] = "sum"
+
+    threshold: PositiveForce = 1e-3
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1 in the rows with thrust, else 0, shape (R,)."""
+        return np.where(step.total_thrust > self.threshold, 1.0, 0.0)

@@ -1,0 +1,106 @@
+"""How safe an agent flies: interventions, safety quantities and distances."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.functor import functor_field
+from safe_inspect.metrics.base import Metric, Reduce, TeamMetric, over_both
+from safe_inspect.rta.constraints import Constraint, RelativeState
+from safe_inspect.rta.constraints.chief_collision import ChiefCollision
+from safe_inspect.simulators.team import TeamStep, TeamView
+from safe_inspect.simulators.view import Step, View
+from safe_inspect.types import FloatArray
+
+#: Unit of the plain safety quantity of each constraint of this package.
+UNITS = MappingProxyType(
+    {
+        "chief_collision": "m", "rel_vel": "m/s", "sun": "rad", "r_max": "m", "PSM": "m", "x_vel": "m/s",
+        "y_vel": "m/s", "z_vel": "m/s", "deputy_collision": "m", "deputy_PSM": "m", "deputy_sun": "rad",
+    }
+)  # fmt: skip
+
+
+class Interventions(Metric):
+    """Number of steps in which a safety filter changed the agent's thrust; shape (R,)."""
+
+    unit: ClassVar[str] = "steps"
+    reduce: ClassVar[Reduce] = "sum"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1 in the rows with an intervention, else 0, shape (R,)."""
+        return np.where(step.intervening, 1.0, 0.0)
+
+
+class InterventionShare(Metric):
+    """Share of the steps in which a safety filter changed the agent's thrust [-]; shape (R,)."""
+
+    reduce: ClassVar[Reduce] = "mean"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1 in the rows with an intervention, else 0, shape (R,)."""
+        return np.where(step.intervening, 1.0, 0.0)
+
+
+class SmallestPhi(Metric):
+    """Smallest plain safety quantity phi of a constraint at the beginning and at the steps, below 0: violated; (R,).
+
+    It looks at the states alone, whether a filter is enabled or not.
+
+    Attributes:
+        constraint: The constraint, with its parameters.
+        about: What the constraint looks at: the deputy about the ``chief``, or about each of the other ``deputies``, of
+            which the smallest counts; NaN without others.
+    """
+
+    reduce: ClassVar[Reduce] = "min"
+
+    constraint: functor_field("constraint") = Field(default_factory=ChiefCollision)  # type: ignore[valid-type]
+    about: Literal["chief", "deputies"] = "chief"
+
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        """Unit of the constraint's quantity."""
+        return UNITS.get(self.constraint.registered_name, "-")  # type: ignore[attr-defined]
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"phi {self.constraint.registered_name}"  # type: ignore[attr-defined]
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return phi, shape (R,)."""
+        return over_both(step, step.first, self._phi, np.minimum)
+
+    def _phi(self, view: View) -> FloatArray:
+        constraint: Any = self.constraint
+        assert isinstance(constraint, Constraint), "the field gives a plugin of the kind that is asked for"
+        if self.about == "chief":
+            return constraint.phi(RelativeState(view.position, view.velocity, view.sun_angle))
+        least = np.full(view.num_rows, np.nan)
+        for other in range(view.world.num_deputies - 1):
+            position = view.position - view.others_position[:, other]
+            velocity = view.velocity - view.others_velocity[:, other]
+            least = np.fmin(least, constraint.phi(RelativeState(position, velocity, view.sun_angle)))
+        return least
+
+
+class ClosestDeputies(TeamMetric):
+    """Smallest distance of two deputies at the beginning and at the steps, NaN with one deputy; shape (N,)."""
+
+    unit: ClassVar[str] = "m"
+    reduce: ClassVar[Reduce] = "min"
+
+    def __call__(self, step: TeamStep) -> FloatArray:
+        """Return the distance of the nearest two [m], shape (N,)."""
+        return over_both(step, np.asarray(step.before.step == 0), self._distance, np.minimum)
+
+    @staticmethod
+    def _distance(team: TeamView) -> FloatArray:
+        if team.world.num_deputies < 2:
+            return np.full(team.num_envs, np.nan)
+        return np.asarray(team.distance.min(axis=1))
