@@ -59,7 +59,16 @@ def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--episodes", type=positive, help="number of episodes (default: 100)")
     parser.add_argument("--seed", type=seed, help="seed of the episodes (default: 0)")
     parser.add_argument("--num-envs", type=positive, default=256, help="episodes at a time (default: 256)")
-    parser.add_argument("--sampled", action="store_true", help="draw actions from the policy's distribution")
+    drawn = parser.add_mutually_exclusive_group()
+    drawn.add_argument(
+        "--sampled",
+        action="store_const",
+        const=True,
+        help="draw actions from the policy's distribution (as categorical policies do in any case)",
+    )
+    drawn.add_argument(
+        "--mode", dest="sampled", action="store_const", const=False, help="take the most likely action, or the mean"
+    )
     parser.add_argument(
         "--metric", action="append", default=[], metavar="METRIC", help="measure this too: a name of `safe-inspect "
         "list metric`, a dotted path, or {functor: NAME, config: {...}}",

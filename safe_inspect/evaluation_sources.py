@@ -59,7 +59,7 @@ class Wanted:
         cfg: Experiment file, or id of a shipped task; None: that of each source.
         overrides: ``path.of.keys=value`` for each value that is replaced.
         compute_platform: Which of the task's `rllib_configs` is read.
-        sampled: Whether actions are drawn from the policy's distribution.
+        sampled: Whether actions are drawn from the policy's distribution; None: those of categorical policies.
         seed: Seed of the draws.
         usual: The experiment for what has none of its own; None: the first of the other sources', or the shipped task.
     """
@@ -67,7 +67,7 @@ class Wanted:
     cfg: str | None = None
     overrides: Sequence[str] = ()
     compute_platform: str = "local"
-    sampled: bool = False
+    sampled: bool | None = None
     seed: int = 0
     usual: Experiment | None = None
 
@@ -124,8 +124,9 @@ def _task_of_scripted(wanted: Wanted, others: Sequence[Candidate]) -> Experiment
 
 
 def _open_scripted(text: str, wanted: Wanted, experiment: Experiment) -> Candidate:
-    if wanted.sampled:
-        raise SafeInspectError(f"{text}: --sampled is for trained policies; a scripted one has no distribution")
+    if wanted.sampled is not None:
+        flag = "--sampled" if wanted.sampled else "--mode"
+        raise SafeInspectError(f"{text}: {flag} is for trained policies; a scripted one has no distribution")
     plugin = baseline(text)
     digest = hashlib.sha256(json.dumps(describe(plugin), sort_keys=True).encode()).hexdigest()
     source = {"text": text, "kind": "scripted", "path": None, "sha256": digest}
@@ -158,8 +159,7 @@ def _open_trained(text: str, wanted: Wanted) -> Candidate:
     assert experiment is not None, "open_source refuses a checkpoint whose task is not known"
     if configuration is not None and (wanted.cfg is not None or wanted.overrides):
         _check_scales(folder, configuration, spec)
-    if wanted.sampled:
-        policies = _sampled(policies, wanted.seed)
+    policies = _drawing(policies, wanted)
     run = configuration.parent.name if configuration is not None else folder.absolute().parent.name
     source = {"text": text, "kind": "checkpoint", "path": str(folder.absolute()), "sha256": _hash_of(folder)}
     return Candidate(f"{run}/{folder.name}", source, experiment, spec, policies)
@@ -209,20 +209,20 @@ def _checkpoint(path: Path) -> Path:
 def _open_onnx(text: str, path: Path, wanted: Wanted) -> Candidate:
     from safe_inspect.evaluation.onnx_policy import load_onnx
 
-    policy = load_onnx(path, wanted.sampled, wanted.seed) if wanted.sampled else load_onnx(path)
+    policy = load_onnx(path, wanted.sampled, wanted.seed)
     experiment = wanted.build(policy.configuration, text) if wanted.cfg is None else wanted.load(wanted.cfg)
     source = {"text": text, "kind": "onnx", "path": str(path.absolute()), "sha256": sha256(path)}
     return Candidate(path.stem, source, experiment, policy.prepare(experiment.spec), policy)
 
 
-def _sampled(policies: Policies, seed: int) -> Policies:
-    """Return trained policies that draw their actions; one that flies several agents stays one."""
+def _drawing(policies: Policies, wanted: Wanted) -> Policies:
+    """Return trained policies that draw their actions as is wanted; one that flies several agents stays one."""
     from safe_inspect.experiments.policy import TrainedPolicy
 
     if not isinstance(policies, Mapping):
         return policies
     drawn = {
-        id(policy): TrainedPolicy(policy.module, sampled=True, seed=seed)
+        id(policy): TrainedPolicy(policy.module, wanted.sampled, wanted.seed)
         for policy in policies.values()
         if isinstance(policy, TrainedPolicy)
     }

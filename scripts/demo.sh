@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Set up, then train a small policy on translational inspection: about a minute after the installation.
+# Set up, then train a small policy on translational inspection: two minutes after the installation.
 # Arguments are passed on, for instance: bash scripts/demo.sh lr=1e-4
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/setup.sh
 "${VENV:-.venv}/bin/python" -m safe_inspect.train_rl \
     --cfg configs/translational-inspection/experiment.yml \
-    num_env_steps_sampled_lifetime=100000 "$@"
+    num_env_steps_sampled_lifetime=650000 "$@"

@@ -34,7 +34,8 @@ class OnnxPolicy:
         info: What the file says.
         session: Onnxruntime's session.
         sampled: False: the mean of a Gaussian policy, the most likely level of a categorical one. True: drawn from the
-            distribution; a draw is a function of the seed, the slot, the step and the agent, as in training.
+            distribution. None: drawn in a rollout if the policy is categorical. A draw is a function of the seed, the
+            slot, the step and the agent, as in training.
         seed: Seed of the draws.
 
     Attributes:
@@ -42,7 +43,7 @@ class OnnxPolicy:
         info: What the file says.
     """
 
-    def __init__(self, path: str, info: PolicyInfo, session: Any, sampled: bool = False, seed: int = 0) -> None:
+    def __init__(self, path: str, info: PolicyInfo, session: Any, sampled: bool | None = None, seed: int = 0) -> None:
         self.path, self.info = path, info
         self._session = session
         self._sampled, self._seed = sampled, seed
@@ -107,7 +108,10 @@ class OnnxPolicy:
             ValueError: The observations have another shape, or actions are to be drawn for rows that are not known.
         """
         thrust, inputs = self.outputs(observation)
-        if self._sampled:
+        drawn = self._sampled
+        if drawn is None:
+            drawn = self.info.distribution == "categorical" and self._flight is not None
+        if drawn:
             return self._draw(inputs)
         if self.info.distribution == "gaussian":
             return np.asarray(thrust, dtype=np.float64)
@@ -160,7 +164,7 @@ class OnnxPolicy:
             )
 
 
-def load_onnx(path: str | os.PathLike[str], sampled: bool = False, seed: int = 0) -> OnnxPolicy:
+def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: int = 0) -> OnnxPolicy:
     """Return the policy of a file that `safe-inspect export` wrote.
 
     Args:

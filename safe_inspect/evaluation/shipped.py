@@ -60,7 +60,7 @@ class ShippedPolicy:
         """
         return next(iter(self.load().values())).configuration
 
-    def load(self, sampled: bool = False, seed: int = 0) -> dict[str, OnnxPolicy]:
+    def load(self, sampled: bool | None = None, seed: int = 0) -> dict[str, OnnxPolicy]:
         """Return the policy that flies each agent, by the agent's name; see `load_onnx`.
 
         Raises:

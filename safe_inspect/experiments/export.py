@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,7 +103,7 @@ def export_policy(
         action=action,
         distribution="categorical" if action_layout(agents[0]).choices else "gaussian",
         step_size=experiment.spec.step_size,
-        configuration=experiment.resolved,
+        configuration=_portable(experiment.resolved),
         training=training_facts(checkpoint),
     )
     path = Path(output).expanduser()
@@ -124,6 +125,15 @@ def export_policy(
     finally:
         temporary.unlink(missing_ok=True)
     return Exported(path, info, difference, len(flown))
+
+
+def _portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a resolved configuration that names no folder of this machine."""
+    found: dict[str, Any] = json.loads(json.dumps(configuration))
+    task = found.get("config", {}).get("config", {}).get("env_config", {})
+    if isinstance(task, dict) and Path(str(task.get("output_path") or "")).is_absolute():
+        task["output_path"] = "output"
+    return found
 
 
 def newest_checkpoint(path: str | os.PathLike[str]) -> Path:

@@ -11,8 +11,10 @@ import torch
 from gymnasium.spaces import MultiDiscrete
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
-from ray.rllib.core.rl_module.rl_module import RLModuleSpec
+from ray.rllib.core.rl_module.rl_module import RLModule, RLModuleSpec
 
+from safe_inspect.errors import CheckpointError
+from safe_inspect.experiments.checkpoints import policy_folder
 from safe_inspect.experiments.keys import FRESH_KEYS
 
 _HIDDEN_GAIN = math.sqrt(2.0)
@@ -26,6 +28,8 @@ class FreshPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
     an inspection. So ``initial_choice`` names the choice that a fresh categorical policy prefers, coasting as a rule,
     with ``initial_probability`` (0.9 unless given), and ``initial_std`` the standard deviation of a fresh Gaussian one.
     ``orthogonal`` draws orthogonal weights of gain sqrt(2), of gain 0.01 in the last layer of the policy.
+    ``initial_weights`` is the folder of a checkpoint with one policy, of the same nets, observations and actions, that
+    learns on: a team may begin with what one deputy has learned.
     """
 
     def setup(self) -> None:
@@ -40,6 +44,16 @@ class FreshPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
             if own.get("initial_std") is not None and not isinstance(self.action_space, MultiDiscrete):
                 bias = _last(self.pi).bias
                 bias[len(bias) // 2 :] = math.log(float(own["initial_std"]))
+            if own.get("initial_weights"):
+                self._take(str(own["initial_weights"]))
+
+    def _take(self, checkpoint: str) -> None:
+        try:
+            found = RLModule.from_checkpoint(str(policy_folder(checkpoint))).get_state()
+            self.load_state_dict({key: torch.as_tensor(value) for key, value in found.items()})
+        except (RuntimeError, ValueError) as error:
+            told = str(error).strip().splitlines()[-1].strip()
+            raise CheckpointError(f"{checkpoint}: its policy is no beginning for this one ({told})") from None
 
     def _draw_orthogonal(self) -> None:
         for part in (self.encoder, self.pi, self.vf):

@@ -21,28 +21,17 @@ from safe_inspect.experiments.fresh_policy import FreshPolicy
 from safe_inspect.experiments.policies import PolicySettings, layouts_of
 
 _NO_NOISE = -20.0
-_CERTAIN = 1.0e3
 
 
 class FrozenPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
-    """RLlib's policy without exploration: its actions are the means, or the most likely choices."""
+    """RLlib's policy as it flies after its training: a Gaussian one without noise, a categorical one as it is."""
 
     def _forward_exploration(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
         outputs: dict[str, Any] = self._forward(batch)
-        inputs = outputs[Columns.ACTION_DIST_INPUTS]
-        if isinstance(self.action_space, MultiDiscrete):
-            parts = [_certain(part) for part in inputs.split(self.action_space.nvec.tolist(), dim=-1)]
-            outputs[Columns.ACTION_DIST_INPUTS] = torch.cat(parts, dim=-1)
-        else:
-            mean = inputs.chunk(2, dim=-1)[0]
+        if not isinstance(self.action_space, MultiDiscrete):
+            mean = outputs[Columns.ACTION_DIST_INPUTS].chunk(2, dim=-1)[0]
             outputs[Columns.ACTION_DIST_INPUTS] = torch.cat((mean, torch.full_like(mean, _NO_NOISE)), dim=-1)
         return outputs
-
-
-def _certain(logits: torch.Tensor) -> torch.Tensor:
-    """Return logits of a choice that is certainly the most likely one."""
-    chosen = torch.zeros_like(logits).scatter_(-1, logits.argmax(dim=-1, keepdim=True), 1.0)
-    return chosen * _CERTAIN
 
 
 def frozen_spec(policy: PolicySettings) -> RLModuleSpec:

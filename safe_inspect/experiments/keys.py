@@ -180,6 +180,7 @@ FRESH_KEYS: dict[str, Key] = {
     "initial_choice": Key("integer", low=0, optional=True),
     "initial_probability": Key("number", low=0.01, high=0.99),
     "initial_std": Key("number", low=1e-4, optional=True),
+    "initial_weights": Key("text", optional=True),
 }
 
 #: The nets: attributes of `DefaultModelConfig` that make sense for vectors of numbers.

@@ -15,7 +15,7 @@ from ray.rllib.core.rl_module.rl_module import RLModule
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policies import Flight
 from safe_inspect.experiments.checkpoints import policy_folder
-from safe_inspect.experiments.distributions import Distribution, distribution_of_module
+from safe_inspect.experiments.distributions import Categorical, Distribution, distribution_of_module
 from safe_inspect.types import AnyArray, FloatArray
 
 
@@ -25,21 +25,23 @@ class TrainedPolicy:
     Args:
         module: RLlib's module of the policy.
         sampled: False: the mean action of a Gaussian policy, the most likely choice of a categorical one. True: actions
-            are drawn from the distribution, as in training. A draw is a function of the seed, the environment slot, the
-            step and the agent, so that the same seed gives the same episodes.
+            are drawn from the distribution, as in training. None: drawn in a rollout if the policy is categorical,
+            for it learns how often to burn, and no single burn need be likely. A draw is a function of the seed, the
+            environment slot, the step and the agent, so that the same seed gives the same episodes.
         seed: Seed of the draws.
 
     Raises:
         CheckpointError: The policy's actions are neither Gaussian nor categorical.
     """
 
-    def __init__(self, module: Any, sampled: bool = False, seed: int = 0) -> None:
+    def __init__(self, module: Any, sampled: bool | None = None, seed: int = 0) -> None:
         self.module = module.eval()
         self.sampled, self.seed = sampled, seed
         distribution = distribution_of_module(module)
         if distribution is None:
             raise CheckpointError("the policy's actions are neither Gaussian nor categorical; only such can be flown")
         self._distribution: Distribution = distribution
+        self._categorical = isinstance(distribution, Categorical)
         self._width = int(np.prod(module.action_space.shape))
         self._flight: Flight | None = None
         self._steps = 0
@@ -57,6 +59,7 @@ class TrainedPolicy:
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
         """Return the actions (R, A) for observations (R, O)."""
         inputs = self.inputs(observation)
+        drawn_ones = self._categorical and self._flight is not None if self.sampled is None else self.sampled
         rows = len(inputs)
         actions = np.empty((rows, self._width), dtype=np.float32)
         slots = np.arange(rows) if self._flight is None else self._flight.slots
@@ -67,14 +70,14 @@ class TrainedPolicy:
             mine = np.flatnonzero(deputies == deputy)
             drawn, density = np.empty((len(mine), self._width), dtype=np.float32), likelihood[: len(mine)]
             where = (slots[mine].astype(np.uint64), episode[mine], step[mine], int(deputy), drawn, density)
-            self._distribution.draw(inputs[mine], self.sampled, np.uint64(self.seed), *where)
+            self._distribution.draw(inputs[mine], drawn_ones, np.uint64(self.seed), *where)
             actions[mine] = drawn
         self._steps += 1
         return actions.astype(np.float64)
 
 
 def load_policy(
-    checkpoint: str | os.PathLike[str], policy: str | None = None, *, sampled: bool = False, seed: int = 0
+    checkpoint: str | os.PathLike[str], policy: str | None = None, *, sampled: bool | None = None, seed: int = 0
 ) -> TrainedPolicy:
     """Return a policy of a checkpoint.
 

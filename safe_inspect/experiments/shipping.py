@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -114,9 +115,10 @@ def ship(
 
 
 def _copy_configuration(source: Path, target: Path) -> None:
-    """Copy the experiment without the remark on where it came from."""
+    """Copy the experiment without what it says of the machine: where it came from, and where its runs are written."""
     lines = source.read_text(encoding="utf-8").splitlines(keepends=True)
-    target.write_text("".join(line for line in lines if not line.startswith("#")), encoding="utf-8")
+    text = "".join(line for line in lines if not line.startswith("#"))
+    target.write_text(re.sub(r"(?m)^(\s+output_path:) .*$", r"\1 output", text), encoding="utf-8")
 
 
 def _copy_weights(source: Path, target: Path) -> None:

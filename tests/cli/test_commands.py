@@ -16,7 +16,7 @@ from safe_inspect import train_rl
 from safe_inspect.cli import main
 from safe_inspect.version import __version__
 
-EXPERIMENT = "configs/translational-inspection/experiment.yml"
+EXPERIMENT = "configs/translational-inspection/experiment-seed.yml"
 REWARDS = ("InspectionCrashReward", "InspectionDeltaVReward", "InspectionRTAReward", "ObservedPointsReward")
 OBSERVATION = (
     "Sensor_Position.x",
@@ -78,11 +78,11 @@ def test_the_installed_command_tells_its_version():
 
 
 def test_the_installed_command_refuses_a_misspelt_key_without_a_traceback():
-    line = spoil("agent.yml", "scale: 0.01", "scael: 0.01")
+    line = spoil("agent-seed.yml", "scale: 0.01", "scael: 0.01")
     done = shell("validate", EXPERIMENT)
     assert done.returncode == 2
     assert done.stdout == ""
-    assert done.stderr.startswith(f"error: configs/translational-inspection/agent.yml:{line} ")
+    assert done.stderr.startswith(f"error: configs/translational-inspection/agent-seed.yml:{line} ")
     assert "did you mean `scale`?" in done.stderr
     assert "Traceback" not in done.stderr
 
@@ -141,13 +141,13 @@ def test_list_of_what_is_not_there(typed, words, told):
 
 
 def test_validate_reports_all_mistakes_of_the_files(typed):
-    first = spoil("agent.yml", "scale: 0.01", "scael: 0.01")
+    first = spoil("agent-seed.yml", "scale: 0.01", "scael: 0.01")
     second = spoil("environment.yml", "radius: 10 m", "radius: -10 m")
     code, out, err = typed("validate", EXPERIMENT)
     assert code == 2
     assert out == ""
     assert err.startswith("errors:\n")
-    assert f"agent.yml:{first} " in err
+    assert f"agent-seed.yml:{first} " in err
     assert f"environment.yml:{second} " in err
     assert len(err.splitlines()) == 3
 

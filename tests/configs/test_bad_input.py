@@ -35,6 +35,11 @@ class Mistake:
     elsewhere: bool = False
 
     @property
+    def experiment(self) -> str:
+        """The experiment that shows the mistake."""
+        return f"{FOLDER}/{'experiment-seed.yml' if self.file.endswith('-seed.yml') else 'experiment.yml'}"
+
+    @property
     def full_path(self) -> str:
         head = self.path.partition(".")[0].partition("[")[0]
         return PATHS.get(head, head) + self.path.removeprefix(head)
@@ -56,7 +61,7 @@ MISTAKES = [Mistake(**entry) for entry in yaml.safe_load((Path(__file__).parent 
 def test_one_mistake_gives_one_message(copied, mistake):
     line = mistake.spoil(copied)
     with pytest.raises(ConfigError) as caught:
-        load_experiment("configs/translational-inspection/experiment.yml")
+        load_experiment(mistake.experiment)
     (problem,) = caught.value.problems
     text = str(caught.value)
     assert text.startswith(f"{FOLDER}/{mistake.file}:{line} {mistake.full_path}: ")
@@ -70,7 +75,7 @@ def test_one_mistake_gives_one_message(copied, mistake):
 def test_a_mistake_that_shows_elsewhere(copied, mistake):
     mistake.spoil(copied)
     with pytest.raises(ConfigError) as caught:
-        load_experiment("configs/translational-inspection/experiment.yml")
+        load_experiment(mistake.experiment)
     assert caught.value.problems
     for problem in caught.value.problems:
         assert problem.location is not None

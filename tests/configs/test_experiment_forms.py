@@ -8,11 +8,11 @@ from safe_inspect.config.experiment import load_experiment
 def test_lists_stand_for_mappings(copied, shipped):
     (copied / "lists.yml").write_text(
         """\
-config: !include ./task.yml
+config: !include ./task-seed.yml
 platform_config:
   - [blue0, !include ./platform.yml]
 agent_config:
-  - [blue0_ctrl, [blue0], !include ./agent.yml, !include ./ppo.yml]
+  - [blue0_ctrl, [blue0], !include ./agent-seed.yml, !include ./ppo-seed.yml]
 """
     )
     lists, shorter = load_experiment(copied / "lists.yml"), load_experiment(shipped)
@@ -23,22 +23,24 @@ agent_config:
 def test_plain_paths_stand_for_includes(copied, shipped):
     (copied / "paths.yml").write_text(
         """\
-config: configs/translational-inspection/task.yml
+config: configs/translational-inspection/task-seed.yml
 platform_config:
   - [blue0, configs/translational-inspection/platform.yml]
 agent_config:
   - name: blue0_ctrl
     platforms: [blue0]
-    config: ./agent.yml
-    policy: configs/translational-inspection/ppo.yml
+    config: ./agent-seed.yml
+    policy: configs/translational-inspection/ppo-seed.yml
 """
     )
     assert load_experiment(copied / "paths.yml").spec == load_experiment(shipped).spec
 
 
 def test_a_policy_may_be_left_out(copied):
-    text = (copied / "experiment.yml").read_text().replace("    policy: !include ./ppo.yml\n", "")
-    (copied / "experiment.yml").write_text(text)
+    text = (copied / "experiment.yml").read_text()
+    without = text.replace("    policy: !include ./ppo.yml\n", "")
+    assert without != text
+    (copied / "experiment.yml").write_text(without)
     assert load_experiment(copied / "experiment.yml").algorithm == "PPO"
 
 
@@ -47,15 +49,17 @@ ALIASES = {
         "agent: TrainableBaseAgent": "agent: corl.agents.base_agent.TrainableBaseAgent",
         "functor: RejectionSamplerInitializer":
             "functor: safe_autonomy_sims.rta.rta_rejection_sampler.RejectionSamplerInitializer",
+        "functor: MaxDistanceDoneFunction": "functor: safe_autonomy_sims.dones.cwh.common.MaxDistanceDoneFunction",
+    },
+    "agent-seed.yml": {
         "functor: RTAGlueCWHInspection1v1":
             "functor: safe_autonomy_sims.rta.cwh.inspection_rta_1v1.RTAGlueCWHInspection1v1",
         "functor: ControllerGlue": "functor: corl.glues.common.controller_glue.ControllerGlue",
         "functor: ObserveSensor": "functor: corl.glues.common.observe_sensor.ObserveSensor",
-        "functor: MaxDistanceDoneFunction": "functor: safe_autonomy_sims.dones.cwh.common.MaxDistanceDoneFunction",
         "functor: ObservedPointsReward":
             "functor: safe_autonomy_sims.rewards.cwh.inspection_rewards.ObservedPointsReward",
     },
-    "task.yml": {
+    "task-seed.yml": {
         "experiment_class: RllibExperiment":
             "experiment_class: corl.experiments.rllib_experiment.RllibExperiment",
     },
@@ -74,7 +78,7 @@ def test_the_peers_names_stand_for_ours(copied, shipped):
             assert ours in text
             text = text.replace(ours, theirs)
         (copied / file).write_text(text)
-    assert load_experiment(copied / "experiment.yml").spec == load_experiment(shipped).spec
+    assert load_experiment(copied / "experiment-seed.yml").spec == load_experiment(shipped).spec
 
 
 def test_the_horizon_may_stand_among_the_rllib_keys(copied):

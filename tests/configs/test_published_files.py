@@ -65,12 +65,17 @@ def test_the_published_files_of_several_agents_load_but_for_a_name_that_nobody_h
     for name, text in blocks(PUBLISHED_TEAM[0].read_text(encoding="utf-8")).items():
         assert "safe_autonomy_sims" in text
         (ours / name).write_text(text)
+    experiment = (ours / "experiment-seed.yml").read_text()
+    agent = "!include configs/translational-inspection/agent-seed.yml"
+    assert agent in experiment
+    published = ours / "published.yml"
+    published.write_text(experiment.replace(agent, "!include ./agent.yml"))
     with pytest.raises(ConfigError) as caught:
-        load_experiment(ours / "experiment-seed.yml")
+        load_experiment(published)
     (problem,) = caught.value.problems
     assert "SafeSuccessfulInspectionDoneFunction" in problem.message
     assert problem.location is not None
-    theirs = load_experiment(ours / "experiment-seed.yml", [SUCCESS])
+    theirs = load_experiment(published, [SUCCESS])
     assert [agent.name for agent in theirs.spec.agents] == [agent.name for agent in expected.spec.agents]
     first, second = (BatchedEnvironment(experiment.spec, 16, seed=11) for experiment in (expected, theirs))
     seen, also = first.reset(), second.reset()

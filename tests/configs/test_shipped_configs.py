@@ -11,15 +11,19 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.loader import load
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
-from safe_inspect.tasks import TASKS
+from safe_inspect.tasks import TASKS, TEAM_TASKS
 
 FILES = sorted(configs_root().rglob("*.yml"))
 EXPERIMENTS = sorted(configs_root().rglob("experiment*.yml"))
+FOLDERS = ("translational-inspection", "multiagent-translational-inspection")
 
 
 def test_there_are_files():
     assert len(FILES) >= 10
-    assert {configs_root() / path for path in TASKS.values()} <= set(EXPERIMENTS)
+    assert {configs_root() / path for path in (TASKS | TEAM_TASKS).values()} <= set(EXPERIMENTS)
+    assert {path.parent.name for path in FILES} >= set(FOLDERS)
+    for folder in FOLDERS:
+        assert {configs_root() / folder / f"experiment{end}.yml" for end in ("", "-seed")} <= set(EXPERIMENTS)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(configs_root()).as_posix())
@@ -59,6 +63,37 @@ def test_the_shipped_task_is_the_documented_one(shipped):
     ]  # fmt: skip
     assert {named.name: named.functor for named in agent.dones}["EpisodeLengthDone"].horizon == 1224
     assert experiment.algorithm == "PPO"
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_the_seed_experiments_hold_the_first_values(folder):
+    experiment = load_experiment(configs_root() / folder / "experiment-seed.yml")
+    simulator = experiment.spec.simulator
+    assert simulator.delta_v_scale_bounds == (-0.1, -0.001)
+    assert simulator.delta_v_scale_step == -0.00005
+    assert simulator.steps_until_update == 1500
+    assert simulator.inspected_points_update_bounds == (0.8, 0.9)
+    for agent in experiment.spec.agents:
+        assert {named.name: named.functor.scale for named in agent.rewards} == {
+            "ObservedPointsReward": 0.01,
+            "InspectionSuccessReward": 1.0,
+            "InspectionCrashReward": -1.0,
+            "InspectionDeltaVReward": -0.001,
+        }
+    for group in TeamEnvironment(experiment.spec, 1).acting:
+        layout = group.action_layout
+        assert not layout.choices  # N, no index of a level
+        np.testing.assert_array_equal(layout.low, [-1.0] * 3)
+        np.testing.assert_array_equal(layout.high, [1.0] * 3)
+    assert experiment.algorithm == "PPO"
+    values = {
+        "num_envs_per_env_runner": 64, "train_batch_size_per_learner": 4000, "minibatch_size": 500, "num_epochs": 10,
+        "lr": 3.0e-4, "gamma": 0.99, "lambda_": 0.95, "clip_param": 0.2, "entropy_coeff": 0.0,
+        "model_config": {"fcnet_hiddens": [256, 256], "fcnet_activation": "tanh", "vf_share_layers": False},
+    }  # fmt: skip
+    assert {name: experiment.rllib[name] for name in values} == values
+    assert "use_kl_loss" not in experiment.rllib  # RLlib's own value
+    assert all(policy.trains and not policy.config for policy in experiment.policies.values())
 
 
 def test_a_resolved_experiment_builds_the_same(shipped):

@@ -12,10 +12,12 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones import DoneFunction, DoneStatus
 from safe_inspect.environments import TeamEnvironment
+from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.platforms import Sensor
 from safe_inspect.registry import registry
 from safe_inspect.rewards import Reward
+from safe_inspect.types import FloatArray
 
 SINGLE = configs_root() / "translational-inspection" / "experiment-seed.yml"
 TEAM = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
@@ -29,6 +31,7 @@ LIVELY = (
 AGENT = "agent_config.0.config.config"
 TASKS = {
     "one deputy": (SINGLE, LIVELY),
+    "one deputy that chooses levels": (SINGLE.with_name("experiment.yml"), LIVELY),
     "its own filter": (SINGLE, (*LIVELY, f"{AGENT}.glues.0.config.enabled=True")),
     "linear normaliser, other units": (
         SINGLE,
@@ -63,6 +66,14 @@ def told(transition: TeamTransition) -> dict[str, np.ndarray]:
     return found
 
 
+def some_action(generator: np.random.Generator, strength: FloatArray, agents: int, layout: Layout) -> FloatArray:
+    """Return thrusts as strong as their row, or levels other than the middle one as often; some are out of bounds."""
+    thrust = generator.uniform(-1.2, 1.2, (len(strength), agents, layout.size))
+    if not layout.choices:
+        return strength * thrust
+    return (layout.low + layout.high) / 2.0 + (generator.random(thrust.shape) < strength) * 1.5 * thrust
+
+
 def fly_both(spec: EnvironmentSpec, num_envs: int, steps: int) -> tuple[set[int], int]:
     """Step both ways and compare; return the statuses that were met and the number of resets."""
     fused, plain = (TeamEnvironment(spec, num_envs, seed=7, _fused=fused) for fused in (True, False))
@@ -73,10 +84,7 @@ def fly_both(spec: EnvironmentSpec, num_envs: int, steps: int) -> tuple[set[int]
         assert one.tobytes() == other.tobytes()
     met, resets = set(), 0
     for _ in range(steps):
-        actions = [
-            strength * generator.uniform(-1.2, 1.2, (num_envs, group.size, group.action_layout.size))
-            for group in fused.acting
-        ]
+        actions = [some_action(generator, strength, group.size, group.action_layout) for group in fused.acting]
         first, second = fused.step(actions), plain.step(actions)
         one, other = told(first), told(second)
         assert one.keys() == other.keys()

@@ -1,14 +1,67 @@
 from __future__ import annotations
 
 import configparser
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
+from safe_inspect.evaluation import shipped
+
 ROOT = Path(__file__).parents[2]
+NOT_DATA = {".py", ".pyc", ".nbc", ".nbi"}  # modules, and what Python and Numba make of them
 
 
-def test_every_package_is_installed() -> None:
-    setup = configparser.ConfigParser()
-    setup.read(ROOT / "setup.cfg")
-    listed = set(setup["options"]["packages"].split())
-    found = {".".join(path.parent.relative_to(ROOT).parts) for path in ROOT.glob("safe_inspect/**/__init__.py")}
-    assert listed == found | {"safe_inspect.configs"}
+@pytest.fixture
+def setup() -> configparser.ConfigParser:
+    parser = configparser.ConfigParser()
+    parser.read(ROOT / "setup.cfg")
+    return parser
+
+
+def packages() -> dict[str, Path]:
+    """Return the folder of each package."""
+    folders = (path.parent for path in ROOT.glob("safe_inspect/**/__init__.py"))
+    found = {".".join(folder.relative_to(ROOT).parts): folder for folder in folders}
+    return found | {"safe_inspect.configs": ROOT / "configs"}
+
+
+def data_files() -> Iterator[Path]:
+    """Yield every file of the packages that is no module."""
+    for folder in (ROOT / "safe_inspect", ROOT / "configs"):
+        for path in folder.rglob("*"):
+            if path.is_file() and path.suffix not in NOT_DATA and "__pycache__" not in path.parts:
+                yield path
+
+
+def test_every_package_is_installed(setup: configparser.ConfigParser) -> None:
+    listed = setup["options"]["packages"].split()
+    assert set(listed) == set(packages())
+    assert len(listed) == len(set(listed))
+    assert {"safe_inspect.figures", "safe_inspect.metrics", "safe_inspect.planning"} <= set(listed)
+
+
+def test_every_data_file_is_installed(setup: configparser.ConfigParser) -> None:
+    folders = packages()
+    installed = {
+        path
+        for package, patterns in setup["options.package_data"].items()
+        for pattern in patterns.split()
+        for path in folders[package].glob(pattern)
+    }
+    wanted = set(data_files())
+    assert {ROOT / "safe_inspect" / "figures" / f"page.{suffix}" for suffix in ("html", "css", "js")} <= wanted
+    assert wanted - installed == set()
+
+
+def test_the_trained_policies_would_be_installed_from_where_they_are_looked_for(
+    setup: configparser.ConfigParser, tmp_path: Path
+) -> None:
+    policies = packages()["safe_inspect.policies"]
+    place = shipped._ROOT.relative_to(policies) / "some-policy"
+    files = [tmp_path / place / name for name in ("policy.onnx", "card.md", "runs/0/progress.csv")]
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    patterns = setup["options.package_data"]["safe_inspect.policies"].split()
+    assert set(files) <= {path for pattern in patterns for path in tmp_path.glob(pattern)}

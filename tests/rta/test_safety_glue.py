@@ -351,22 +351,22 @@ def problem_of(folder, file, right, wrong, at):
     return str(caught.value), f"configs/translational-inspection/{file}:{line} "
 
 
-OFF_LINE = "        enabled: False\n"
+OFF_LINE = "          enabled: False\n"
 
 
 @pytest.mark.parametrize(
     ("lines", "at", "words"),
     [
-        ("enabled: True\n        method: contnuous", "method: ", ["method", "did you mean `continuous`?"]),
-        ("enabled: True\n        delta_v_limit: -1", "delta_v_limit", ["delta_v_limit", "above 0", "-1"]),
+        ("enabled: True\n          method: contnuous", "method: ", ["method", "did you mean `continuous`?"]),
+        ("enabled: True\n          delta_v_limit: -1", "delta_v_limit", ["delta_v_limit", "above 0", "-1"]),
         ("enabled: maybe", "enabled: maybe", ["enabled", "true", "'maybe'"]),
         ("enabled: 5", "enabled: 5", ["enabled", "true", "5"]),
-        ("enabled: True\n        infeasible: ignore", "infeasible", ["infeasible", "'pass'", "'ignore'"]),
+        ("enabled: True\n          infeasible: ignore", "infeasible", ["infeasible", "'pass'", "'ignore'"]),
         ("enabld: True", "enabld", ["enabld", "did you mean `enabled`?"]),
     ],
 )  # fmt: skip
 def test_a_wrong_field_is_named_with_its_line(copied, lines, at, words):
-    text, where = problem_of(copied, "agent.yml", OFF_LINE, f"        {lines}\n", at)
+    text, where = problem_of(copied, "agent-seed.yml", OFF_LINE, f"          {lines}\n", at)
     assert text.startswith(f"{where}agent_config[0].config.config.glues[0].config.")
     assert "\n" not in text
     for word in words:
@@ -383,9 +383,9 @@ def test_a_wrong_field_is_named_with_its_line(copied, lines, at, words):
 )  # fmt: skip
 def test_wrong_parameters_are_told_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
     text, _ = problem_of(copied, "parameters.yml", right, wrong, wrong)
-    glue = (copied / "agent.yml").read_text().partition("- functor: RTAGlue")[0].count("\n") + 1
+    glue = (copied / "agent-seed.yml").read_text().partition("- functor: RTAGlue")[0].count("\n") + 1
     lines = text.splitlines()
-    told = [line for line in lines if line.startswith(f"configs/translational-inspection/agent.yml:{glue + 1} ")]
+    told = [line for line in lines if line.startswith(f"configs/translational-inspection/agent-seed.yml:{glue + 1} ")]
     assert len(told) == 1
     assert "environment.yml:" in text
     for word in words:
@@ -395,14 +395,16 @@ def test_wrong_parameters_are_told_of_the_glue_and_of_the_sampler(copied, right,
 @pytest.mark.usefixtures("own_constraint")
 @pytest.mark.parametrize(("method", "good"), [("backup", False), ("simplex", False), ("continuous", True)])
 def test_a_constraint_that_the_backup_cannot_keep_is_refused_at_once(copied, method, good):
-    agent, parameters = copied / "agent.yml", copied / "parameters.yml"
-    agent.write_text(agent.read_text().replace(OFF_LINE, f"        enabled: True\n        method: {method}\n", 1))
+    agent, parameters = copied / "agent-seed.yml", copied / "parameters.yml"
+    text = agent.read_text()
+    assert OFF_LINE in text
+    agent.write_text(text.replace(OFF_LINE, f"          enabled: True\n          method: {method}\n", 1))
     parameters.write_text(parameters.read_text().replace("[chief_collision,", "[OwnConstraint, chief_collision,", 1))
     if good:
         spec = load_experiment("configs/translational-inspection/experiment-seed.yml").spec
         assert "OwnConstraint" in spec.agents[0].action_glues[0].constraints
         return
-    with pytest.raises(ConfigError, match=r"agent\.yml:\d+ agent_config.*backup filter cannot keep 'OwnConstraint'"):
+    with pytest.raises(ConfigError, match=r"agent-seed\.yml:\d+ .*backup filter cannot keep 'OwnConstraint'"):
         load_experiment("configs/translational-inspection/experiment-seed.yml")
 
 
