@@ -32,7 +32,7 @@ def main() -> int:
     parser.add_argument("--root", type=Path, default=_ROOT, help="where the folder is made (default: the package)")
     parser.add_argument("--replace", action="store_true", help="replace a folder of that name")
     arguments = parser.parse_args()
-    pairs = [text.partition("=") for text in arguments.evaluation]
+    pairs = [text.rpartition("=") for text in arguments.evaluation]
     if any(not equals for _, equals, _ in pairs):
         parser.error("write --evaluation as TITLE=FILE")
 
