@@ -80,7 +80,8 @@ def _source(policy: PolicySettings) -> Path:
 
 
 def _load(path: Path) -> Any:
-    logging.getLogger("ray.rllib").setLevel(logging.ERROR)
+    for name in ("ray.rllib", "ray._common.deprecation"):
+        logging.getLogger(name).setLevel(logging.ERROR)
     try:
         return RLModule.from_checkpoint(str(path))
     except Exception as error:  # whatever unpickling meets

@@ -112,5 +112,6 @@ def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0, policy: 
 
 def _load(checkpoint: str | os.PathLike[str], policy: str | None) -> Any:
     folder = policy_folder(checkpoint, policy)
-    logging.getLogger("ray.rllib").setLevel(logging.ERROR)
+    for name in ("ray.rllib", "ray._common.deprecation"):
+        logging.getLogger(name).setLevel(logging.ERROR)
     return RLModule.from_checkpoint(str(folder))

@@ -67,3 +67,37 @@ def test_a_checkpoint_keeps_what_of_the_task_lives_through_resets(algorithm, tea
     np.testing.assert_array_equal(other.env_runner.env.team.carried["scale"], algo.env_runner.env.team.carried["scale"])
     assert "task" not in algo.env_runner.get_state(components=["rl_module"])
     other.train()
+
+
+def saved(algo, folder):
+    """Save an algorithm as a run does, sealed."""
+    from safe_inspect.experiments.checkpoints import Checkpoint, seal_checkpoint
+
+    algo.save_to_path(str(folder))
+    seal_checkpoint(Checkpoint(folder, 1, 100, 1.0))
+    return str(folder)
+
+
+def test_a_team_begins_with_what_one_has_learned(algorithm, tmp_path):
+    one = algorithm({"team": ONE}, model_config=NET, seed=3)
+    one.train()
+    checkpoint = saved(one, tmp_path / "checkpoint")
+    wide = [{**TEAM[0]}, {**TEAM[1], "size": 11}]
+    team = algorithm({"team": wide}, model_config={**NET, "initial_weights": checkpoint}, seed=4)
+    wanted = learning_module(one).state_dict()
+    for name in ("shared", "own"):
+        found = learning_module(team, name).state_dict()
+        assert found.keys() == wanted.keys()
+        for key, value in found.items():
+            np.testing.assert_array_equal(value.numpy(), wanted[key].numpy())
+    team.train()
+
+
+def test_weights_that_do_not_fit_are_one_message(algorithm, tmp_path):
+    from safe_inspect.errors import CheckpointError
+
+    checkpoint = saved(algorithm({"team": ONE}, model_config=NET), tmp_path / "checkpoint")
+    with pytest.raises(CheckpointError, match="is no beginning for this one"):
+        algorithm({"team": CHOOSING}, model_config={**NET, "initial_weights": checkpoint})
+    with pytest.raises(CheckpointError, match="nowhere"):
+        algorithm({"team": ONE}, model_config={**NET, "initial_weights": str(tmp_path / "nowhere")})
