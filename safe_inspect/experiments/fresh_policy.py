@@ -14,6 +14,7 @@ from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModule, RLModuleSpec
 
 from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.checkpoints import policy_folder
 from safe_inspect.experiments.keys import FRESH_KEYS
 
@@ -28,8 +29,8 @@ class FreshPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
     an inspection. So ``initial_choice`` names the choice that a fresh categorical policy prefers, coasting as a rule,
     with ``initial_probability`` (0.9 unless given), and ``initial_std`` the standard deviation of a fresh Gaussian one.
     ``orthogonal`` draws orthogonal weights of gain sqrt(2), of gain 0.01 in the last layer of the policy.
-    ``initial_weights`` is the folder of a checkpoint with one policy, of the same nets, observations and actions, that
-    learns on: a team may begin with what one deputy has learned.
+    ``initial_weights`` is the folder of a checkpoint with one policy, or the name of a policy that the package ships,
+    of the same nets, observations and actions, that learns on: a team may begin with what one deputy has learned.
     """
 
     def setup(self) -> None:
@@ -46,10 +47,13 @@ class FreshPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
                 bias[len(bias) // 2 :] = math.log(float(own["initial_std"]))
             if own.get("initial_weights"):
                 self._take(str(own["initial_weights"]))
+                # A checkpoint builds the module anew with this, and the other one may be gone by then.
+                self.model_config = {**own, "initial_weights": None}
 
     def _take(self, checkpoint: str) -> None:
         try:
-            found = RLModule.from_checkpoint(str(policy_folder(checkpoint))).get_state()
+            folder = shipped_policy(checkpoint).checkpoint if checkpoint in shipped_policies() else checkpoint
+            found = RLModule.from_checkpoint(str(policy_folder(folder))).get_state()
             self.load_state_dict({key: torch.as_tensor(value) for key, value in found.items()})
         except (RuntimeError, ValueError) as error:
             told = str(error).strip().splitlines()[-1].strip()

@@ -91,6 +91,13 @@ def test_a_team_begins_with_what_one_has_learned(algorithm, tmp_path):
         for key, value in found.items():
             np.testing.assert_array_equal(value.numpy(), wanted[key].numpy())
     team.train()
+    # What is saved stands by itself: it does not ask for the other checkpoint again.
+    assert learning_module(team, "own").get_ctor_args_and_kwargs()[1]["model_config"]["initial_weights"] is None
+    later = saved(team, tmp_path / "later")
+    (tmp_path / "checkpoint").rename(tmp_path / "gone")
+    from safe_inspect.experiments.policy import load_policy
+
+    assert load_policy(later, "own")(np.zeros((2, 11), np.float32)).shape == (2, 3)
 
 
 def test_weights_that_do_not_fit_are_one_message(algorithm, tmp_path):
