@@ -1,6 +1,7 @@
 """How fast is a whole training, and how near to a plain loop in PyTorch?
 
     python benchmarks/training.py --iterations 8 --json training.json
+    python benchmarks/training.py --steps 300000 seed=1    # the same, and how the returns grow
 
 The shipped experiment trains with this package's learner and with RLlib's own, both with the batched runner, and beside
 them a plain PPO loop in PyTorch on the same environment: the same nets, batch, epochs and minibatches. They take turns,
@@ -18,7 +19,6 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -175,17 +175,27 @@ def contestants(experiment: Experiment) -> dict[str, Any]:
     }
 
 
-def race(runs: dict[str, Callable[[], int]], iterations: int) -> dict[str, dict[str, list[float]]]:
-    """Return steps per second of the clock and of the processors for each iteration, taking turns."""
-    found: dict[str, dict[str, list[float]]] = {name: {"clock": [], "processor": []} for name in runs}
+def race(runs: dict[str, Any], iterations: int) -> dict[str, dict[str, list[float]]]:
+    """Train everybody in turns.
+
+    Returns:
+        For each the steps per second of the clock and of the processors in each measured iteration, and in all
+        iterations the steps so far and the mean return of the last hundred episodes.
+    """
+    found: dict[str, dict[str, list[float]]] = {
+        name: {"clock": [], "processor": [], "steps": [], "return": []} for name in runs
+    }
     for iteration in range(WARM_UP + iterations):
         for name, run in runs.items():
             clock, processor = time.perf_counter(), time.process_time()
             steps = run()
             clock, processor = time.perf_counter() - clock, time.process_time() - processor
+            rates = found[name]
             if iteration >= WARM_UP:
-                found[name]["clock"].append(steps / clock)
-                found[name]["processor"].append(steps / processor)
+                rates["clock"].append(steps / clock)
+                rates["processor"].append(steps / processor)
+            rates["steps"].append(steps + (rates["steps"][-1] if rates["steps"] else 0))
+            rates["return"].append(run.episode_return())
     return found
 
 
@@ -218,6 +228,16 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
         )
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
+
+
+def curves(found: dict[str, dict[str, list[float]]], points: int = 10) -> str:
+    """Return the returns along the training, a line for each who trained."""
+    longest = next(iter(found.values()))["steps"]
+    shown = [round((len(longest) - 1) * (point + 1) / points) for point in range(points)]
+    lines = ["return after".rjust(26) + "".join(f"{longest[index]:>10,.0f}" for index in shown)]
+    for name, rates in found.items():
+        lines.append(name.rjust(26) + "".join(f"{rates['return'][index]:>10.3f}" for index in shown))
+    return "\n".join(lines)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -274,6 +294,8 @@ def main(argv: list[str] | None = None) -> int:
         }
     print(f"{machine()}\n{iterations} iterations of each, medians; ratios to the plain loop, turn by turn\n")
     print(table(figures))
+    if arguments.steps:
+        print("\n" + curves(found))
     if arguments.json:
         content = {"machine": machine(), "iterations": iterations, "figures": figures, "rates": found}
         arguments.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 #: Values of an episode by name; a path such as ``agents/blue0/delta_v`` stands for nested names.
 Report = dict[str, float]
@@ -59,52 +59,55 @@ class EpisodeSums:
             for value in terms.values():
                 value[rows] = 0.0
 
-    def reports(self, rows: Iterable[int], transition: TeamTransition) -> list[Report]:
+    def reports(self, rows: Sequence[int] | IntArray, transition: TeamTransition) -> list[Report]:
         """Return what the episodes of some rows have come to; call it before these rows are reset.
 
         ``return`` and ``reward/NAME`` are sums over the agents that act from outside, ``delta_v`` and
         ``interventions`` means over the deputies; with several agents ``agents/NAME/...`` holds the same for each.
         """
-        return [self._report(row, transition) for row in rows]
-
-    def _report(self, row: int, transition: TeamTransition) -> Report:
-        state = self._environment.state
-        outcome = int(transition.outcome[row])
-        report: Report = {
-            "return": float(self._returns[row, self._acting].sum()),
-            "length": float(self._lengths[row].max()),
-            "success_rate": float(outcome == DoneStatus.WIN),
-            "lost_rate": float(outcome == DoneStatus.LOSE),
-            "delta_v": float(state.delta_v[row].mean()),
+        rows = np.asarray(rows, dtype=np.int64)
+        state, points = self._environment.state, self._environment.state.points
+        outcome = transition.outcome[rows]
+        columns: dict[str, AnyArray] = {
+            "return": self._returns[rows][:, self._acting].sum(axis=1),
+            "length": self._lengths[rows].max(axis=1),
+            "success_rate": outcome == DoneStatus.WIN,
+            "lost_rate": outcome == DoneStatus.LOSE,
+            "delta_v": state.delta_v[rows].mean(axis=1),
         }
         if self._points:
-            report["inspected_count"] = float(sum(state.points[name].team_count[row] for name in self._points))
-            report["inspected_fraction"] = report["inspected_count"] / max(self._total, 1)
+            count = sum(points[name].team_count[rows] for name in self._points)
+            columns["inspected_count"] = np.asarray(count, dtype=np.float64)
+            columns["inspected_fraction"] = columns["inspected_count"] / max(self._total, 1)
         if self._guarded:
-            report["interventions"] = float(state.interventions[row].mean())
+            columns["interventions"] = state.interventions[rows].mean(axis=1)
         for group, terms in zip(self._environment.groups, self._terms, strict=True):
             for name, value in () if group.scripted else terms.items():
-                report[f"reward/{name}"] = report.get(f"reward/{name}", 0.0) + float(value[row].sum())
+                found = value[rows].sum(axis=1)
+                columns[f"reward/{name}"] = columns[f"reward/{name}"] + found if f"reward/{name}" in columns else found
         if len(self._agents) > 1:
             for index, agent in enumerate(self._agents):
-                report |= {f"agents/{agent}/{name}": value for name, value in self._of_agent(row, index).items()}
-        return report
+                columns |= {f"agents/{agent}/{name}": value for name, value in self._of_agent(rows, index).items()}
+        values = zip(*(column.astype(np.float64).tolist() for column in columns.values()), strict=True)
+        return [dict(zip(columns, row, strict=True)) for row in values]
 
-    def _of_agent(self, row: int, index: int) -> Report:
+    def _of_agent(self, rows: IntArray, index: int) -> dict[str, AnyArray]:
         state = self._environment.state
-        status = int(state.finished[row, index])
-        report: Report = {
-            "return": float(self._returns[row, index]),
-            "length": float(self._lengths[row, index]),
-            "success": float(status == DoneStatus.WIN),
-            "lost": float(status == DoneStatus.LOSE),
-            "delta_v": float(state.delta_v[row, index]),
+        status = state.finished[rows, index]
+        columns: dict[str, AnyArray] = {
+            "return": self._returns[rows, index],
+            "length": self._lengths[rows, index],
+            "success": status == DoneStatus.WIN,
+            "lost": status == DoneStatus.LOSE,
+            "delta_v": state.delta_v[rows, index],
         }
         if self._points:
-            report["inspected_count"] = float(sum(state.points[name].own_count[row, index] for name in self._points))
+            columns["inspected_count"] = np.asarray(
+                sum(state.points[name].own_count[rows, index] for name in self._points)
+            )
         if self._guarded:
-            report["interventions"] = float(state.interventions[row, index])
+            columns["interventions"] = state.interventions[rows, index]
         for part, terms in zip(self._slices, self._terms, strict=True):
             if part.start <= index < part.stop:
-                report |= {f"reward/{name}": float(value[row, index - part.start]) for name, value in terms.items()}
-        return report
+                columns |= {f"reward/{name}": value[rows, index - part.start] for name, value in terms.items()}
+        return columns

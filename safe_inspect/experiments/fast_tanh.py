@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
-
 import numpy as np
-import torch
 
 from safe_inspect.compiled import njit
 from safe_inspect.types import AnyArray
@@ -30,50 +26,31 @@ _vectorised = njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_m
 
 
 @_vectorised  # type: ignore[untyped-decorator]
-def tanh_of(x: AnyArray, y: AnyArray) -> None:
-    """Write tanh(x), float32, to within 4e-7; both have shape (n,)."""
+def tanh_in_place(x: AnyArray) -> None:
+    """Turn x, float32, shape (n,), into tanh(x) to within 4e-7.
+
+    One array: of two that may overlap the compiler would not compute many numbers at once.
+    """
     for i in range(x.shape[0]):
         v = min(max(x[i], -_LIMIT), _LIMIT)
         s = v * v
         p = (((_P4 * s + _P3) * s + _P2) * s + _P1) * s + _P0
         q = (((_Q4 * s + _Q3) * s + _Q2) * s + _Q1) * s + _Q0
-        y[i] = v * p / q
+        x[i] = v * p / q
 
 
 @_vectorised  # type: ignore[untyped-decorator]
-def tanh_gradient(y: AnyArray, gradient: AnyArray, found: AnyArray) -> None:
-    """Write the gradient before a tanh that gave y, from the gradient behind it; all have shape (n,)."""
+def tanh_gradient(y: AnyArray, gradient: AnyArray, sums: AnyArray) -> None:
+    """Turn the gradient behind a tanh that gave y into the one before it, in place, and sum it over the rows.
+
+    Args:
+        y: float32, shape (B, H).
+        gradient: float32, shape (B, H).
+        sums: Receives the sums, the gradient of a bias, shape (H,).
+    """
+    sums[:] = np.float32(0.0)
     for i in range(y.shape[0]):
-        found[i] = gradient[i] * (np.float32(1.0) - y[i] * y[i])
-
-
-class _Tanh(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, x: torch.Tensor) -> torch.Tensor:
-        x = x.contiguous()
-        y = torch.empty_like(x)
-        tanh_of(x.numpy().reshape(-1), y.numpy().reshape(-1))
-        ctx.save_for_backward(y)
-        return y
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> torch.Tensor:
-        (y,) = ctx.saved_tensors
-        gradient = gradients[0].contiguous()
-        found = torch.empty_like(gradient)
-        tanh_gradient(y.numpy().reshape(-1), gradient.numpy().reshape(-1), found.numpy().reshape(-1))
-        return found
-
-
-def with_fast_tanh(layers: Sequence[torch.nn.Module]) -> Callable[[torch.Tensor], torch.Tensor]:
-    """Return the function of some layers, which share their parameters with it; on the processor, float32."""
-    steps: list[Callable[[torch.Tensor], torch.Tensor]] = [
-        _Tanh.apply if type(layer) is torch.nn.Tanh else layer for layer in layers
-    ]
-
-    def forward(batch: torch.Tensor) -> torch.Tensor:
-        for step in steps:
-            batch = step(batch)
-        return batch
-
-    return forward
+        for j in range(y.shape[1]):
+            found = gradient[i, j] * (np.float32(1.0) - y[i, j] * y[i, j])
+            gradient[i, j] = found
+            sums[j] += found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPP
 from ray.rllib.core.columns import Columns
 
 from safe_inspect.experiments.distributions import distribution_of_module
-from safe_inspect.experiments.fast_tanh import tanh_of
+from safe_inspect.experiments.tanh_net import TanhNet, linear_layers
 from safe_inspect.types import AnyArray
 
 #: The results of the matrix products of fewer rows depend on their number, in the last bit.
@@ -78,7 +78,8 @@ class PolicyNet:
             encoder = module.encoder
             layers = getattr(encoder, "encoder" if hasattr(encoder, "encoder") else "actor_encoder").net.mlp
             head = module.pi
-            forward = (_quick(layers, head) if self._remote is None else None) or (lambda batch: head(layers(batch)))
+            quick = _quick(module, layers, len(self._batch)) if self._remote is None else None
+            forward = quick or (lambda batch: head(layers(batch)))
             probe = torch.linspace(-2.0, 2.0, self._batch.numel(), device=self._device).reshape(self._batch.shape)
             with torch.no_grad():
                 agrees = torch.allclose(forward(probe), self._ask(probe, True, 0), _ROUNDING, _ROUNDING)
@@ -87,31 +88,16 @@ class PolicyNet:
         return forward if agrees else None
 
 
-def _quick(layers: Sequence[torch.nn.Module], head: torch.nn.Module) -> Callable[[torch.Tensor], torch.Tensor] | None:
-    """Return the same function with the tanh that the learner has; None when there is another activation.
+def _quick(module: Any, body: Any, rows: int) -> Callable[[torch.Tensor], torch.Tensor] | None:
+    """Return the policy's net with the tanh that the learner has; None when there is another activation.
 
     The widths must be whole vectors of the processor: then each number goes the same way, wherever its row stands.
     """
-    steps: list[tuple[torch.Tensor, torch.Tensor | None]] = []
-    pairs = list(layers)
-    if len(pairs) % 2:
+    head = module.pi
+    layers = linear_layers(body, head.net.mlp)
+    if layers is None or any(layer.out_features % _VECTOR for layer in layers[:-1]):
         return None
-    for linear, activation in zip(pairs[::2], pairs[1::2], strict=True):
-        if not isinstance(linear, torch.nn.Linear) or type(activation) is not torch.nn.Tanh:
-            return None
-        if linear.out_features % _VECTOR or linear.weight.dtype != torch.float32:
-            return None
-        steps.append((linear.weight, linear.bias))
-
-    def forward(batch: torch.Tensor) -> torch.Tensor:
-        for weight, bias in steps:
-            batch = torch.nn.functional.linear(batch, weight, bias)
-            numbers = batch.numpy().reshape(-1)
-            tanh_of(numbers, numbers)
-        found: torch.Tensor = head(batch)
-        return found
-
-    return forward
+    return TanhNet(layers, rows, float(head.log_std_clip_param) if head.clip_log_std else None).forward
 
 
 def why_not_served(module: Any) -> str:

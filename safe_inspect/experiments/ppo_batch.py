@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 from ray.rllib.core import DEFAULT_MODULE_ID
-from ray.rllib.core.columns import Columns
-from ray.rllib.env.single_agent_episode import SingleAgentEpisode
-from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 
 from safe_inspect.experiments.ppo_kernels import advantages_of
+from safe_inspect.experiments.rollout_episodes import Part, part_of_episode
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Least standard deviation by which advantages are divided, as in RLlib.
@@ -83,11 +81,11 @@ def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[s
         episodes: RLlib's episodes, of one agent or of several, as arrays.
         wanted: Whether a policy learns.
     """
-    parts: dict[str, list[SingleAgentEpisode]] = {}
-    for part in _single(episodes):
-        name = str(part.module_id or DEFAULT_MODULE_ID)
-        if len(part) and wanted(name):
-            parts.setdefault(name, []).append(part)
+    parts: dict[str, list[Part]] = {}
+    for episode in _single(episodes):
+        name = str(episode.module_id or DEFAULT_MODULE_ID)
+        if len(episode) and wanted(name):
+            parts.setdefault(name, []).append(part_of_episode(episode))
     return {name: _batch(found) for name, found in parts.items()}
 
 
@@ -115,27 +113,25 @@ def minibatches(rows: int, size: int | None, epochs: int, shuffled: bool, seed: 
     return order[: count * size].reshape(count, size)
 
 
-def _single(episodes: Iterable[Any]) -> Iterator[SingleAgentEpisode]:
+def _single(episodes: Iterable[Any]) -> Iterator[Any]:
     for episode in episodes:
-        yield from getattr(episode, "agent_episodes", {"": episode}).values()
+        yield from episode.agent_episodes.values() if hasattr(episode, "agent_episodes") else (episode,)
 
 
-def _batch(parts: list[SingleAgentEpisode]) -> Batch:
-    outputs = [part.extra_model_outputs for part in parts]
-    told = all(WEIGHTS_SEQ_NO in output for output in outputs)
+def _batch(parts: list[Part]) -> Batch:
+    lengths = np.array([len(part) for part in parts], dtype=np.int64)
+    weights = [part.weights for part in parts if part.weights is not None]
     return Batch(
-        all_observations=_joined(part.observations for part in parts),
-        lengths=np.array([len(part) for part in parts], dtype=np.int64),
-        terminated=np.array([part.is_terminated for part in parts], dtype=np.bool_),
-        actions=_joined(part.actions for part in parts),
-        inputs=_joined(output[Columns.ACTION_DIST_INPUTS] for output in outputs),
-        log_probabilities=_joined(output[Columns.ACTION_LOGP] for output in outputs),
-        rewards=_joined(part.rewards for part in parts),
-        weights=float(_joined(output[WEIGHTS_SEQ_NO] for output in outputs).mean()) if told else None,
+        all_observations=_joined([part.whole_observations for part in parts]),
+        lengths=lengths,
+        terminated=np.array([part.terminated for part in parts], dtype=np.bool_),
+        actions=_joined([part.actions for part in parts]),
+        inputs=_joined([part.inputs for part in parts if part.inputs is not None]),
+        log_probabilities=_joined([part.log_probabilities for part in parts if part.log_probabilities is not None]),
+        rewards=_joined([part.rewards for part in parts]),
+        weights=float(np.average(weights, weights=lengths)) if len(weights) == len(parts) else None,
     )
 
 
-def _joined(buffers: Iterable[Any]) -> AnyArray:
-    """Return the data of RLlib's buffers as one array, without what they keep of the time before."""
-    found = np.concatenate([np.asarray(buffer.data[buffer.lookback :]) for buffer in buffers])
-    return np.ascontiguousarray(found, dtype=np.float32)
+def _joined(arrays: list[AnyArray]) -> AnyArray:
+    return np.ascontiguousarray(np.concatenate(arrays), dtype=np.float32)

@@ -26,7 +26,7 @@ from safe_inspect.experiments.ppo_kernels import (
     policy_gradient,
     value_gradient,
 )
-from safe_inspect.experiments.ppo_nets import Net
+from safe_inspect.experiments.ppo_nets import Net, Optimiser
 from safe_inspect.types import AnyArray, IntArray
 
 #: A part's share of the whole loss.
@@ -74,7 +74,7 @@ class NetTraining:
     def __init__(
         self,
         net: Net,
-        optimiser: torch.optim.Optimizer,
+        optimiser: Optimiser,
         batch: Batch,
         order: IntArray,
         terms: Terms,
@@ -95,28 +95,29 @@ class NetTraining:
         """Take all steps."""
         observations = torch.from_numpy(self._batch.observations)
         parameters = self._net.parameters
-        values: AnyArray | None = None
+        size = self._order.shape[1]
+        way = self._net.make_pass(size)
+        chosen = torch.empty((size, observations.shape[1]))
+        gradients: list[torch.Tensor] = []
         inputs: torch.Tensor | None = None
+        values: torch.Tensor | None = None
         for rows, indices in zip(self._order, torch.from_numpy(self._order), strict=True):
-            for parameter in parameters:
-                parameter.grad = None
-            inputs, predicted = self._net.forward(observations.index_select(0, indices))
-            outputs, gradients = [], []
-            if inputs is not None:
-                outputs.append(inputs)
-                gradients.append(self._policy_gradient(rows, inputs.detach().numpy()))
-            if predicted is not None:
-                values = predicted.detach().numpy()
-                outputs.append(predicted)
-                gradients.append(self._values_gradient(rows, values))
-            torch.autograd.backward(outputs, gradients)
+            torch.index_select(observations, 0, indices, out=chosen)
+            inputs, values = way.forward(chosen)
+            gradients = way.backward(
+                (
+                    None if inputs is None else self._policy_gradient(rows, inputs.numpy()),
+                    None if values is None else self._values_gradient(rows, values.numpy()),
+                )
+            )
             if self._clip_gradients is not None:
-                found = {parameter: parameter.grad for parameter in parameters if parameter.grad is not None}
+                found: dict[Any, torch.Tensor] = dict(zip(parameters, gradients, strict=True))
                 self.norm = self._clip_gradients(found)
-                for parameter, gradient in found.items():
-                    parameter.grad = gradient
-            self._optimiser.step()
-        self.losses = self._losses(inputs is not None, values)
+                gradients = [found[parameter] for parameter in parameters]
+            self._optimiser.step(gradients)
+        for parameter, gradient in zip(parameters, gradients, strict=True):
+            parameter.grad = gradient  # where RLlib looks for them
+        self.losses = self._losses(inputs is not None, None if values is None else values.numpy())
 
     def _policy_gradient(self, rows: IntArray, inputs: AnyArray) -> torch.Tensor:
         batch, terms = self._batch, self._terms

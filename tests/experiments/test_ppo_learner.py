@@ -317,16 +317,3 @@ def test_a_learner_in_a_process_of_its_own(algorithm):
     algo = algorithm({"drift": 0.03}, num_learners=1)
     result = algo.train()["learners"]["default_policy"]
     assert math.isfinite(result["policy_loss"])
-
-
-def test_the_fast_tanh_and_its_gradient():
-    import torch
-
-    from safe_inspect.experiments.fast_tanh import with_fast_tanh
-
-    x = torch.linspace(-12.0, 12.0, 40_001).reshape(-1, 1).requires_grad_()
-    y = with_fast_tanh([torch.nn.Tanh()])(x)
-    y.sum().backward()
-    exact = np.tanh(x.detach().numpy().astype(np.float64))
-    np.testing.assert_allclose(y.detach().numpy(), exact, atol=5e-7)
-    np.testing.assert_allclose(x.grad.numpy(), 1.0 - exact**2, atol=1e-6)
