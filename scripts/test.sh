@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Set up, then run the tests. Arguments are passed on to pytest, for instance: bash scripts/test.sh -m 'not slow'
+# Set up, then run the tests that are quick. Arguments are passed on to pytest; all tests: -m 'slow or not slow'
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/setup.sh

@@ -19,8 +19,8 @@ class Glue(Plugin):
     """Base of all glues.
 
     Attributes:
-        training_export_behavior: The peer's switch that hides a glue's own output in training; here no glue adds a
-            space of its own beside its action or observation, so both values mean the same.
+        training_export_behavior: ``EXCLUDE`` leaves an observation out of what the policy sees. Glues that act add no
+            observation of their own, so that for them both values mean the same.
     """
 
     kind: ClassVar[str] = "glue"

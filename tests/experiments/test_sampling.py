@@ -173,7 +173,10 @@ def real(folder):
     return load_experiment(CONFIGS / folder / "experiment.yml")
 
 
-@pytest.mark.parametrize("folder", ["translational-inspection", "multiagent-translational-inspection"])
+@pytest.mark.parametrize(
+    "folder",
+    ["translational-inspection", pytest.param("multiagent-translational-inspection", marks=pytest.mark.slow)],
+)
 def test_the_real_environment_samples_alike_with_two_runners(algorithm, folder):
     experiment = real(folder)
     streams = []

@@ -45,6 +45,21 @@ def test_an_angle_is_mapped_onto_an_interval(observe):
     np.testing.assert_allclose(found, [1.0 / math.pi - 1.0], rtol=1e-6)
 
 
+def test_an_observation_can_be_kept_from_the_policy(fixed_start):
+    """The sensor is read all the same: the filter and the rewards may need it."""
+    hidden = "{functor: ObserveSensor, config: {sensor: Sensor_InspectedPoints, training_export_behavior: EXCLUDE}}"
+    whole, part = (
+        BatchedEnvironment(fixed_start((60.0, -30.0, 0.0), overrides=overrides))
+        for overrides in ([], [f"{GLUES}.3={hidden}"])
+    )
+    names = whole.observation_layout.names
+    kept = [index for index, name in enumerate(names) if not name.startswith("Sensor_InspectedPoints")]
+    assert part.observation_layout.names == tuple(names[index] for index in kept)
+    np.testing.assert_array_equal(part.reset()[..., :], whole.reset()[..., kept])
+    action = np.zeros((1, 1, 3))
+    np.testing.assert_array_equal(part.step(action).observation, whole.step(action).observation[..., kept])
+
+
 def test_bounds_of_observations():
     degrees = ObserveSensor(sensor="Sensor_SunAngle", output_units="deg")
     np.testing.assert_allclose(np.ravel(degrees.bounds(PARTS)), [0.0, 360.0])

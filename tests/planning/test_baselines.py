@@ -34,26 +34,27 @@ def command(*texts: str) -> int:
     return run_baseline(parser.parse_intermixed_args(texts))
 
 
-def test_a_run_that_was_stopped_goes_on_with_the_same_result(spec: EnvironmentSpec, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["random", pytest.param("optimiser", marks=pytest.mark.slow)])
+def test_a_run_that_was_stopped_goes_on_with_the_same_result(spec: EnvironmentSpec, tmp_path: Path, kind: str) -> None:
     def stop(done: int, wanted: int) -> None:
         if done >= 2:
             raise StoppedError
 
     stopped, whole = tmp_path / "stopped.json", tmp_path / "whole.json"
     with pytest.raises(StoppedError):
-        complete(spec, asked(), 4, path=stopped, batch=1, progress=stop)
+        complete(spec, asked(kind), 4, path=stopped, batch=1, progress=stop)
     assert not stopped.exists()
     assert len(read_record(f"{stopped}.part").entries) == 2
     told: list[int] = []
-    complete(spec, asked(), 4, path=stopped, batch=2, progress=lambda done, wanted: told.append(done))
-    complete(spec, asked(), 4, path=whole, batch=4)
+    complete(spec, asked(kind), 4, path=stopped, batch=2, progress=lambda done, wanted: told.append(done))
+    complete(spec, asked(kind), 4, path=whole, batch=4)
     assert told == [2, 4]
     assert stopped.read_bytes() == whole.read_bytes()
     assert not Path(f"{stopped}.part").exists()
     # More episodes go on from the file; fewer are read from it.
-    more = complete(spec, asked(), 5, path=stopped)
+    more = complete(spec, asked(kind), 5, path=stopped)
     assert more.entries[:4] == read_record(whole).entries
-    assert complete(spec, asked(), 2, path=stopped).entries == more.entries[:2]
+    assert complete(spec, asked(kind), 2, path=stopped).entries == more.entries[:2]
     assert len(read_record(stopped).entries) == 5
 
 
