@@ -1,7 +1,7 @@
 """How fast is a whole training, and how near to a plain loop in PyTorch?
 
     python benchmarks/training.py --iterations 8 --json training.json
-    python benchmarks/training.py --steps 300000 seed=1    # the same, and how the returns grow
+    python benchmarks/training.py --small-thrust --steps 400000 seed=1    # the same, and how the returns grow
 
 The shipped experiment trains with this package's learner and with RLlib's own, both with the batched runner, and beside
 them a plain PPO loop in PyTorch on the same environment: the same nets, batch, epochs and minibatches. They take turns,
@@ -31,6 +31,27 @@ from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import SafeInspectError
 
 CONFIGURATION = "configs/translational-inspection/experiment-seed.yml"
+#: A task that a policy learns within minutes: thrust of up to 0.1 N, which a fresh policy hardly uses.
+SMALL_THRUST = (
+    "configs/translational-inspection/experiment.yml",
+    [
+        "lr=3.0e-4",
+        "entropy_coeff=0.0",
+        "train_batch_size_per_learner=4096",
+        "minibatch_size=512",
+        "num_epochs=10",
+        *(
+            override
+            for place, axis in enumerate("XYZ")
+            for override in (
+                f"RTAGlueCWHInspection1v1.wrapped.{place}="
+                f"{{functor: ControllerGlue, config: {{controller: {axis} Thrust}}}}",
+                f"blue0_ctrl.config.config.parts.{place}.config.properties="
+                f"{{name: {axis.lower()}_thrust, low: -0.1, high: 0.1}}",
+            )
+        ),
+    ],
+)
 WARM_UP = 2
 
 
@@ -40,9 +61,10 @@ class PlainLoop:
     Args:
         experiment: The experiment.
         settings: RLlib's settings of it.
+        module: RLlib's module of the policy, whose weights its nets begin with.
     """
 
-    def __init__(self, experiment: Experiment, settings: dict[str, Any]) -> None:
+    def __init__(self, experiment: Experiment, settings: dict[str, Any], module: Any) -> None:
         self.settings = settings
         self.envs = settings["num_envs_per_env_runner"]
         self.steps = -(-settings["train_batch_size_per_learner"] // self.envs)
@@ -50,7 +72,11 @@ class PlainLoop:
         sizes = (self.environment.observation_layout.size, *settings["model_config"]["fcnet_hiddens"])
         self.width = self.environment.action_layout.size
         torch.manual_seed(int(settings["seed"]))
+        layout = self.environment.action_layout
+        self.low, self.high = (torch.from_numpy(bound.astype(np.float32)) for bound in (layout.low, layout.high))
         self.policy, self.value = self._net(sizes, 2 * self.width), self._net(sizes, 1)
+        self._copy(self.policy, module.encoder.actor_encoder, module.pi)
+        self._copy(self.value, module.encoder.critic_encoder, module.vf)
         self.parameters = [*self.policy.parameters(), *self.value.parameters()]
         self.optimiser = torch.optim.Adam(self.parameters, lr=settings["lr"], fused=True)
         self.observation = torch.from_numpy(self.environment.reset()[:, 0].astype(np.float32))
@@ -63,6 +89,13 @@ class PlainLoop:
         for before, after in pairwise(sizes):
             layers += [torch.nn.Linear(before, after), torch.nn.Tanh()]
         return torch.nn.Sequential(*layers, torch.nn.Linear(sizes[-1], out))
+
+    @staticmethod
+    def _copy(net: torch.nn.Sequential, *parts: torch.nn.Module) -> None:
+        theirs = [parameter for part in parts for parameter in part.parameters()]
+        with torch.no_grad():
+            for parameter, other in zip(net.parameters(), theirs, strict=True):
+                parameter.copy_(other)
 
     def distribution(self, observations: torch.Tensor) -> torch.distributions.Normal:
         """Return the distribution of the actions."""
@@ -86,7 +119,7 @@ class PlainLoop:
             distribution = self.distribution(self.observation)
             actions[t] = distribution.sample()
             density[t] = distribution.log_prob(actions[t]).sum(-1)
-            step = self.environment.step(actions[t].clamp(-1.0, 1.0).numpy()[:, None])
+            step = self.environment.step(actions[t].clamp(self.low, self.high).numpy()[:, None])
             rewards[t] = torch.from_numpy(step.reward[:, 0])
             observation = torch.from_numpy(step.observation[:, 0].astype(np.float32))
             self._return += step.reward[:, 0]
@@ -159,20 +192,28 @@ class RLlibTraining:
         before, self._steps = self._steps, int(self._result["num_env_steps_sampled_lifetime"])
         return self._steps - before
 
+    def module(self) -> Any:
+        """Return the policy's module, which the learner trains."""
+        learner: Any = self.algorithm.learner_group._learner
+        (module,) = (module.unwrapped() for _, module in learner.module.items())
+        return module
+
     def episode_return(self) -> float:
         """Return the mean of the last hundred episodes."""
-        return float(self._result["env_runners"]["episode_return_mean"])
+        return float(self._result["env_runners"].get("episode_return_mean", float("nan")))
 
 
-def contestants(experiment: Experiment) -> dict[str, Any]:
-    """Return who trains."""
+def contestants(experiment: Experiment, threads: bool) -> dict[str, Any]:
+    """Return who trains, with one thread too if asked; all begin with the same weights."""
     fast = RLlibTraining(experiment, learner="fast")
-    return {
-        "plain PyTorch loop": PlainLoop(experiment, fast.settings),
+    found = {
+        "plain PyTorch loop": PlainLoop(experiment, fast.settings, fast.module()),
         "fast learner": fast,
-        "fast learner, one thread": RLlibTraining(experiment, learner="fast", learner_threads=1),
         "stock learner": RLlibTraining(experiment, learner="stock"),
     }
+    if threads:
+        found["fast learner, one thread"] = RLlibTraining(experiment, learner="fast", learner_threads=1)
+    return found
 
 
 def race(runs: dict[str, Any], iterations: int) -> dict[str, dict[str, list[float]]]:
@@ -243,6 +284,7 @@ def curves(found: dict[str, dict[str, list[float]]], points: int = 10) -> str:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cfg", default=CONFIGURATION)
+    parser.add_argument("--small-thrust", action="store_true", help="a task that is learned within minutes")
     parser.add_argument("--iterations", type=int, default=8, help="measured iterations of each")
     parser.add_argument("--steps", type=int, help="train each for about so many steps instead")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
@@ -250,7 +292,8 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     torch.set_num_threads(1)
     try:
-        experiment = load_experiment(arguments.cfg, arguments.overrides)
+        cfg, overrides = SMALL_THRUST if arguments.small_thrust else (arguments.cfg, [])
+        experiment = load_experiment(cfg, [*overrides, *arguments.overrides])
     except SafeInspectError as error:
         print(error, file=sys.stderr)
         return 2
@@ -271,7 +314,7 @@ def main(argv: list[str] | None = None) -> int:
             _temp_dir=folder,
         )
         try:
-            runs = contestants(experiment)
+            runs = contestants(experiment, threads=not arguments.steps)
             batch = runs["fast learner"].settings["train_batch_size_per_learner"]
             iterations = -(-arguments.steps // batch) if arguments.steps else arguments.iterations
             found = race(runs, iterations)

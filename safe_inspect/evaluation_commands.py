@@ -29,7 +29,8 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the evaluation."""
     parser.add_argument(
         "words", nargs="*", metavar="SOURCE", help="a checkpoint's or a run's folder, an ONNX file, or the name of a "
-        "baseline (zero-thrust, random, inspector) or of any scripted policy; and KEY=VALUE to replace values",
+        "baseline (zero-thrust, random, inspector), of any scripted policy or of a shipped one; and KEY=VALUE to "
+        "replace values",
     )  # fmt: skip
     parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a policy that the package ships")
     _add_flight_arguments(parser)

@@ -22,6 +22,7 @@ from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.evaluation.crew import Policies
 from safe_inspect.evaluation.folder import sha256
 from safe_inspect.evaluation.policies import BASELINES, baseline
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.checkpoints import SEAL, find_newest
 from safe_inspect.experiments.sources import DEFAULT_TASK, configuration_of, open_source
 from safe_inspect.functor import describe
@@ -88,13 +89,14 @@ def open_candidates(texts: Iterable[str], wanted: Wanted) -> list[Candidate]:
 
     Args:
         texts: For each a checkpoint's folder, or a run's folder, which stands for its newest checkpoint; an ONNX file;
-            the name of a baseline or of any scripted policy; or `SHIPPED` and the name of a policy of the package.
+            the name of a baseline, of any scripted policy or of a policy of the package, the last with or without
+            `SHIPPED` before it. A folder of such a name is written ./name.
         wanted: How they are to fly.
 
     Raises:
         SafeInspectError: A source is missing, damaged or of another task, or the configuration has mistakes.
     """
-    texts = list(texts)
+    texts = [SHIPPED + text if text in shipped_policies() else text for text in texts]
     shipped = {text for text in texts if text.startswith(SHIPPED)}
     scripted = {text for text in texts if text not in shipped and is_scripted(text)}
     opened = {
@@ -134,8 +136,6 @@ def _open_scripted(text: str, wanted: Wanted, experiment: Experiment) -> Candida
 
 
 def _open_shipped(text: str, wanted: Wanted) -> Candidate:
-    from safe_inspect.evaluation.shipped import shipped_policy
-
     shipped = shipped_policy(text.removeprefix(SHIPPED))
     experiment = wanted.load(shipped.experiment if wanted.cfg is None else wanted.cfg)
     policies = shipped.load(wanted.sampled, wanted.seed)

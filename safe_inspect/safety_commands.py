@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from safe_inspect.arguments import positive, seed
 from safe_inspect.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -15,17 +16,17 @@ if TYPE_CHECKING:
 
 def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the safety report, beside those that name an experiment."""
-    parser.add_argument("--steps", type=_positive, default=1_000_000, help="filtered steps (default: 1000000)")
-    parser.add_argument("--num-envs", type=_positive, default=1024, help="environments at a time (default: 1024)")
-    parser.add_argument("--seed", type=_seed, default=0, help="seed of initial states and adversaries (default: 0)")
+    parser.add_argument("--steps", type=positive, default=1_000_000, help="filtered steps (default: 1000000)")
+    parser.add_argument("--num-envs", type=positive, default=1024, help="environments at a time (default: 1024)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of initial states and adversaries (default: 0)")
     parser.add_argument("--off", action="store_true", help="leave the filter as configured instead of enabling it")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the worst episode's safety quantities")
 
 
 def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the acceptance rates, beside those that name an experiment."""
-    parser.add_argument("--draws", type=_positive, default=100_000, help="initial states (default: 100000)")
-    parser.add_argument("--seed", type=_seed, default=0, help="seed of the draws (default: 0)")
+    parser.add_argument("--draws", type=positive, default=100_000, help="initial states (default: 100000)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of the draws (default: 0)")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the drawn and the accepted states")
 
 
@@ -83,19 +84,3 @@ def _load(arguments: argparse.Namespace, *, enable: bool) -> Experiment:
             where = f"agent_config.0.config.config.glues.{index}.config.enabled"
             return experiment if glue.enabled else load([*arguments.overrides, f"{where}=True"])
     raise ConfigError(f"{arguments.cfg}: no glue of the agent is a safety glue; wrap the controllers in one")
-
-
-def _positive(text: str) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"a whole number of at least 1 is wanted, not {text!r}")
-    return number
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal() or int(text) >= 2**64:
-        raise argparse.ArgumentTypeError(f"a whole number from 0 to 2**64 - 1 is wanted, not {text!r}")
-    return int(text)

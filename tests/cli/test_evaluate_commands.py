@@ -311,11 +311,13 @@ def test_an_onnx_file_and_a_shipped_policy_fly_as_their_checkpoint(typed, runs, 
     shutil.copy(runs / "plain" / "experiment.resolved.yml", shipped)
     (shipped / "policy.json").write_text(json.dumps({"agents": {"blue0_ctrl": "policy.onnx"}}))
     monkeypatch.setattr("safe_inspect.evaluation.shipped._ROOT", here / "trained")
-    for name, words in (("a", (runs / "plain",)), ("b", ("policy.onnx",)), ("c", ("--policy", "flier"))):
+    written = (runs / "plain",), ("policy.onnx",), ("--policy", "flier"), ("flier",)
+    for name, words in zip("abcd", written, strict=True):
         assert typed("evaluate", *words, "--episodes", "3", "--output", name)[0] == 0
-    first, *others = (read_evaluation(name) for name in "abc")
-    assert [item.record["source"]["kind"] for item in (first, *others)] == ["checkpoint", "onnx", "shipped"]
-    assert [item.label for item in others] == ["policy", "flier"]
+    first, *others = (read_evaluation(name) for name in "abcd")
+    kinds = [item.record["source"]["kind"] for item in (first, *others)]
+    assert kinds == ["checkpoint", "onnx", "shipped", "shipped"]
+    assert [item.label for item in others] == ["policy", "flier", "flier"]
     for other in others:
         for figure in ("delta-v", "smallest range", "inspected fraction"):
             np.testing.assert_allclose(other.team.figures[figure], first.team.figures[figure], rtol=1e-3)
