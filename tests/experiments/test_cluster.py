@@ -109,6 +109,7 @@ def test_a_cluster_that_is_not_there_is_one_message(tmp_path):
 
 
 @pytest.mark.ray
+@pytest.mark.slow
 def test_starting_ray_writes_nothing_into_the_home_folder(tmp_path):
     home, run = tmp_path / "home", tmp_path / "run"
     home.mkdir()

@@ -152,7 +152,14 @@ def sampled(algo, calls):
     return found
 
 
-@pytest.mark.parametrize("team", [ONE, THREE, CHOOSING], ids=["one", "three", "choosing"])
+@pytest.mark.parametrize(
+    "team",
+    [
+        pytest.param(ONE, id="one"),
+        pytest.param(THREE, id="three", marks=pytest.mark.slow),
+        pytest.param(CHOOSING, id="choosing", marks=pytest.mark.slow),
+    ],
+)
 def test_episodes_do_not_depend_on_the_number_of_runners(algorithm, team):
     found = [
         sampled(

@@ -138,7 +138,7 @@ def test_mistakes_of_all_three_mappings_come_together(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("runners", [0, 1])
+@pytest.mark.parametrize("runners", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_an_error_of_a_plugin_arrives_as_it_was(ray_session, tmp_path, quick, maker, runners):
     run = TrainingRun(
         {"fail_at": 40},
@@ -151,6 +151,7 @@ def test_an_error_of_a_plugin_arrives_as_it_was(ray_session, tmp_path, quick, ma
         train(run, io.StringIO())
 
 
+@pytest.mark.slow
 def test_a_search_trains_each_value_and_can_be_resumed(ray_session, tmp_path, quick, maker):
     stream = io.StringIO()
     run = TrainingRun(
