@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copyreg
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -69,13 +69,14 @@ class _Lazy:
     def __getattr__(self, name: str) -> Any:
         if name not in _slots(self._kind):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        known = self._known()
+        known = {key: value for key, value in self._known().items() if key in _slots(self._kind)}
         self._make()
         for key, value in known.items():  # what somebody has set meanwhile holds
             setattr(self, key, value)
         return object.__getattribute__(self, name)
 
     def __reduce__(self) -> Any:
+        # Typeshed does not know copyreg.__newobj__, pickle's way to make an object without calling __init__.
         return copyreg.__newobj__, (type(self),), (None, self._known())  # type: ignore[attr-defined]
 
     def _known(self) -> dict[str, Any]:
@@ -108,9 +109,12 @@ class RolloutEpisode(_Lazy, SingleAgentEpisode):  # type: ignore[misc]
         begun: Steps of the episode before these.
         truncated: Whether a limit of time ended the episode with the last step.
         owner: The agent, its policy and the identity of the whole episode, where there are several agents.
+
+    Attributes:
+        part: Its steps as arrays; None when it has become whole, so that somebody may have changed it.
     """
 
-    __slots__ = ("_begun", "_part", "_spaces")
+    __slots__ = ("_begun", "_spaces", "part")
     _kind = SingleAgentEpisode
 
     def __init__(
@@ -122,25 +126,18 @@ class RolloutEpisode(_Lazy, SingleAgentEpisode):  # type: ignore[misc]
         truncated: bool,
         owner: tuple[Any, Any, Any] = (None, None, None),
     ) -> None:
-        self._part, self._spaces, self._begun = part, spaces, begun
+        self.part: Part | None = part
+        self._spaces, self._begun = spaces, begun
         self.id_ = name
         self.agent_id, self.module_id, self.multi_agent_episode_id = owner
         self.is_terminated, self.is_truncated = part.terminated, truncated
 
     def __len__(self) -> int:
-        return len(self._part) if self.part is not None else SingleAgentEpisode.__len__(self)
-
-    @property
-    def part(self) -> Part | None:
-        """Its steps as arrays; None when it has become whole, so that somebody may have changed it."""
-        try:
-            object.__getattribute__(self, "observations")
-        except AttributeError:
-            return self._part
-        return None
+        return SingleAgentEpisode.__len__(self) if self.part is None else len(self.part)
 
     def _make(self) -> None:
-        part, (observation_space, action_space) = self._part, self._spaces
+        part, (observation_space, action_space) = self.part, self._spaces
+        assert part is not None, "it becomes whole once"
         actions: Any = part.actions
         if np.issubdtype(action_space.dtype, np.integer):
             actions = actions.astype(action_space.dtype)
@@ -162,6 +159,7 @@ class RolloutEpisode(_Lazy, SingleAgentEpisode):  # type: ignore[misc]
             t_started=self._begun,
             len_lookback_buffer=0,
         )
+        self.part = None  # else the arrays would travel twice
 
 
 class RolloutTeamEpisode(_Lazy, MultiAgentEpisode):  # type: ignore[misc]
@@ -218,7 +216,8 @@ class RolloutTeamEpisode(_Lazy, MultiAgentEpisode):  # type: ignore[misc]
 def part_of_episode(episode: Any) -> Part:
     """Return the steps of an episode of one agent, as arrays."""
     if isinstance(episode, RolloutEpisode) and episode.part is not None:
-        return episode.part
+        part = episode.part
+        return part if part.terminated == episode.is_terminated else replace(part, terminated=episode.is_terminated)
     outputs = episode.extra_model_outputs
     weights = outputs.get(WEIGHTS_SEQ_NO)
     return Part(

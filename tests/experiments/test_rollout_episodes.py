@@ -90,7 +90,10 @@ def test_an_episode_becomes_that_of_rllib(spaces, ended, drawn):
 
 def test_what_is_set_before_it_is_whole_holds():
     mine = RolloutEpisode(part(), "name", SPACES, 3, False)
+    assert part_of_episode(mine).terminated
     mine.is_terminated, mine.is_truncated = False, True
+    assert mine.part is not None
+    assert not part_of_episode(mine).terminated
     mine.custom_data["mark"] = 1
     assert (mine.is_terminated, mine.is_truncated, mine.custom_data) == (False, True, {"mark": 1})
     with pytest.raises(AttributeError, match="has no attribute 'reward'"):
@@ -129,6 +132,10 @@ def test_a_piece_that_travels_takes_its_own_steps_alone():
     rollout = np.zeros((1000, 5000, 4), dtype=np.float32)
     mine = RolloutEpisode(part(observations=rollout[0, :6]), "name", SPACES, 3, False)
     assert len(pickle.dumps(mine)) < 10_000
+    long = RolloutEpisode(part(2000), "name", SPACES, 3, False)
+    before = len(pickle.dumps(long))
+    assert long.get_return() != 0.0
+    assert len(pickle.dumps(long)) < 1.5 * before, "an episode that has become whole holds its arrays once"
 
 
 def team(whole=False):
