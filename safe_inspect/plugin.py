@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict
 
@@ -78,6 +78,16 @@ class Plugin(BaseModel):
         return type(self) is type(other) and all(
             getattr(self, field) == getattr(other, field) for field in type(self).model_fields
         )
+
+    def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Self:
+        """Return the plugin itself: it is frozen."""
+        return self
+
+    def __getstate__(self) -> dict[Any, Any]:
+        """Leave out of pickles what cached properties have computed; it is computed again when it is needed."""
+        state = super().__getstate__()
+        fields = type(self).model_fields
+        return state | {"__dict__": {name: value for name, value in state["__dict__"].items() if name in fields}}
 
     @classmethod
     def references(cls) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -89,9 +90,9 @@ def guarded_starts(reset: ResetPlan, agents: Sequence[AgentSpec], environment: E
     tests: list[TeamTest] = []
     others = {index: glue.for_starts() for index, glue in guards.items() if glue != lead}
     if others:
-        tests.append(_own_filter(others))
+        tests.append(partial(_own_refusals, others))
     if environment.rta is not None and environment.rta.enabled:
-        tests.append(_team_filter(environment.rta))
+        tests.append(partial(_team_refusals, environment.rta))
     collisions = [
         named.functor.safety_constraint
         for named in environment.dones.shared
@@ -109,23 +110,19 @@ def _sampled_with(reset: ResetPlan, guard: SafetyGlue) -> dict[str, Any]:
     }
 
 
-def _own_filter(guards: Mapping[int, SafetyGlue]) -> TeamTest:
-    """Return the test of a deputy by a filter of its own, where that is not the first deputy's."""
-
-    def test(states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        return guards[index].refusals(states) if index in guards else {}
-
-    return test
+def _own_refusals(
+    guards: Mapping[int, SafetyGlue], states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
+) -> dict[str, BoolArray]:
+    """Test a deputy by a filter of its own, where that is not the first deputy's; see `TeamTest`."""
+    return guards[index].refusals(states) if index in guards else {}
 
 
-def _team_filter(guard: TeamSafety) -> TeamTest:
-    """Return the test of a deputy together with those before it."""
-
-    def test(states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        team = {
-            name: np.concatenate((before[name], states[name][:, None]), axis=1) if before else states[name][:, None]
-            for name in ("position", "velocity")
-        }
-        return guard.refusals({**states, **team})
-
-    return test
+def _team_refusals(
+    guard: TeamSafety, states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
+) -> dict[str, BoolArray]:
+    """Test a deputy together with those before it; see `TeamTest`."""
+    team = {
+        name: np.concatenate((before[name], states[name][:, None]), axis=1) if before else states[name][:, None]
+        for name in ("position", "velocity")
+    }
+    return guard.refusals({**states, **team})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -76,6 +77,11 @@ class TeamEnvironment:
             for agent in spec.agents
             for named in agent.dones
         }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take a copy's attributes; NumPy copies arrays that are read-only as writable ones."""
+        self.__dict__.update(state)
+        self._everyone.flags.writeable = False
 
     @property
     def state(self) -> State:

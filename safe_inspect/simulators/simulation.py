@@ -12,7 +12,6 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.geometry.light import Light, full_light
 from safe_inspect.geometry.looking import inspect_body
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import lit, lit_and_uninspected
 from safe_inspect.randomness import Streams
 from safe_inspect.simulators.advance import advance, point_sun
 from safe_inspect.simulators.ahead import DEEP, Ahead
@@ -270,14 +269,4 @@ class Simulation:
 
 def _points_model(name: str, body: int, points: InspectionPoints, light: Light) -> PointsModel:
     positions = sphere_points(points.points_algorithm, points.num_points, points.radius)
-
-    def is_lit(viewer: FloatArray, sun: FloatArray) -> BoolArray:
-        found: BoolArray = lit(np.ascontiguousarray(viewer), sun, positions, points.radius, light)
-        return found
-
-    def candidates(viewer: FloatArray, sun: FloatArray, inspector: AnyArray) -> BoolArray:
-        viewer = np.ascontiguousarray(viewer)
-        found: BoolArray = lit_and_uninspected(viewer, sun, positions, points.radius, light, inspector)
-        return found
-
-    return PointsModel(name, body, positions, points.radius, light, is_lit, candidates)
+    return PointsModel(name, body, positions, points.radius, light)

@@ -74,18 +74,48 @@ class State:
         sun_direction: Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, shape (N, 3).
         delta_v_scale: Scale of the delta-v reward [1/(m/s)], shape (N,).
         points: `PointsState` by the body's name.
+        arrays: All arrays by name, in the order of `specs`.
+        constants: Those that are constant through an episode.
         floats: The memory of all arrays that are not constant as numbers of float64; see `start`.
         wholes: The same memory as numbers of int64.
         memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
     """
 
     def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None = None) -> None:
+        block = np.zeros(sum(_padded(num_envs, spec) for spec in specs.values() if not spec.constant), dtype=np.uint8)
+        fixed = (
+            constants.constants
+            if constants is not None
+            else {
+                name: np.full((num_envs, *spec.shape), spec.fill, spec.dtype)
+                for name, spec in specs.items()
+                if spec.constant
+            }
+        )
+        self._attach(num_envs, specs, block, fixed)
+        for name, spec in specs.items():
+            if not spec.constant:
+                self.arrays[name][...] = spec.fill
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy is made from: the common memory, and the constant arrays, which states may share."""
+        return {"num_envs": self.num_envs, "specs": self.specs, "block": self._block, "constants": self.constants}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Attach the arrays to the copied memory: copied one by one, each would have a memory of its own."""
+        self._attach(**state)
+
+    def _attach(
+        self, num_envs: int, specs: Mapping[str, ArraySpec], block: AnyArray, constants: dict[str, AnyArray]
+    ) -> None:
+        """Make the arrays: views of the common memory, and the constant ones beside it."""
         self.num_envs = num_envs
         self.specs = specs
-        self._block, arrays = _allocate(num_envs, specs, constants)
+        self._block = block
         self.floats: FloatArray = self._block.view(np.float64)
         self.wholes: IntArray = self._block.view(np.int64)
-        self.arrays: dict[str, AnyArray] = arrays
+        self.constants = constants
+        self.arrays = arrays = _arrays_in(block, num_envs, specs, constants)
         self.time: FloatArray = arrays["time"]
         self.step: IntArray = arrays["step"]
         self.key: AnyArray = arrays["key"]
@@ -118,18 +148,21 @@ class State:
         self._widths: IntArray = np.array(
             [math.prod(specs[name].shape) * arrays[name].itemsize for name in moving], dtype=np.int64
         )
-        self._constant = [arrays[name] for name, spec in specs.items() if spec.constant]
 
     def start(self, name: str) -> int:
         """Return at which byte of the common memory an array begins.
 
+        Compiled kernels read the memory from there without checking bounds.
+
         Raises:
-            ValueError: The array is constant and does not lie there.
+            ValueError: The array is constant, or does not lie in the common memory.
         """
-        if self.specs[name].constant:
-            raise ValueError(f"the constant array {name} does not lie in the common memory")
-        address: int = self.arrays[name].ctypes.data - self._block.ctypes.data
-        return address
+        array = self.arrays[name]
+        offset: int = array.ctypes.data - self._block.ctypes.data
+        inside = 0 <= offset <= self._block.nbytes - array.nbytes
+        if self.specs[name].constant or not (inside and array.flags.c_contiguous):
+            raise ValueError(f"the array {name} does not lie in the common memory of the state")
+        return offset
 
     def copy_from(self, other: State) -> None:
         """Overwrite this state with another of the same size that shares its constant arrays."""
@@ -152,8 +185,8 @@ class State:
             raise ValueError(f"{len(rows)} rows are to be overwritten with {len(their_rows)}")
         rows, their_rows = _checked(rows, self.num_envs), _checked(their_rows, other.num_envs)
         copy_rows(self._block, self._starts, rows, other._block, other._starts, their_rows, self._widths)
-        for mine, theirs in zip(self._constant, other._constant, strict=True):
-            mine[rows] = theirs[their_rows]
+        for name, array in self.constants.items():
+            array[rows] = other.constants[name][their_rows]
 
     def save(self, path: str) -> None:
         """Write every array to a NumPy ``.npz`` file."""
@@ -196,26 +229,24 @@ def base_specs(num_bodies: int, num_deputies: int, points: Iterable[tuple[str, i
     return specs
 
 
-def _allocate(
-    num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None
-) -> tuple[AnyArray, dict[str, AnyArray]]:
-    """Return a block of memory and the arrays; those that change within an episode lie in the block."""
-    shapes = {name: (num_envs, *spec.shape) for name, spec in specs.items()}
-    sizes = {name: math.prod(shapes[name]) * np.dtype(spec.dtype).itemsize for name, spec in specs.items()}
-    changing = [name for name, spec in specs.items() if not spec.constant]
-    starts, end = {}, 0
-    for name in changing:
-        starts[name] = end
-        end += -(-sizes[name] // _ALIGNMENT) * _ALIGNMENT
-    block = np.zeros(end, dtype=np.uint8)
+def _arrays_in(
+    block: AnyArray, num_envs: int, specs: Mapping[str, ArraySpec], constants: Mapping[str, AnyArray]
+) -> dict[str, AnyArray]:
+    """Return all arrays in the order of their specs: views of a block of memory, and the constant ones."""
     arrays: dict[str, AnyArray] = {}
+    start = 0
     for name, spec in specs.items():
-        if not spec.constant:
-            piece = block[starts[name] : starts[name] + sizes[name]]
-            arrays[name] = piece.view(spec.dtype).reshape(shapes[name])
-            arrays[name][...] = spec.fill
-        elif constants is not None:
-            arrays[name] = constants.arrays[name]
+        if spec.constant:
+            arrays[name] = constants[name]
         else:
-            arrays[name] = np.full(shapes[name], spec.fill, dtype=spec.dtype)
-    return block, arrays
+            shape = (num_envs, *spec.shape)
+            size = math.prod(shape) * np.dtype(spec.dtype).itemsize
+            arrays[name] = block[start : start + size].view(spec.dtype).reshape(shape)
+            start += _padded(num_envs, spec)
+    return arrays
+
+
+def _padded(num_envs: int, spec: ArraySpec) -> int:
+    """Return the bytes that an array takes in the common memory."""
+    size: int = num_envs * math.prod(spec.shape) * np.dtype(spec.dtype).itemsize
+    return -(-size // _ALIGNMENT) * _ALIGNMENT

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from safe_inspect.geometry.light import Light
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
@@ -19,10 +21,6 @@ class PointsModel:
         points: Positions relative to the body's centre [m], Hill frame, shape (P, 3).
         radius: Radius of the sphere that carries them [m].
         light: The rule of light, for the compiled kernels.
-        lit: Function of viewer position relative to the centre [m] (R, 3) and sun direction (R, 3); it returns which
-            points are lit well enough to be inspected from there, shape (R, P).
-        candidates: Function of the same and of the points' inspectors (R, P); it returns which points are lit and not
-            inspected, shape (R, P).
     """
 
     entity: str
@@ -30,13 +28,37 @@ class PointsModel:
     points: FloatArray
     radius: float
     light: Light
-    lit: Callable[[FloatArray, FloatArray], BoolArray]
-    candidates: Callable[[FloatArray, FloatArray, AnyArray], BoolArray]
 
     @property
     def num_points(self) -> int:
         """Number of points, P."""
         return len(self.points)
+
+    def lit(self, viewer: FloatArray, sun: FloatArray) -> BoolArray:
+        """Return which points are lit well enough to be inspected, shape (R, P).
+
+        Args:
+            viewer: Position of the viewer relative to the centre [m], Hill frame, shape (R, 3).
+            sun: Unit vector to the sun, Hill frame, shape (R, 3).
+        """
+        from safe_inspect.geometry.visibility import lit  # compiled: not when only validated
+
+        found: BoolArray = lit(np.ascontiguousarray(viewer), sun, self.points, self.radius, self.light)
+        return found
+
+    def candidates(self, viewer: FloatArray, sun: FloatArray, inspector: AnyArray) -> BoolArray:
+        """Return which points are lit well enough and not inspected, shape (R, P).
+
+        Args:
+            viewer: Position of the viewer relative to the centre [m], Hill frame, shape (R, 3).
+            sun: Unit vector to the sun, Hill frame, shape (R, 3).
+            inspector: Index of the deputy that inspected each point, -1 for none, shape (R, P).
+        """
+        from safe_inspect.geometry.visibility import lit_and_uninspected  # compiled: not when only validated
+
+        viewer = np.ascontiguousarray(viewer)
+        found: BoolArray = lit_and_uninspected(viewer, sun, self.points, self.radius, self.light, inspector)
+        return found
 
 
 @dataclass(frozen=True)

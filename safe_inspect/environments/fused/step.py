@@ -54,6 +54,10 @@ class FusedGroup:
         self._bound: dict[int, tuple[State, tuple[Any, ...], tuple[Any, ...]]] = {}
         self._places: dict[int, AnyArray] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out of copies what belongs to the memory of the states at hand."""
+        return self.__dict__ | {"_bound": {}, "_places": {}}
+
     def command(self, action: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Return the actions within their bounds, shape (R, A), and their thrusts [N], shape (R, 3).
 

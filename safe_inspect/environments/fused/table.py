@@ -59,8 +59,9 @@ class End:
 
 @dataclass(frozen=True)
 class Table:
-    """What the kernel needs to know of a group's terms; see `kernel.judge`."""
+    """What the kernel needs to know of a group's terms; see `kernel.judge`. `size` is the number of its agents, G."""
 
+    size: int
     sources: tuple[Source, ...]
     room: int
     vectors: IntArray
@@ -74,10 +75,18 @@ class Table:
     limits: FloatArray
 
     def places(self, state: State) -> IntArray:
-        """Return the index of every source in the memory of a state and its distances, shape (S, 3)."""
+        """Return the index of every source in the memory of a state and its distances, shape (S, 3).
+
+        Raises:
+            ValueError: A source lies outside its array: the kernel would read there without checking.
+        """
         found = np.empty((len(self.sources), 3), dtype=np.int64)
         for index, source in enumerate(self.sources):
-            start = state.start(source.array) // state.arrays[source.array].itemsize
+            array = state.arrays[source.array]
+            last = source.start + (state.num_envs - 1) * source.per_env + (self.size - 1) * source.per_agent
+            if state.num_envs and not 0 <= source.start <= last < array.size:
+                raise ValueError(f"the source {source} lies outside its array, which has {array.size} numbers")
+            start = state.start(source.array) // array.itemsize
             found[index] = start + source.start, source.per_env, source.per_agent
         return found
 
@@ -155,6 +164,7 @@ class Translation:
             for key, (place, _) in self._vectors.items()
         ]  # fmt: skip
         return Table(
+            size=size,
             sources=tuple(self._sources),
             room=self._room,
             vectors=np.array(vectors, dtype=np.int64).reshape(-1, 7),
