@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from safe_inspect.compiled import njit
+from safe_inspect.dynamics.cwh_row import cwh_row
 from safe_inspect.types import FloatArray
 
 
@@ -32,17 +31,9 @@ def propagate(
         position_out: Receives the positions after the step [m], shape (R, 3).
         velocity_out: Receives the velocities after the step [m/s], shape (R, 3).
     """
-    after = np.empty(6)
     for row in range(position.shape[0]):
-        for i in range(6):
-            total = 0.0
-            for j in range(3):
-                total += phi[i, j] * position[row, j]
-            for j in range(3):
-                total += phi[i, 3 + j] * velocity[row, j]
-            for j in range(3):
-                total += gamma[i, j] * control[row, j]
-            after[i] = total
+        p, v, u = position[row], velocity[row], control[row]
+        after = cwh_row(phi, gamma, (p[0], p[1], p[2], v[0], v[1], v[2]), u[0], u[1], u[2])
         for j in range(3):
             position_out[row, j] = after[j]
             velocity_out[row, j] = after[3 + j]

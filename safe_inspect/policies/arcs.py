@@ -8,6 +8,7 @@ import numpy as np
 
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.cwh_row import cwh_row
 from safe_inspect.types import BoolArray, FloatArray
 
 
@@ -34,7 +35,7 @@ def step_maps(mean_motion: float, step_size: float, steps: int) -> tuple[FloatAr
 def fly(
     phi: FloatArray, gamma: FloatArray, steps: int, state: FloatArray, acceleration: FloatArray, after: FloatArray
 ) -> None:
-    """Write position and velocity after some steps under one acceleration; the maps' zeros are left out.
+    """Write position and velocity after some steps under one acceleration.
 
     Args:
         phi: Transition matrices by the number of steps; see `step_maps`.
@@ -44,14 +45,10 @@ def fly(
         acceleration: Thrust over mass, held all the while [m/s^2], shape (3,).
         after: Receives position and velocity, shape (6,).
     """
-    p, g = phi[steps], gamma[steps]
-    x, vx, vy, ax, ay = state[0], state[3], state[4], acceleration[0], acceleration[1]
-    after[0] = p[0, 0] * x + p[0, 3] * vx + p[0, 4] * vy + g[0, 0] * ax + g[0, 1] * ay
-    after[1] = p[1, 0] * x + state[1] + p[1, 3] * vx + p[1, 4] * vy + g[1, 0] * ax + g[1, 1] * ay
-    after[2] = p[2, 2] * state[2] + p[2, 5] * state[5] + g[2, 2] * acceleration[2]
-    after[3] = p[3, 0] * x + p[3, 3] * vx + p[3, 4] * vy + g[3, 0] * ax + g[3, 1] * ay
-    after[4] = p[4, 0] * x + p[4, 3] * vx + p[4, 4] * vy + g[4, 0] * ax + g[4, 1] * ay
-    after[5] = p[5, 2] * state[2] + p[5, 5] * state[5] + g[5, 2] * acceleration[2]
+    x = (state[0], state[1], state[2], state[3], state[4], state[5])
+    row = cwh_row(phi[steps], gamma[steps], x, acceleration[0], acceleration[1], acceleration[2])
+    for i in range(6):
+        after[i] = row[i]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

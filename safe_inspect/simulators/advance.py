@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from safe_inspect.compiled import njit
+from safe_inspect.dynamics.cwh_row import cwh_row
 from safe_inspect.types import FloatArray, IntArray
 
 
@@ -52,23 +51,15 @@ def advance(
         sun_angle: Angle of the sun [rad], shape (N,).
         sun_direction: Unit vector to the sun, shape (N, 3).
     """
-    deputies, move = masses.shape[0], np.empty(6)
+    deputies = masses.shape[0]
     for n in range(position.shape[0]):
         for b in range(position.shape[1]):
             x, y, z = 0.0, 0.0, 0.0
             if b < deputies:
                 x, y, z = control[n, b, 0] / masses[b], control[n, b, 1] / masses[b], control[n, b, 2] / masses[b]
                 delta_v[n, b] += (abs(x) + abs(y) + abs(z)) * step_size
-            for i in range(6):  # the sums of `propagate`, in its order
-                total = 0.0
-                for j in range(3):
-                    total += phi[i, j] * position[n, b, j]
-                for j in range(3):
-                    total += phi[i, 3 + j] * velocity[n, b, j]
-                total += gamma[i, 0] * x
-                total += gamma[i, 1] * y
-                total += gamma[i, 2] * z
-                move[i] = total
+            p, v = position[n, b], velocity[n, b]
+            move = cwh_row(phi, gamma, (p[0], p[1], p[2], v[0], v[1], v[2]), x, y, z)
             for j in range(3):
                 position[n, b, j] = move[j]
                 velocity[n, b, j] = move[3 + j]

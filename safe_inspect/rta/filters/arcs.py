@@ -21,29 +21,21 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
+from safe_inspect.dynamics.cwh_row import RowState, cwh_row
 from safe_inspect.rta.filters.model import COLLISION, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
 from safe_inspect.types import FloatArray
 
-State = tuple[float, float, float, float, float, float]
 SAFE = -1
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def held(m: Model, x: State, u: FloatArray, k: int) -> State:
+def held(m: Model, x: RowState, u: FloatArray, k: int) -> RowState:
     """Return the state k / 256 of a hold after x, under the thrust u; at k = 256 to the bit that of the simulator."""
-    phi, g = m.hold_phi[k], m.hold_gamma[k]
-    return (
-        phi[0, 0] * x[0] + phi[0, 3] * x[3] + phi[0, 4] * x[4] + g[0, 0] * u[0] + g[0, 1] * u[1],
-        phi[1, 0] * x[0] + phi[1, 1] * x[1] + phi[1, 3] * x[3] + phi[1, 4] * x[4] + g[1, 0] * u[0] + g[1, 1] * u[1],
-        phi[2, 2] * x[2] + phi[2, 5] * x[5] + g[2, 2] * u[2],
-        phi[3, 0] * x[0] + phi[3, 3] * x[3] + phi[3, 4] * x[4] + g[3, 0] * u[0] + g[3, 1] * u[1],
-        phi[4, 0] * x[0] + phi[4, 3] * x[3] + phi[4, 4] * x[4] + g[4, 0] * u[0] + g[4, 1] * u[1],
-        phi[5, 2] * x[2] + phi[5, 5] * x[5] + g[5, 2] * u[2],
-    )
+    return cwh_row(m.hold_phi[k], m.hold_gamma[k], x, u[0], u[1], u[2])
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def closed(n: float, x: State, cos: float, sin: float) -> State:
+def closed(n: float, x: RowState, cos: float, sin: float) -> RowState:
     """Return the state of the drift-free motion from x, v_y = -2 n x, after the angle of that cosine and sine."""
     px = cos * x[0] + sin * x[3] / n
     return (
@@ -72,14 +64,14 @@ def lowest(fa: float, fb: float, dip: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def sun_gap(m: Model, x: State, sun: tuple[float, float]) -> float:
+def sun_gap(m: Model, x: RowState, sun: tuple[float, float]) -> float:
     """Return the signed distance from the sun cone [m]; not negative outside it."""
     pc, pk = sun[1] * x[1] - sun[0] * x[0], -sun[1] * x[0] - sun[0] * x[1]
     return m.cos_b * math.sqrt(pk * pk + x[2] * x[2]) - m.sin_b * pc
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def broken_at(m: Model, near: float, x: State, sun: tuple[float, float], length: float, speed: float) -> int:
+def broken_at(m: Model, near: float, x: RowState, sun: tuple[float, float], length: float, speed: float) -> int:
     """Return the code of a constraint that is not met at a state with those margins [m], [m/s]; SAFE if all are."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     v = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
@@ -102,7 +94,7 @@ def broken_at(m: Model, near: float, x: State, sun: tuple[float, float], length:
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def uncertain(
-    m: Model, near: float, a: State, b: State, sun_a: tuple[float, float], sun_b: tuple[float, float],
+    m: Model, near: float, a: RowState, b: RowState, sun_a: tuple[float, float], sun_b: tuple[float, float],
     w: tuple[float, float, float], span: float, length: float, speed: float,
 ) -> int:  # fmt: skip
     """Return the code of a constraint that a cell's ends cannot certify with those margins; SAFE if there is none.
@@ -110,8 +102,8 @@ def uncertain(
     Args:
         m: The task.
         near: Least range [m].
-        a: State at the cell's beginning.
-        b: State at its end.
+        a: RowState at the cell's beginning.
+        b: RowState at its end.
         sun_a: Cosine and sine of the sun angle at the beginning.
         sun_b: The same at the end.
         w: Constant acceleration of the thrust [m/s^2].

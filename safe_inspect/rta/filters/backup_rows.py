@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.cuts import MOST, cut_broken, cut_hold
 from safe_inspect.rta.filters.holds import hold
 from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, Model
@@ -41,7 +42,7 @@ _FINE = 2e-3
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _verified(
-    m: Model, x: State, sun: tuple[float, float], u: FloatArray, first: int, most: int, s: Scratch
+    m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, first: int, most: int, s: Scratch
 ) -> tuple[int, int]:  # fmt: skip
     """Return the constraint that refuses the hold of u, or SAFE, and a plan for the state after it, or NO_PLAN."""
     code = hold(m, x, sun, u, LENGTH_MARGIN, SPEED_MARGIN, s.cells, s.where)
@@ -54,7 +55,7 @@ def _verified(
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _cut(
-    m: Model, x: State, sun: tuple[float, float], desired: FloatArray, own_side: bool, u: FloatArray, s: Scratch
+    m: Model, x: RowState, sun: tuple[float, float], desired: FloatArray, own_side: bool, u: FloatArray, s: Scratch
 ) -> tuple[int, bool]:  # fmt: skip
     """Look for a verified control by cutting planes; return the bits of the refusals and whether u is one.
 
@@ -99,7 +100,7 @@ def _cut(
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _between(m: Model, x: State, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> None:
+def _between(m: Model, x: RowState, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> None:
     """Write into u a verified control on the segment from the backup to u, as near to the desired as it finds."""
     for axis in range(3):
         s.best[axis], s.proposal[axis] = s.backup[axis], s.backup[axis]

@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import SAFE, State, lowest, turned
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import SAFE, lowest, turned
 from safe_inspect.rta.filters.model import COLLISION, ORBIT_CELLS, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
 from safe_inspect.types import FloatArray
 
@@ -26,7 +27,7 @@ ROOM = (ORBIT_CELLS + 1 + 16, _COLUMNS)
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def _node(
-    m: Model, x: State, sun: tuple[float, float], cos: float, sin: float, near: float, length: float, speed: float,
+    m: Model, x: RowState, sun: tuple[float, float], cos: float, sin: float, near: float, length: float, speed: float,
     out: FloatArray,
 ) -> int:  # fmt: skip
     """Write a node; return a constraint that is broken there, or SAFE."""
@@ -109,7 +110,7 @@ def _copy(work: FloatArray, source: int, target: int) -> None:
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def closed_motion(
-    m: Model, x: State, sun: tuple[float, float], length: float, speed: float, work: FloatArray
+    m: Model, x: RowState, sun: tuple[float, float], length: float, speed: float, work: FloatArray
 ) -> int:  # fmt: skip
     """Return a constraint that the drift-free motion from x breaks within an orbit, or SAFE.
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import State, held, turned
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import held, turned
 from safe_inspect.rta.filters.holds import coasted
 from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, REL_VEL, SUN, X_VEL, Model
 from safe_inspect.types import FloatArray
@@ -27,7 +28,7 @@ def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def support(
-    m: Model, code: int, b: State, sun: tuple[float, float], length: float, speed: float, d: FloatArray
+    m: Model, code: int, b: RowState, sun: tuple[float, float], length: float, speed: float, d: FloatArray
 ) -> float:  # fmt: skip
     """Write the direction d of a constraint at the state b, shape (6,), and return the need: safe where d.b >= need.
 
@@ -62,7 +63,7 @@ def support(
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def add(
-    m: Model, d: FloatArray, need: float, b: State, u: FloatArray, k: int,
+    m: Model, d: FloatArray, need: float, b: RowState, u: FloatArray, k: int,
     rows: FloatArray, bounds: FloatArray, count: int,
 ) -> int:  # fmt: skip
     """Append the half-space d.state(k) >= need, given the state b that the thrust u leads to; return the new count."""
@@ -83,7 +84,7 @@ def add(
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def cut_near(
-    m: Model, x: State, u: FloatArray, own_side: bool, always: bool, length: float, d: FloatArray,
+    m: Model, x: RowState, u: FloatArray, own_side: bool, always: bool, length: float, d: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,
 ) -> int:  # fmt: skip
     """Append a half-space that keeps off the chief at the worst sample of coasting from the hold's middle and end.
@@ -115,7 +116,7 @@ def cut_near(
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def cut_hold(
-    m: Model, x: State, sun: tuple[float, float], u: FloatArray, code: int, k: int, own_side: bool,
+    m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, code: int, k: int, own_side: bool,
     length: float, speed: float, d: FloatArray, rows: FloatArray, bounds: FloatArray, count: int,
 ) -> int:  # fmt: skip
     """Append the half-space of the constraint that refused a hold, at the moment where it did."""
@@ -128,7 +129,7 @@ def cut_hold(
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def cut_broken(
-    m: Model, x: State, sun: tuple[float, float], u: FloatArray, own_side: bool, length: float, speed: float,
+    m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, own_side: bool, length: float, speed: float,
     d: FloatArray, rows: FloatArray, bounds: FloatArray, count: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Append the half-spaces of all constraints broken at the end of a hold; return the count and the bits of them."""

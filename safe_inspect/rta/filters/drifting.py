@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import State, lowest
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import lowest
 
 #: Orbits for which a pair is certified that neither drifts away nor has no drift at all.
 ORBITS = 4
@@ -21,7 +22,7 @@ _FINEST = _CELL / 1024.0
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def drifted(n: float, x: State, angle: float, cos: float, sin: float) -> tuple[float, float, float]:
+def drifted(n: float, x: RowState, angle: float, cos: float, sin: float) -> tuple[float, float, float]:
     """Return the position of a coasting deputy after that angle of the orbit, whose cosine and sine are given [m]."""
     u, v, w = x[3] / n, x[4] / n, x[5] / n
     return (
@@ -32,7 +33,7 @@ def drifted(n: float, x: State, angle: float, cos: float, sin: float) -> tuple[f
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def apart(n: float, x: State, reach: float) -> bool:
+def apart(n: float, x: RowState, reach: float) -> bool:
     """Return whether the range of a coasting relative motion stays at least `reach`: see `ORBITS` for how long.
 
     Args:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import SAFE, State, broken_at, held, turned, uncertain
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import SAFE, broken_at, held, turned, uncertain
 from safe_inspect.rta.filters.model import HOLD_PIECES, PSM, Model
 from safe_inspect.types import FloatArray, IntArray
 
@@ -14,7 +15,7 @@ _MOST_CELLS = 2000
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def hold(
-    m: Model, x: State, sun: tuple[float, float], u: FloatArray, length: float, speed: float,
+    m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, length: float, speed: float,
     work: IntArray, where: IntArray,
 ) -> int:  # fmt: skip
     """Return a constraint that the hold of u from x may break, or SAFE.
@@ -56,7 +57,7 @@ def hold(
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def coasted(m: Model, x: State, u: FloatArray, k: int, j: int) -> tuple[float, float, float]:
+def coasted(m: Model, x: RowState, u: FloatArray, k: int, j: int) -> tuple[float, float, float]:
     """Return the position after the thrust u for k / 256 of a hold and coasting to entry j of the horizon [m]."""
     b, phi = held(m, x, u, k), m.coast[j]
     return (
@@ -74,7 +75,7 @@ def _remains(dip: float, one: float, other: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _coasting(m: Model, x: State, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
+def _coasting(m: Model, x: RowState, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
     """Is the range above the radius for every moment of the hold and every moment of coasting from it?
 
     The position is a smooth function P(t, s) of the thrust's time t and the coasting time s. On a rectangle e.P is

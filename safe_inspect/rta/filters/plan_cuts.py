@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import State, closed, held, sun_gap, turned
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import closed, held, sun_gap, turned
 from safe_inspect.rta.filters.cuts import MOST
 from safe_inspect.rta.filters.model import (
     COLLISION,
@@ -33,7 +34,7 @@ _STEP = 1e-4
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _slack(m: Model, x: State, sun: tuple[float, float], code: int) -> float:
+def _slack(m: Model, x: RowState, sun: tuple[float, float], code: int) -> float:
     """Return how far a constraint is from broken, in metres; speeds count as the range of a motion that fast."""
     if code == SUN:
         return float(sun_gap(m, x, sun))
@@ -55,7 +56,7 @@ def _excess(m: Model, w: FloatArray) -> float:
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _least_slack(m: Model, x: State, sun: tuple[float, float]) -> tuple[float, int]:
+def _least_slack(m: Model, x: RowState, sun: tuple[float, float]) -> tuple[float, int]:
     """Return the least slack of all constraints [m], and whose it is."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     v = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
@@ -77,7 +78,7 @@ def _least_slack(m: Model, x: State, sun: tuple[float, float]) -> tuple[float, i
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _best_plan(m: Model, after: State, start: tuple[float, float], w: FloatArray) -> tuple[int, int]:
+def _best_plan(m: Model, after: RowState, start: tuple[float, float], w: FloatArray) -> tuple[int, int]:
     """Return the plan with the largest least slack over the nodes of its orbit, and the constraint where that is."""
     best, best_plan, best_code = -math.inf, 0, COLLISION
     for rank in range(QUICK):
@@ -104,7 +105,7 @@ def _best_plan(m: Model, after: State, start: tuple[float, float], w: FloatArray
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def cut_recovery(
-    m: Model, x: State, sun: tuple[float, float], u: FloatArray, margin: float, w: FloatArray,
+    m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, margin: float, w: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Append half-spaces that make the best plan after a hold safe where it is not; return count and code.

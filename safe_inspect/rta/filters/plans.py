@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.closed_motion import closed_motion
 from safe_inspect.rta.filters.holds import hold
 from safe_inspect.rta.filters.model import HOLD_PIECES, Model
@@ -36,7 +37,7 @@ ORDER = (
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def plan_thrust(m: Model, x: State, index: int, u: FloatArray) -> bool:
+def plan_thrust(m: Model, x: RowState, index: int, u: FloatArray) -> bool:
     """Write the thrust of a plan from x; False where it exceeds the thrusters.
 
     Args:
@@ -61,7 +62,7 @@ def plan_thrust(m: Model, x: State, index: int, u: FloatArray) -> bool:
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def try_plan(
-    m: Model, x: State, sun: tuple[float, float], index: int, length: float, speed: float,
+    m: Model, x: RowState, sun: tuple[float, float], index: int, length: float, speed: float,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
 ) -> bool:  # fmt: skip
     """Write the thrust of a plan from x; True where it is admissible and safe in the hold and ever after."""
@@ -75,7 +76,7 @@ def try_plan(
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def find_plan(
-    m: Model, x: State, sun: tuple[float, float], length: float, speed: float, first: int, most: int,
+    m: Model, x: RowState, sun: tuple[float, float], length: float, speed: float, first: int, most: int,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
 ) -> int:  # fmt: skip
     """Write the thrust of a safe plan and return its index; NO_PLAN where there is none.

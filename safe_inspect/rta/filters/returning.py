@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import State, held, sun_gap, turned
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import held, sun_gap, turned
 from safe_inspect.rta.filters.cuts import add, cut_near, support
 from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, SUN, Model
 from safe_inspect.rta.filters.projection import nearest
@@ -24,7 +25,7 @@ _MET = 1e-6
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _allowed(m: Model, x: State) -> float:
+def _allowed(m: Model, x: RowState) -> float:
     """Return half of the speed that is allowed at a position [m/s]."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     slowest = min(m.limit[0], min(m.limit[1], m.limit[2]))
@@ -43,7 +44,7 @@ def _to_rate(m: Model, code: int, sun: tuple[float, float], d: FloatArray) -> No
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _ask(m: Model, need: float, b: State, u: FloatArray, s: Scratch, count: int) -> tuple[int, bool]:
+def _ask(m: Model, need: float, b: RowState, u: FloatArray, s: Scratch, count: int) -> tuple[int, bool]:
     """Append d.state >= need for the direction in `s.d` unless u meets it; return the count and whether it was."""
     short = need
     for j in range(6):
@@ -54,7 +55,7 @@ def _ask(m: Model, need: float, b: State, u: FloatArray, s: Scratch, count: int)
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def return_control(m: Model, x: State, sun: tuple[float, float], out: FloatArray, s: Scratch) -> int:
+def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatArray, s: Scratch) -> int:
     """Write the least-violating control of the way back, and of such the smallest; return the bits of what shapes it.
 
     Asked of the state after the hold: the speeds within their limits, each distance that is less than `INSIDE` (from

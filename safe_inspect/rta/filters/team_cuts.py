@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.cuts import cut_broken, cut_hold
 from safe_inspect.rta.filters.drifting import drifted
 from safe_inspect.rta.filters.model import FINE_NODES, HOLD_PIECES, Model
@@ -129,7 +130,7 @@ def cut_ends(
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _shifted_end(m: Model, i: int, axis: int, t: Team, s: Scratch) -> State:
+def _shifted_end(m: Model, i: int, axis: int, t: Team, s: Scratch) -> RowState:
     """Return the state after the hold of a deputy's last proposal, stepped along an axis, and of its plan."""
     for k in range(3):
         t.u[k] = t.control[3 * i + k]

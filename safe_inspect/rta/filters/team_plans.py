@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.arcs import SAFE, State, held, turned
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.filters.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.closed_motion import closed_motion
 from safe_inspect.rta.filters.drifting import apart, drifted
 from safe_inspect.rta.filters.holds import hold
@@ -30,13 +31,13 @@ _STRIDE = 4
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def state_of(x: FloatArray, i: int) -> State:
+def state_of(x: FloatArray, i: int) -> RowState:
     """Return a row of states as the tuple that the tests take."""
     return x[i, 0], x[i, 1], x[i, 2], x[i, 3], x[i, 4], x[i, 5]
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def minus(a: State, b: State) -> State:
+def minus(a: RowState, b: RowState) -> RowState:
     """Return the difference of two states."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
 
