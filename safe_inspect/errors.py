@@ -85,6 +85,10 @@ class PluginValueError(SafeInspectError, ArithmeticError):
     """A plugin returned NaN or infinity, or an array of the wrong shape."""
 
 
+class ArgumentError(SafeInspectError, ValueError):
+    """An action outside of its space, or an argument of an environment's `reset` that it does not take."""
+
+
 class CheckpointError(SafeInspectError, RuntimeError):
     """A checkpoint that is missing, damaged or of another experiment."""
 

@@ -87,7 +87,7 @@ class BatchedEnvironment:
         """Hold an action over one step; see `TeamEnvironment.step`.
 
         Args:
-            action: Action of each agent, clipped to its bounds, shape (N, G, A).
+            action: Action of each agent, clipped to its bounds unless it is discrete, shape (N, G, A).
         """
         return self.team.step((action,)).groups[self._index]
 

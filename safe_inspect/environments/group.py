@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.guard import all_finite, require_finite, require_shape
+from safe_inspect.environments.guard import all_finite, require_choices, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.glues.base import Glue
@@ -83,7 +83,13 @@ class AgentGroup:
         self.fused: FusedGroup | None = None
 
     def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
-        """Return the actions within their bounds, shape (R, A), and the thrust that they ask for [N], shape (R, 3)."""
+        """Return the actions within their bounds, shape (R, A), and the thrust that they ask for [N], shape (R, 3).
+
+        Raises:
+            ArgumentError: An element of a discrete action is no index of its values.
+            PluginValueError: The actions or the thrusts are not finite.
+            ValueError: The actions have another shape than (N, G, A).
+        """
         layout = self.action_layout
         action = np.ascontiguousarray(action, dtype=np.float64)
         wanted = (view.state.num_envs, self.size, layout.size)
@@ -97,7 +103,10 @@ class AgentGroup:
         if not all_finite(action):
             bad = int(np.flatnonzero(~np.isfinite(action).all(axis=1))[0])
             require_finite(f"the action of {self.agents[bad % self.size]}", action, view.state)
-        action = np.minimum(np.maximum(action, layout.low), layout.high)
+        if layout.choices:
+            require_choices(self.agents, layout, action)
+        else:
+            action = np.minimum(np.maximum(action, layout.low), layout.high)
         thrust = self.thrusters(action)
         if not all_finite(thrust):
             for glue, columns in self.thrusters.commands:

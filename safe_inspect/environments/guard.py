@@ -5,12 +5,14 @@ from __future__ import annotations
 import operator
 import os
 import tempfile
+from collections.abc import Sequence
 
 import numpy as np
 
-from safe_inspect.errors import PluginValueError
+from safe_inspect.environments.layout import Layout
+from safe_inspect.errors import ArgumentError, PluginValueError
 from safe_inspect.simulators.state import State
-from safe_inspect.types import AnyArray
+from safe_inspect.types import AnyArray, FloatArray
 
 #: Folder for the states that caused an error; the run folder during a training.
 CRASH_FOLDER_VARIABLE = "SAFE_INSPECT_CRASH_FOLDER"
@@ -37,6 +39,28 @@ def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
     """
     if value.shape != shape:
         raise PluginValueError(f"{what} gave an array of shape {value.shape}; one of shape {shape} is wanted")
+
+
+def require_choices(agents: Sequence[str], layout: Layout, action: FloatArray) -> None:
+    """Stop when an element of a discrete action is not the index of one of its values.
+
+    Args:
+        agents: The agents that the rows belong to, in turn.
+        layout: The layout of a discrete action.
+        action: Finite numbers, shape (R, A).
+
+    Raises:
+        ArgumentError: An element is a fraction or out of range.
+    """
+    valid = np.minimum(np.maximum(np.rint(action), 0.0), layout.last_choices) == action
+    if np.count_nonzero(valid) == valid.size:
+        return
+    row, element = (int(index) for index in np.argwhere(~valid)[0])
+    raise ArgumentError(
+        f"the action of {agents[row % len(agents)]} is invalid in environment {row // len(agents)}: "
+        f"`{layout.names[element]}` is {action[row, element]:g}, "
+        f"but must be a whole number from 0 to {layout.choices[element] - 1}"
+    )
 
 
 def all_finite(value: AnyArray) -> bool:

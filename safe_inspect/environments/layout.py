@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,6 +34,11 @@ class Layout:
     def size(self) -> int:
         """Number of elements."""
         return len(self.names)
+
+    @cached_property
+    def last_choices(self) -> FloatArray:
+        """Of a discrete action the largest index of each element, shape (size,)."""
+        return np.array(self.choices, dtype=np.float64) - 1.0
 
     def __str__(self) -> str:
         width = max(map(len, self.names), default=0)

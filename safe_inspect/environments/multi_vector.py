@@ -115,12 +115,13 @@ class MultiAgentVectorEnv:
         """Hold the actions over one step.
 
         Args:
-            actions: Actions of all agents, clipped to their bounds, each of shape (N, A).
+            actions: Actions of all agents, clipped to their bounds unless they are discrete, each of shape (N, A).
 
         Returns:
             Observations (N, O), rewards (N,), terminations (N,), truncations (N,), each by agent, and infos.
 
         Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
             SafeInspectError: No episode has begun; an environment that is over is stepped in the mode ``DISABLED``; or
                 an action is missing, of another shape, or for an agent that does not act.
         """

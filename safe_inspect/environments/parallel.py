@@ -90,9 +90,10 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         """Hold the actions over one step.
 
         Args:
-            actions: The action of every agent of `agents`, clipped to its bounds.
+            actions: The action of every agent of `agents`, clipped to its bounds unless it is discrete.
 
         Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
             SafeInspectError: The episode has not begun or is over for all; or an action is missing, of another shape,
                 or for an agent that does not act.
         """

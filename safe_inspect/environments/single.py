@@ -54,7 +54,11 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold an action over one step.
 
+        Args:
+            action: The action, clipped to its bounds unless it is discrete, shape (A,).
+
         Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
             SafeInspectError: The episode has not begun or is over.
         """
         if not self._running:

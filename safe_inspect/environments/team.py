@@ -135,10 +135,12 @@ class TeamEnvironment:
         """Hold the actions over one step.
 
         Args:
-            actions: For each acting group the actions in the units of its `action_layout`, clipped to their bounds,
-                shape (N, G, A). Those of agents that have ended count for nothing.
+            actions: For each acting group the actions in the units of its `action_layout`, clipped to their bounds
+                unless they are discrete, shape (N, G, A). Those of agents that have ended must be valid too, but have
+                no effect.
 
         Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
             PluginValueError: A plugin gave NaN or infinity (the state that caused it is saved), or a wrong shape.
             ValueError: There are not as many actions as acting groups, or they have another shape.
         """

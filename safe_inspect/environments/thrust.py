@@ -43,7 +43,7 @@ class Thrusters:
             self._axes = slice(0, 3) if axes == [0, 1, 2] else axes
             tables = [glue.table for glue, _ in self.commands if isinstance(glue, DiscreteControllerGlue)]
             if len(tables) == len(plain):
-                self._columns, self._last = np.arange(len(tables)), np.array([len(table) - 1.0 for table in tables])
+                self._columns = np.arange(len(tables))
                 self._levels = np.zeros((len(tables), max(map(len, tables))))
                 for row, table in zip(self._levels, tables, strict=True):
                     row[: len(table)] = table
@@ -55,11 +55,10 @@ class Thrusters:
                 self.plain = (np.array(axes, dtype=np.int64), self._low, self._high)
 
     def __call__(self, action: FloatArray) -> FloatArray:
-        """Return the thrust [N], Hill frame, shape (R, 3), for actions of shape (R, A)."""
+        """Return the thrust [N], Hill frame, shape (R, 3), for actions within their bounds, shape (R, A)."""
         thrust = np.zeros((len(action), 3))
         if self._levels is not None:
-            index = np.minimum(np.maximum(np.rint(action), 0.0), self._last).astype(np.int64)
-            thrust[:, self._axes] += self._levels[self._columns, index]
+            thrust[:, self._axes] += self._levels[self._columns, action.astype(np.int64)]
         elif self._axes is not None:
             thrust[:, self._axes] += np.minimum(np.maximum(action, self._low), self._high)
         else:

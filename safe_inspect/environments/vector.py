@@ -85,9 +85,10 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         """Hold the actions over one step; ended environments begin again as `autoreset_mode` says.
 
         Args:
-            actions: Actions, clipped to their bounds, shape (N, A).
+            actions: Actions, clipped to their bounds unless they are discrete, shape (N, A).
 
         Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
             SafeInspectError: No episode has begun, or an environment that has ended is stepped in the mode
                 ``DISABLED``.
         """

@@ -16,8 +16,9 @@ from safe_inspect.units import Force
 class DiscreteControllerGlue(ActionGlue):
     """The command of a controller as one of a few levels: the action is the index of the level, from 0.
 
-    An action between two indices means the nearer one. When all action glues of an agent are such ones, its action
-    space is Gymnasium's `MultiDiscrete`, and RLlib's policies draw from categorical distributions. Few levels of small
+    The action space is Gymnasium's `MultiDiscrete`, and RLlib's policies draw from categorical distributions; an
+    environment refuses an action that is a fraction or out of range. All action glues of an agent are of this kind, or
+    none is. Few levels of small
     thrust did best at inspection in Hamilton et al., Investigating the Impact of Choice on Deep Reinforcement Learning
     for Space Controls, 2024 (arXiv 2405.12355).
 

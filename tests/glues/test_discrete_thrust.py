@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import gymnasium
 import numpy as np
 import pytest
@@ -32,7 +34,7 @@ def test_an_index_is_a_level():
     batch.reset()
     assert batch.action_layout.choices == (3, 3, 3)
     assert str(batch.action_layout).splitlines()[0] == "  X Thrust  one of 3"
-    actions = np.array([[0, 1, 2], [2, 2, 2], [1, 1, 1], [0.4, 1.6, 1.4], [-7, 9, 1], [0, 0, 0]], dtype=float)
+    actions = np.array([[0, 1, 2], [2, 2, 2], [1, 1, 1], [0, 2, 1], [-0.0, 2, 1], [0, 0, 0]], dtype=float)
     step = batch.step(actions[:, None])
     expected = 0.1 * np.array([[-1, 0, 1], [1, 1, 1], [0, 0, 0], [-1, 1, 0], [-1, 1, 0], [-1, -1, -1]])
     np.testing.assert_array_equal(batch.state.control[:, 0], expected)
@@ -57,7 +59,7 @@ def test_unequal_levels_and_the_order_of_the_axes():
 def test_one_call_for_all_axes_gives_what_the_glues_give():
     batch = environment()
     (group,) = batch.team.groups
-    actions = np.random.default_rng(0).uniform(-1.0, 3.0, (50, 3))
+    actions = np.random.default_rng(0).integers(0, 3, (50, 3)).astype(float)
     alone = sum(each(actions[:, columns], group.agent.parts) for each, columns in group.thrusters.commands)
     np.testing.assert_array_equal(group.thrusters(actions), alone)
 
@@ -69,6 +71,44 @@ def test_the_safety_filter_takes_levels():
     for _ in range(30):
         step = batch.step(rng.integers(0, 3, (6, 1, 3)).astype(float))
     assert np.isfinite(step.observation).all()
+
+
+@pytest.mark.parametrize("value", [7, -1, 3, 1e300, 0.5, 1.5, -1e-9])
+def test_an_action_that_is_no_index_is_refused(value):
+    """Clipped or rounded, it would be another action than the one that was meant."""
+    bad = np.array([1, value, 2], dtype=float)
+    valid = np.array([1, 0, 2])
+    shown = re.escape(f"{value:g}")
+    message = rf"the action of blue\d?_ctrl .*`Y Thrust` is {shown}, but must be a whole number from 0 to 2"
+    single = safe_inspect.make(EXPERIMENT)
+    single.reset(seed=0)
+    vector = safe_inspect.make_vec(EXPERIMENT, num_envs=4)
+    vector.reset(seed=0)
+    parallel = safe_inspect.make_parallel(TEAM)
+    parallel.reset(seed=0)
+    last = parallel.agents[-1]
+    batch = safe_inspect.make_parallel_vec(TEAM, num_envs=4)
+    batch.reset(seed=0)
+    core = environment(num_envs=4)
+    core.reset()
+    third = np.stack([valid, valid, bad, valid])
+    calls = [
+        lambda: single.step(bad),
+        lambda: vector.step(third),
+        lambda: parallel.step({agent: bad if agent == last else valid for agent in parallel.agents}),
+        lambda: batch.step({agent: third if agent == last else np.tile(valid, (4, 1)) for agent in batch.agents}),
+        lambda: core.step(third[:, None]),
+    ]
+    for call, where in zip(calls, (0, 2, 0, 2, 2), strict=True):
+        with pytest.raises(ValueError, match=message) as caught:
+            call()
+        assert f"in environment {where}:" in str(caught.value)
+        if call in calls[2:4]:
+            assert last in str(caught.value)
+    for env in (single, vector, parallel, batch):  # a refused action leaves no trace
+        state = env.core.state
+        assert (state.step == 0).all()
+    single.step(valid)
 
 
 def test_gymnasium_and_pettingzoo_have_discrete_spaces():
