@@ -26,7 +26,7 @@ class BatchedEnvironment:
     Args:
         spec: The task.
         num_envs: Number of environments, N.
-        seed: Seed of the run; the task's own unless given.
+        seed: Seed of the run; the task's own unless given (Gymnasium's and PettingZoo's environments draw a fresh one).
         first_slot: Global index of the first environment slot. Two environments with the same seed and slot give the
             same episodes, whatever the batch they stand in.
 

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.by_agent import checked_actions, places_of
 from safe_inspect.environments.episodes import facts, step_facts, team_facts
+from safe_inspect.environments.guard import checked_seed
+from safe_inspect.environments.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
@@ -42,7 +44,7 @@ class MultiAgentVectorEnv:
         num_envs: Number of environments, N.
         autoreset_mode: When environments whose episode is over for all agents begin again: within the same step, or
             never by themselves (``DISABLED``; call ``reset(options={"reset_mask": mask})``).
-        seed: Seed of the run; the task's own unless given.
+        seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn.
         first_slot: Global index of the first environment slot.
 
     Attributes:
@@ -51,6 +53,7 @@ class MultiAgentVectorEnv:
         single_action_spaces: Space of one action, by agent.
         observation_spaces: Space of the observations of N environments, by agent.
         action_spaces: Space of the actions of N environments, by agent.
+        np_random_seed: The seed of the episodes; None before the first reset.
     """
 
     def __init__(
@@ -67,6 +70,8 @@ class MultiAgentVectorEnv:
             raise ValueError("several agents begin again in the SAME_STEP, or by reset() alone (DISABLED)")
         self.core = TeamEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
         self.num_envs = num_envs
+        self._seed = seed
+        self.np_random_seed: int | None = None
         self.metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         acting = self.core.acting
         self._places = places_of(self.core)
@@ -93,22 +98,28 @@ class MultiAgentVectorEnv:
         """Begin new episodes: in all environments, or in those of ``options["reset_mask"]``.
 
         Args:
-            seed: Begin the run of all environments again with this seed.
+            seed: The first episodes of this seed follow.
             options: ``reset_mask`` of shape (N,), bool.
 
         Returns:
             Observations by agent, float32, each of shape (N, O), and infos.
+
+        Raises:
+            ArgumentError: An option is unknown, or the mask has another shape or type, or stands beside a seed.
+            SafeInspectError: A mask is given before the first reset.
         """
-        mask = (options or {}).get("reset_mask")
-        if mask is None:
+        rows = masked_rows(options, self.num_envs, seed)
+        if rows is None:
+            if seed is None and self.np_random_seed is None:
+                seed = fresh_seed() if self._seed is None else self._seed
+            if seed is not None:
+                self.np_random_seed = checked_seed(seed)
             self._observations = list(self.core.reset(seed=seed))
             self._over = np.zeros(self.num_envs, dtype=np.bool_)
-        elif seed is not None:
-            raise ValueError("a seed begins all environments again: give a seed or a reset_mask, not both")
         elif not self._observations:
             raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
-            self._begin(np.flatnonzero(np.asarray(mask, dtype=np.bool_)))
+            self._begin(rows)
         return self._by_agent(self._observations), self._now()
 
     def step(self, actions: Mapping[str, AnyArray]) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, dict[str, Any]]:

@@ -12,6 +12,8 @@ from pettingzoo import ParallelEnv
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.by_agent import checked_actions, places_of
 from safe_inspect.environments.episodes import facts, row, step_facts, step_info
+from safe_inspect.environments.guard import checked_seed
+from safe_inspect.environments.reset_arguments import fresh_seed
 from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
@@ -39,6 +41,7 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         possible_agents: Names of the agents, in their order.
         agents: Those that act in the next step.
         state_space: Space of `state`.
+        np_random_seed: The seed of the episodes; None before the first reset.
     """
 
     metadata = {"render_modes": [], "name": "safe_inspect", "is_parallelizable": True}  # noqa: RUF012 - as PettingZoo does
@@ -47,6 +50,7 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         if render_mode is not None:
             raise ValueError(f"render_mode {render_mode!r} is not supported; record an episode and plot it")
         self.render_mode = None
+        self.np_random_seed: int | None = None
         self.core = TeamEnvironment(spec, 1, first_slot=slot)
         acting = self.core.acting
         self._places = places_of(self.core)
@@ -74,7 +78,17 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], Infos]:
-        """Begin a new episode; a seed begins the run again, so that its first episode follows."""
+        """Begin a new episode.
+
+        Args:
+            seed: The first episode of this seed follows. Without one the next episode of the seed before follows; a
+                fresh environment draws a seed, `np_random_seed`.
+            options: None are known, and all are ignored: PettingZoo's own test of an environment passes one.
+        """
+        if seed is None and self.np_random_seed is None:
+            seed = fresh_seed()
+        if seed is not None:
+            self.np_random_seed = checked_seed(seed)
         observations = self.core.reset(seed=seed)
         self.agents = list(self.possible_agents)
         drawn = self.core.simulation.reset_facts

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.episodes import facts, row, step_facts, step_info
+from safe_inspect.environments.reset_arguments import check_options, fresh_seed
 from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
 
@@ -40,13 +41,26 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
         self.core = BatchedEnvironment(spec, 1, first_slot=slot)
         self.observation_space = box(self.core.observation_layout)
         self.action_space = action_space(self.core.action_layout)
-        self._running = False
+        self._seeded = self._running = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a new episode; a seed begins the run again, so that its first episode follows."""
+        """Begin a new episode.
+
+        Args:
+            seed: The first episode of this seed follows. Without one the next episode of the seed before follows; a
+                fresh environment draws a seed, `np_random_seed`.
+            options: None are known.
+
+        Raises:
+            ArgumentError: An option is given.
+        """
+        check_options(options)
+        if seed is None and not self._seeded:
+            seed = fresh_seed()
         super().reset(seed=seed)
+        self._seeded = True
         observation = self.core.reset(seed=seed)[0, 0]
         self._running = True
         return observation, row(facts(self.core.view()) | self.core.simulation.reset_facts, 0)

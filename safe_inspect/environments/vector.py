@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.episodes import facts, step_facts
+from safe_inspect.environments.guard import checked_seed
+from safe_inspect.environments.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.types import AnyArray, BoolArray
@@ -32,7 +34,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         autoreset_mode: When ended environments begin again: at the next step (which ignores their action), within
             the same step (the last observation and info are then in ``final_obs`` and ``final_info``), or never by
             themselves (``reset(options={"reset_mask": mask})``).
-        seed: Seed of the run; the task's own unless given.
+        seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn, `np_random_seed`.
         first_slot: Global index of the first environment slot.
     """
 
@@ -54,6 +56,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         self.single_action_space = action_space(self.core.action_layout)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._seed = seed
         self._begun = False
         self._ended: BoolArray = np.ones(num_envs, dtype=np.bool_)
         self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
@@ -64,21 +67,26 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         """Begin new episodes: in all environments, or in those of ``options["reset_mask"]``.
 
         Args:
-            seed: Begin the run of all environments again with this seed. A list is taken only as Gymnasium makes it,
-                seed + index.
+            seed: The first episodes of this seed follow. A list is taken only as Gymnasium makes it, seed + index.
             options: ``reset_mask`` of shape (N,), bool.
+
+        Raises:
+            ArgumentError: An option is unknown, or the mask has another shape or type, or stands beside a seed.
+            SafeInspectError: A mask is given before the first reset.
         """
-        mask = (options or {}).get("reset_mask")
-        if mask is not None and _one(seed) is not None:
-            raise ValueError("a seed begins all environments again: give a seed or a reset_mask, not both")
-        if mask is None:
-            self._observation = self.core.reset(seed=_one(seed))[:, 0]
+        one = _one(seed)
+        rows = masked_rows(options, self.num_envs, one)
+        if rows is None:
+            if one is None and not self._begun:
+                one = fresh_seed() if self._seed is None else self._seed
+            super().reset(seed=None if one is None else checked_seed(one))
+            self._observation = self.core.reset(seed=one)[:, 0]
             self._ended = np.zeros(self.num_envs, dtype=np.bool_)
             self._begun = True
         elif not self._begun:
             raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
-            self._begin(np.flatnonzero(np.asarray(mask, dtype=np.bool_)))
+            self._begin(rows)
         return self._observation.copy(), facts(self.core.view()) | self._drawn()
 
     def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:

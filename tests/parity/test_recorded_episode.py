@@ -42,10 +42,11 @@ def test_the_recorded_episode_replays():
     with np.load(RECORD) as arrays:
         record = dict(arrays)
     start = np.concatenate((record["init_position"], record["init_velocity"]))
-    env = InspectionEnv(load_spec(EXPERIMENT, overrides(start, float(record["init_sun_angle"]))))
+    spec = load_spec(EXPERIMENT, overrides(start, float(record["init_sun_angle"])))
+    env = InspectionEnv(spec)
     names = [str(name) for name in record["obs_names"]]
     assert len(names) == len(set(names)) == 11
-    first, info = env.reset()
+    first, info = env.reset(seed=spec.seed)
     inspected = record["obs"][:, 6].astype(int)
     assert info["inspected_count"] == int(record["obs0"][6])
     _agree(first, record["obs0"])
