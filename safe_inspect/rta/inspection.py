@@ -110,6 +110,8 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
             assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
             assert self._guard is not None
+        if self.enabled and self.method == "continuous":
+            assert self._continuous is not None
         return self
 
     @cached_property

@@ -13,14 +13,14 @@ from safe_inspect.glues.normalizers import Normalizer
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
 from safe_inspect.plugin import Plugin
 from safe_inspect.rewards.base import Reward
-from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
+from safe_inspect.testing.constraints import check_constraint
 from safe_inspect.testing.flights import fly_twice
 from safe_inspect.testing.glues import check_glue
 from safe_inspect.testing.metrics import check_metric
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.resets import check_initializer, check_parameter, check_simulator
-from safe_inspect.testing.samples import sample_spec, sample_steps
+from safe_inspect.testing.samples import sample_spec
 from safe_inspect.testing.teams import check_policy, check_shared_done, check_team_safety
 from safe_inspect.testing.values import ROWS, call_of_step, call_of_view, check_bounds, each_world, spread
 from safe_inspect.types import AnyArray
@@ -139,29 +139,6 @@ def _fits(plugin: Normalizer, size: int) -> bool:
     except ValueError:
         return False
     return True
-
-
-def check_constraint(plugin: Constraint, parts: Parts, report: Report) -> None:
-    """Check a constraint: phi, h and rate (R,), gradient (R, 6)."""
-    view = sample_steps(None, ROWS).after
-
-    def make(rows: AnyArray) -> Inputs:
-        state = RelativeState(view.position[rows].copy(), view.velocity[rows].copy(), view.sun_angle[rows].copy())
-        return Inputs((state,), {name: getattr(state, name) for name in ("position", "velocity", "sun_angle")})
-
-    def evaluate(state: RelativeState) -> dict[str, AnyArray]:
-        return dict(vars(plugin.evaluate(state)))
-
-    shapes = {"gradient": Shape((6,), "f", "(R, 6)")}
-    phi = check_call(Call("the constraint", plugin, make, ROWS), report)
-    every = check_call(Call("`evaluate`", evaluate, make, ROWS, shapes=shapes), report)
-    if phi is not None and every is not None:
-        report.expect(
-            np.array_equal(phi, every["phi"]),
-            "phi",
-            "the call gives another phi than `evaluate`",
-            "let both give the same",
-        )
 
 
 def check_platform(plugin: Platform, parts: Parts, report: Report) -> None:

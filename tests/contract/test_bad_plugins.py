@@ -546,6 +546,54 @@ class TestValues:
         assert "phi" in breaches(TwofoldConstraint)
         assert "gradient" in breaches(FlatConstraint)["shape"]
 
+    @pytest.mark.parametrize("factor", [1.0, -1.0, 7.0, 1.01, 0.0], ids=str)
+    def test_the_gradient_of_a_constraint(self, factor: float) -> None:
+        class BrakingSlab(Constraint):
+            """Stay able to brake before z = 300 m: h = 300 m - z - v |v| / (2 a)."""
+
+            wrong: float = 1.0
+            alpha_linear: float = 0.05
+
+            def evaluate(self, state):
+                height, speed = state.position[:, 2], state.velocity[:, 2]
+                gradient = np.zeros((len(state), 6))
+                gradient[:, 2], gradient[:, 5] = -1.0, -self.wrong * np.abs(speed) / 0.08
+                h = 300.0 - height - speed * np.abs(speed) / 0.16
+                return Evaluation(300.0 - height, h, gradient, np.zeros(len(state)))
+
+        plugin = BrakingSlab(wrong=factor)
+        found = breaches(plugin)
+        found.pop("documented")  # the field of the test
+        if factor == 1.0:
+            assert not found
+        elif factor:
+            assert set(found) == {"gradient"}
+            assert "the derivative of h in" in found["gradient"]
+            assert "560 states" in found["gradient"] or "of 48 states" in found["gradient"]
+        else:
+            assert set(found) == {"gradient", "thrust"}
+
+    def test_a_constraint_upon_which_no_thrust_acts(self) -> None:
+        class Slab(Constraint):
+            """Stay below z = 300 m, whatever the velocity: h = 300 m - z."""
+
+            def evaluate(self, state):
+                h = 300.0 - state.position[:, 2]
+                gradient = np.tile([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], (len(state), 1))
+                return Evaluation(h, h, gradient, np.zeros(len(state)))
+
+        class RoughSlab(Constraint):
+            """A h too rough for any gradient to be compared with."""
+
+            def evaluate(self, state):
+                h = np.sin(1e9 * state.position[:, 2] * state.velocity[:, 2])
+                gradient = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 1.0], (len(state), 1))
+                return Evaluation(h, h, gradient, np.zeros(len(state)))
+
+        assert set(breaches(Slab)) == {"thrust"}
+        assert "velocity part of the gradient" in breaches(Slab)["thrust"]
+        assert "h has no derivative" in breaches(RoughSlab)["gradient"]
+
 
 def test_a_defined_plugin_is_registered() -> None:
     class PassingReward(Reward):

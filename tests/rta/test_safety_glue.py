@@ -326,15 +326,26 @@ def copied(shipped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
 
 @pytest.fixture
 def own_constraint() -> Iterator[None]:
-    """Register a constraint that the backup filter does not know, and forget it."""
+    """Register two constraints that the backup filter does not know, and forget them."""
     before = dict(registry.items("constraint"))
 
     class OwnConstraint(Constraint):
-        """Met everywhere."""
+        """Climb slower than 5 m/s."""
 
         def evaluate(self, state):
-            """Return zeros: never negative."""
-            return Evaluation.zeros(len(state))
+            """Return h = phi = 5 m/s - v_z."""
+            h = 5.0 - state.velocity[:, 2]
+            gradient = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, -1.0], (len(state), 1))
+            return Evaluation(h, h, gradient, np.zeros(len(state)))
+
+    class Slab(Constraint):
+        """Stay below z = 300 m, whatever the velocity."""
+
+        def evaluate(self, state):
+            """Return h = phi = 300 m - z."""
+            h = 300.0 - state.position[:, 2]
+            gradient = np.tile([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], (len(state), 1))
+            return Evaluation(h, h, gradient, np.zeros(len(state)))
 
     yield
     registry._classes["constraint"] = before
@@ -405,6 +416,20 @@ def test_a_constraint_that_the_backup_cannot_keep_is_refused_at_once(copied, met
         assert "OwnConstraint" in spec.agents[0].action_glues[0].constraints
         return
     with pytest.raises(ConfigError, match=r"agent-seed\.yml:\d+ .*backup filter cannot keep 'OwnConstraint'"):
+        load_experiment("configs/translational-inspection/experiment-seed.yml")
+
+
+@pytest.mark.usefixtures("own_constraint")
+def test_a_constraint_upon_which_no_thrust_acts_is_refused_at_once(copied):
+    """The filter would let it be broken without a single intervention."""
+    agent, parameters = copied / "agent-seed.yml", copied / "parameters.yml"
+    parameters.write_text(parameters.read_text().replace("[chief_collision,", "[Slab, chief_collision,", 1))
+    load_experiment("configs/translational-inspection/experiment-seed.yml")  # it may still refuse initial states
+    text = agent.read_text()
+    agent.write_text(text.replace(OFF_LINE, "          enabled: True\n          method: continuous\n", 1))
+    with pytest.raises(
+        ConfigError, match=r"agent-seed\.yml:\d+ .*cannot keep the constraint 'Slab': the velocity part"
+    ):
         load_experiment("configs/translational-inspection/experiment-seed.yml")
 
 

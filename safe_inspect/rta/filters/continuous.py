@@ -9,6 +9,7 @@ import numpy as np
 
 from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.probes import responds_to_thrust
 from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.rta.filters.base import FilterResult, SafetyFilter, checked, columns, differs
 from safe_inspect.rta.filters.qp import solve_qp
@@ -48,9 +49,15 @@ class ContinuousFilter(SafetyFilter):
         """Build the filter; see `SafetyFilter` for the arguments.
 
         Raises:
-            ValueError: An argument is wrong.
+            ValueError: An argument is wrong, or no thrust acts on a constraint.
         """
         super().__init__(parameters, names)
+        for name, constraint in self.constraints.items():
+            if name not in NAMES and not responds_to_thrust(constraint):
+                raise ValueError(
+                    f"the method 'continuous' cannot keep the constraint {name!r}: the velocity part of the gradient "
+                    "of its h is 0 everywhere, so no thrust changes how fast h falls; let h depend on the velocity too"
+                )
         if infeasible not in ("least_violating", "pass"):
             raise ValueError(f"`infeasible` is 'least_violating' or 'pass', not {infeasible!r}")
         self.infeasible = infeasible
