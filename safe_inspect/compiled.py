@@ -1,4 +1,6 @@
-"""Numba's `njit` for this package, with a cache on disk that cannot be out of date.
+"""`njit` of this package: Numba's, typed, loaded at the first call, with a cache on disk that cannot be out of date.
+
+A decorated function is a `Kernel`. Importing its module loads no compiler: a configuration is validated without one.
 
 Numba recompiles a cached function when its own file has changed, but not when a compiled function that it calls from
 another file has: after an update of a checkout old machine code would go on running. So the cached machine code of the
@@ -7,15 +9,108 @@ whole package is removed when the source of any compiled function has changed.
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import sys
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any, Generic, ParamSpec, TypeVar, overload
 
-from numba import njit
+__all__ = ["Kernel", "njit"]
 
-__all__ = ["njit"]
+P = ParamSpec("P")
+R = TypeVar("R")
 
 _PACKAGE = Path(__file__).parent
 _STAMP = "compiled.stamp"
+#: Seconds of compiling after which a terminal is told what the wait is for.
+_PATIENCE = 2.0
+
+
+class Kernel(Generic[P, R]):
+    """A function that Numba compiles at its first call. Kernels call each other like functions.
+
+    Args:
+        function: The function.
+        options: Options of `numba.njit`.
+    """
+
+    def __init__(self, function: Callable[P, R], options: Mapping[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self._function, self._options = function, options
+        self._dispatcher: Callable[P, R] | None = None
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the compiled function."""
+        call = self._dispatcher or self.dispatcher
+        return call(*args, **kwargs)
+
+    def __reduce__(self) -> str:
+        """Pickle the kernel as what its module calls it."""
+        return self._function.__qualname__
+
+    @property
+    def dispatcher(self) -> Any:
+        """Numba's dispatcher of the function."""
+        if self._dispatcher is None:
+            _prepare()
+            from numba import njit as compile_with
+
+            try:
+                self._dispatcher = compile_with(cache=True, **self._options)(self._function)
+            except RuntimeError:  # neither the package's folder nor the user's can be written
+                self._dispatcher = compile_with(**self._options)(self._function)
+        return self._dispatcher
+
+
+@overload
+def njit(function: Callable[P, R], /) -> Kernel[P, R]: ...
+@overload
+def njit(**options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]: ...
+def njit(function: Any = None, /, **options: Any) -> Any:
+    """Return a function as a `Kernel`, cached on disk.
+
+    Args:
+        function: The function, where the decorator has no options.
+        options: Options of `numba.njit`.
+    """
+    if function is not None:
+        return Kernel(function, {})
+    options.pop("cache", None)
+    return lambda decorated: Kernel(decorated, options)
+
+
+@functools.cache
+def _prepare() -> None:
+    """Load Numba, teach it what a `Kernel` is, and remove machine code that is out of date; done once."""
+    remove_stale_cache()
+    from numba.core import event
+    from numba.extending import typeof_impl
+
+    @typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
+    def _type_of(kernel: Kernel[..., Any], context: Any) -> Any:
+        return typeof_impl(kernel.dispatcher, context)
+
+    class Announcer(event.Listener):  # type: ignore[misc]
+        """Says once, on a terminal, that the wait is for the compiler."""
+
+        depth, since, spent, quiet = 0, 0.0, 0.0, not sys.stderr.isatty()
+
+        def on_start(self, event: Any) -> None:
+            if self.depth == 0:
+                self.since = time.monotonic()
+            self.depth += 1
+
+        def on_end(self, event: Any) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                self.spent += time.monotonic() - self.since
+            if not self.quiet and self.spent > _PATIENCE:
+                self.quiet = True
+                print("compiling, once for each installation: up to a minute ...", file=sys.stderr)
+
+    event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]
 
 
 def remove_stale_cache(package: Path = _PACKAGE) -> bool:
@@ -45,6 +140,3 @@ def remove_stale_cache(package: Path = _PACKAGE) -> bool:
     except OSError:
         return False
     return True
-
-
-remove_stale_cache()
