@@ -123,8 +123,15 @@ def _describe(group: AgentGroup) -> list[str]:
 
 
 def _closing(result: Any) -> str:
+    from safe_inspect.experiments.trials import trial_table
+
     state = "interrupted" if result.interrupted else "finished"
-    lines = [f"{state} after {result.iteration} iterations, {result.steps} steps, {result.seconds:.0f} s"]
+    if result.trials:
+        lines = [f"{state}: {len(result.trials)} trials, {result.steps} steps, {result.seconds:.0f} s"]
+        lines += trial_table(result.trials)
+        lines.append(f"trials:      {result.trials[0].folder.parent}")
+    else:
+        lines = [f"{state} after {result.iteration} iterations, {result.steps} steps, {result.seconds:.0f} s"]
     if result.checkpoint is not None:
         lines.append(f"checkpoint:  {result.checkpoint}")
     drawn = _draw_curve(result.folder)
@@ -137,13 +144,15 @@ def _closing(result: Any) -> str:
 
 
 def _draw_curve(folder: Path) -> Path | None:
-    """Draw the learning curve, unless matplotlib or a first iteration is missing."""
+    """Draw the learning curve, of a search those of its trials, unless matplotlib or a first iteration is missing."""
+    from safe_inspect.experiments.recipes import recipes_of
+    from safe_inspect.figures.curves import curves_figure
     from safe_inspect.figures.drawing import save
     from safe_inspect.figures.learning_curve import learning_curve_figure
 
-    target = folder / "learning_curve.png"
+    target, progress = folder / "learning_curve.png", folder / "progress.csv"
     try:
-        save(learning_curve_figure(folder / "progress.csv"), target)
+        save(learning_curve_figure(progress) if progress.is_file() else curves_figure(recipes_of([folder])), target)
     except SafeInspectError:
         return None
     return target

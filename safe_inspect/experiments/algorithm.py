@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
@@ -11,7 +12,6 @@ from safe_inspect.experiments.environment import ENVIRONMENT
 from safe_inspect.experiments.keys import FRESH_KEYS
 from safe_inspect.experiments.policies import PolicySettings
 from safe_inspect.experiments.translation import Translation
-from safe_inspect.experiments.values import GRID, is_searched
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
@@ -52,7 +52,7 @@ def build_config(
     """Return the configuration of the algorithm, ready for Tune.
 
     Args:
-        rllib: The settings, from `translate_rllib`, without problems.
+        rllib: The settings of one trial, from `translate_rllib`, without problems.
         env_config: What the environments are built from; see `environment_settings`.
         policies: The policies by name where there are several agents.
 
@@ -84,32 +84,26 @@ def build_config(
     if evaluation is not None:
         config.evaluation(evaluation_config={ATTRIBUTES.get(key, key): item for key, item in evaluation.items()})
     try:
-        first_choice(config, settings).validate()
+        config.copy(copy_frozen=False).validate()
     except ValueError as error:
         raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
     return config
 
 
-def first_choice(config: AlgorithmConfig, settings: Mapping[str, Any]) -> AlgorithmConfig:
-    """Return a copy in which each value that Tune searches is the first of its list."""
-    chosen = config.copy(copy_frozen=False)
-    for name, value in settings.items():
-        if is_searched(value):
-            setattr(chosen, ATTRIBUTES.get(name, name), value[GRID][0])
-    return chosen
-
-
-def claimed_processors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> float:
+def claimed_processors(config: AlgorithmConfig) -> float:
     """Return how many logical processors a trial claims."""
     trainable: Any = config.algo_class
-    request = trainable.default_resource_request(first_choice(config, settings))
+    request = trainable.default_resource_request(config.copy(copy_frozen=False))
     return float(sum(bundle.get("CPU", 0.0) for bundle in request.bundles))
 
 
 def environment_settings(experiment: Mapping[str, Any], rllib: Mapping[str, Any], **more: Any) -> dict[str, Any]:
-    """Return what RLlib hands to the environments: the resolved configuration, the seed, and the run's own."""
+    """Return what RLlib hands to the environments: the resolved configuration, the seed, and the run's own.
+
+    The configuration is JSON text, as Tune would resolve a `grid_search` within a mapping once more.
+    """
     return {
-        "experiment": dict(experiment),
+        "experiment": json.dumps(experiment),
         "seed": int(rllib.get("seed") or 0),
         "torch_num_threads": rllib["torch_num_threads"],
         **more,

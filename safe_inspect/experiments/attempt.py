@@ -15,6 +15,8 @@ from safe_inspect.experiments.checkpoints import Checkpoint
 from safe_inspect.experiments.frozen import check_frozen
 from safe_inspect.experiments.policies import check_layouts
 from safe_inspect.experiments.run_folder import RunFolder
+from safe_inspect.experiments.search import Trial, experiment_of
+from safe_inspect.experiments.search_space import search_space
 from safe_inspect.experiments.tune_hooks import Monitor, RunCallback, RunStopper, monitored, read_failure, trial_name
 
 if TYPE_CHECKING:
@@ -33,17 +35,17 @@ def check(run: TrainingRun, settings: Settings) -> None:
         CheckpointError: A policy's checkpoint that cannot be read or does not fit.
     """
     _quiet()
-    environments = environment_settings(run.experiment, settings.rllib.settings, maker=run.maker)
+    environments = environment_settings(run.experiment, settings.trials[0].rllib.settings, maker=run.maker)
     if settings.policies:
         groups = environment.build_team(environments, 1, 0, False).groups
         problems = check_layouts(settings.policies, groups)
         if problems:
             raise ConfigError(problems)
         check_frozen(settings.policies, groups)
-    config = build_config(settings.rllib, environments, settings.policies)
+    configs = [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
     processors = settings.ray.settings.get("num_cpus")
     if processors:
-        cluster.check_size(claimed_processors(config, settings.rllib.settings), processors)
+        cluster.check_size(max(map(claimed_processors, configs)), processors)
 
 
 def run_attempt(
@@ -60,16 +62,18 @@ def run_attempt(
     number = run_folder.add_attempt(
         folder, run.command, str(start.path) if start else "", start.iteration if start else 0
     )
-    config = _config(run, settings, folder, number, start)
+    configs = [_config(run, settings, trial, folder, number, start) for trial in settings.trials]
     monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
     where = f"goes on after iteration {start.iteration}" if start else "starts"
+    if run.resume is not None and not settings.single:
+        where = "goes on with the trials that have not ended"
     print(f"{folder.path}: the training {where}; Ray takes some seconds to begin", file=stream, flush=True)
-    processors = claimed_processors(config, settings.rllib.settings)
+    processors = max(map(claimed_processors, configs))
     with cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor):
         _quiet()  # starting Ray sets its logs anew
         environment.register(run.maker)
-        tuner = _tuner(config, settings, folder, number, run.resume is not None)
+        tuner = _tuner(configs, settings, folder, number, run.resume is not None)
         results = tuner.fit()
         failed = next(iter(results.errors), None)
         if failed is not None:
@@ -80,8 +84,12 @@ def run_attempt(
 
 
 def _config(
-    run: TrainingRun, settings: Settings, folder: RunFolder, number: int, start: Checkpoint | None
+    run: TrainingRun, settings: Settings, trial: Trial, folder: RunFolder, number: int, start: Checkpoint | None
 ) -> AlgorithmConfig:
+    experiment = run.experiment
+    if not settings.single:
+        experiment = experiment_of(experiment, trial)
+        number = len(run_folder.read_record(RunFolder(folder.trials / trial.name))["attempts"])  # its own attempts
     more: dict[str, Any] = {"attempt": number, "maker": run.maker, "failure_file": str(folder.failure)}
     if start is not None:
         more["continue_from"] = {
@@ -89,30 +97,29 @@ def _config(
             "iteration": start.iteration,
             "seconds": start.seconds,
         }
-    environments = environment_settings(run.experiment, settings.rllib.settings, **more)
-    config = build_config(settings.rllib, environments, settings.policies)
+    environments = environment_settings(experiment, trial.rllib.settings, **more)
+    config = build_config(trial.rllib, environments, settings.policies)
     if number and isinstance(config.seed, int):
         config.seed += 10_000 * number  # the noise of the actions is not to repeat either
     return config
 
 
-def _tuner(config: AlgorithmConfig, settings: Settings, folder: RunFolder, number: int, resumed: bool) -> tune.Tuner:
+def _tuner(
+    configs: list[AlgorithmConfig], settings: Settings, folder: RunFolder, number: int, resumed: bool
+) -> tune.Tuner:
     """Return a new Tuner that trains on from the checkpoint, or Tune's own restored one for several trials.
 
     Tune's restored state may name a checkpoint that is gone; a new Tuner only needs the one that was
     found good. Only a search over several trials needs Tune's state.
     """
     chosen = settings.tune.settings
-    space: Any = config
+    space: Any = configs[0] if settings.single else search_space(configs)
     algorithm = settings.rllib.settings["algorithm"]
     if resumed and not settings.single:
-        experiments = sorted(path.parent for path in folder.tune.glob("*/tuner.pkl"))
-        if not experiments:
-            raise CheckpointError(
-                f"{folder.path}: Tune has left no state to resume {chosen['num_samples']} trials from"
-            )
+        if not (folder.trials / "tuner.pkl").is_file():
+            raise CheckpointError(f"{folder.path}: Tune has left no state to resume {len(configs)} trials from")
         return tune.Tuner.restore(
-            str(experiments[-1]), trainable=algorithm, resume_unfinished=True, resume_errored=True, param_space=space
+            str(folder.trials), trainable=algorithm, resume_unfinished=True, resume_errored=True, param_space=space
         )
     if not settings.single:
         os.environ.setdefault("TUNE_GLOBAL_CHECKPOINT_S", "0.2")  # else its state may name deleted checkpoints
@@ -120,15 +127,14 @@ def _tuner(config: AlgorithmConfig, settings: Settings, folder: RunFolder, numbe
         algorithm,
         param_space=space,
         tune_config=tune.TuneConfig(
-            num_samples=chosen["num_samples"],
             max_concurrent_trials=chosen.get("max_concurrent_trials"),
             time_budget_s=chosen.get("time_budget_s"),
             reuse_actors=False,  # saves a second between trials, and carries state from one to the next
             trial_dirname_creator=trial_name,
         ),
         run_config=tune.RunConfig(
-            name=f"{number:03d}",
-            storage_path=str(folder.tune),
+            name=f"{number:03d}" if settings.single else folder.trials.name,
+            storage_path=str(folder.tune if settings.single else folder.path),
             stop=RunStopper(),
             verbose=0,
             callbacks=[RunCallback()],

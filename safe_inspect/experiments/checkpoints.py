@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, did_you_mean
+from safe_inspect.experiments.trial_parameters import PARAMETERS, parameters_text, read_parameters
 
 SEAL = "safe_inspect.json"
 
@@ -118,7 +119,11 @@ def find_newest(folder: Path, digest: str = "") -> Found:
     Args:
         folder: A run's `tune` folder, or a folder below it.
         digest: Hash of the configuration that the checkpoint must have; any when empty.
+
+    Raises:
+        CheckpointError: The folder is that of a search with several trials.
     """
+    _check_one_trial(folder)
     found = Found()
     for path in sorted(folder.glob("**/checkpoint_*"), key=_order, reverse=True):
         if not path.is_dir():
@@ -134,6 +139,25 @@ def find_newest(folder: Path, digest: str = "") -> Found:
         found.newest = checkpoint
         break
     return found
+
+
+def _check_one_trial(folder: Path) -> None:
+    """Refuse a folder with several trials, the newest checkpoint of which would be that of any of them."""
+    if (folder / PARAMETERS).is_file():
+        return
+    trials = sorted(path.parent for path in folder.glob(f"**/{PARAMETERS}"))
+    if not trials:  # Tune's own folder, which has the first trial of each attempt where there is no search
+        found = {path.parent.name: path.parent for path in sorted(folder.glob("**/checkpoint_*")) if path.is_dir()}
+        trials = [found[name] for name in sorted(found)]
+    if len(trials) < 2:
+        return
+    lines = [
+        f"  {path}" + (f"  {parameters_text(read_parameters(path))}" if (path / PARAMETERS).is_file() else "")
+        for path in trials
+    ]
+    raise CheckpointError(
+        f"{folder}: this is a search with {len(trials)} trials; give the folder of one of them:\n" + "\n".join(lines)
+    )
 
 
 def _order(path: Path) -> tuple[int, float, str]:

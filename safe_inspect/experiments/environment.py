@@ -79,8 +79,11 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
         evaluation: Whether they serve the evaluation.
     """
     maker = find_maker(config.get("maker", DEFAULT_MAKER))
+    experiment = config["experiment"]
+    if isinstance(experiment, str):
+        experiment = json.loads(experiment)
     with Reported(config):
-        return maker(config["experiment"], num_envs, seed_of(config, evaluation), slot)
+        return maker(experiment, num_envs, seed_of(config, evaluation), slot)
 
 
 class Reported:

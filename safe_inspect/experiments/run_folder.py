@@ -7,6 +7,7 @@
     result.json               one line for each iteration, every value
     tensorboard/              the same for TensorBoard
     tune/<attempt>/           Tune's own state and the checkpoints
+    trials/                   of a search, instead of the logs and `tune`: a folder for each trial, see `trials`
 """
 
 from __future__ import annotations
@@ -61,6 +62,11 @@ class RunFolder:
     def tune(self) -> Path:
         """Tune's folder; one folder within it for each attempt."""
         return self.path / "tune"
+
+    @property
+    def trials(self) -> Path:
+        """Tune's folder of a search; one folder within it for each trial."""
+        return self.path / "trials"
 
     @property
     def failure(self) -> Path:
@@ -167,6 +173,13 @@ def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str =
     )
     _write_json(folder.record, record)
     return len(record["attempts"]) - 1
+
+
+def copy_attempt(folder: RunFolder, own: RunFolder) -> None:
+    """Note the newest attempt of a search in `run.json` of a trial that starts."""
+    record = read_record(own)
+    record["attempts"].append(read_record(folder)["attempts"][-1])
+    _write_json(own.record, record)
 
 
 def learning_configuration(

@@ -20,7 +20,9 @@ from safe_inspect.experiments.checkpoints import Checkpoint, find_newest
 from safe_inspect.experiments.environment import DEFAULT_MAKER
 from safe_inspect.experiments.policies import PolicySettings, read_policies
 from safe_inspect.experiments.run_folder import RunFolder
+from safe_inspect.experiments.search import Trial, trials_of
 from safe_inspect.experiments.translation import Translation, translate_ray, translate_rllib, translate_tune
+from safe_inspect.experiments.trials import TrialResult, check_trials, read_trials, write_trials
 from safe_inspect.experiments.values import is_searched
 
 
@@ -61,13 +63,14 @@ class TrainingResult:
 
     Attributes:
         folder: The run's folder.
-        checkpoint: The newest complete checkpoint.
-        iteration: Iterations of the run, earlier attempts included.
-        steps: Environment steps of the run.
+        checkpoint: The newest complete checkpoint; None of a search.
+        iteration: Iterations of the run, earlier attempts included; of a search, of its longest trial.
+        steps: Environment steps of the run; of a search, of all its trials.
         seconds: Duration of this attempt, Ray's start included [s].
         metrics: The last iteration, as paths such as ``env_runners/episode_return_mean``.
         interrupted: Whether the user ended the training.
         notes: What was translated in the configuration, a sentence each.
+        trials: What came of each trial of a search; empty without a search.
     """
 
     folder: Path
@@ -78,6 +81,7 @@ class TrainingResult:
     metrics: Mapping[str, float]
     interrupted: bool
     notes: tuple[str, ...]
+    trials: tuple[TrialResult, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,8 @@ class Settings:
         policies: The policies by name where there are several agents.
         policy_notes: What was translated in the policies' own keys.
         policy_problems: The mistakes in them.
+        trials: What Tune trains, one or several; none where there are mistakes in `rllib`.
+        trial_problems: The mistakes of single combinations of values that are searched.
     """
 
     rllib: Translation
@@ -99,11 +105,14 @@ class Settings:
     policies: Mapping[str, PolicySettings] = field(default_factory=dict)
     policy_notes: tuple[str, ...] = ()
     policy_problems: tuple[errors.Problem, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    trial_problems: tuple[errors.Problem, ...] = ()
 
     @property
     def problems(self) -> tuple[errors.Problem, ...]:
         """All mistakes."""
-        return self.rllib.problems + self.policy_problems + self.tune.problems + self.ray.problems
+        own = self.rllib.problems + self.trial_problems
+        return own + self.policy_problems + self.tune.problems + self.ray.problems
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -112,7 +121,7 @@ class Settings:
 
     @property
     def single(self) -> bool:
-        """Whether Tune makes one trial."""
+        """Whether the run is no search, which has several trials or asks for several values."""
         searched = any(is_searched(value) for value in self.rllib.settings.values())
         return self.tune.settings["num_samples"] == 1 and not searched
 
@@ -122,9 +131,14 @@ def read_settings(
 ) -> Settings:
     """Translate and check the three mappings and what several policies have of their own, without loading Ray."""
     tuned = translate_tune(tune)
-    translated = translate_rllib(rllib, tuned.settings.get("algorithm"))
+    algorithm = tuned.settings.get("algorithm")
+    translated = translate_rllib(rllib, algorithm)
     found, notes, problems = read_policies(policies, translated.settings["algorithm"])
-    return Settings(translated, tuned, translate_ray(ray), found, tuple(notes), tuple(problems))
+    trials: tuple[Trial, ...] = ()
+    wrong: list[errors.Problem] = []
+    if not translated.problems and not tuned.problems:
+        trials, wrong = trials_of(rllib, translated, algorithm, tuned.settings["num_samples"])
+    return Settings(translated, tuned, translate_ray(ray), found, tuple(notes), tuple(problems), trials, tuple(wrong))
 
 
 def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
@@ -163,16 +177,20 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
             if run.resume is None:  # nothing has been trained, so nothing is left
                 shutil.rmtree(folder.path, ignore_errors=True)
             raise
-    newest = find_newest(folder.tune).newest
+    trials = read_trials(folder)
+    newest = None if trials else find_newest(folder.path).newest
+    iteration = int(monitor.last.get("training_iteration", start.iteration if start else 0))
+    steps = int(monitor.last.get("num_env_steps_sampled_lifetime", start.steps if start else 0))
     return TrainingResult(
         folder.path,
         newest.path if newest else None,
-        int(monitor.last.get("training_iteration", start.iteration if start else 0)),
-        int(monitor.last.get("num_env_steps_sampled_lifetime", start.steps if start else 0)),
+        max((trial.iteration for trial in trials), default=iteration),
+        sum(trial.steps for trial in trials) if trials else steps,
         time.monotonic() - started,
         {key: value for key, value in monitor.last.items() if math.isfinite(value)},
         monitor.interrupted,
         settings.notes,
+        trials,
     )
 
 
@@ -183,14 +201,17 @@ def _open(
     if run.resume is None:
         folder = run_folder.create_run_folder(run.output, run.name)
         stack.enter_context(run_folder.locked(folder))
-        seed = int(settings.rllib.settings.get("seed") or 0)
+        seed = settings.trials[0].seed or 0
         run_folder.write_record(folder, text=run.text, seed=seed, configuration=learning)
+        if not settings.single:
+            write_trials(folder, run, settings)
         return folder, None
     folder = run_folder.open_run_folder(run.resume)
     stack.enter_context(run_folder.locked(folder))
     if not settings.single:
+        check_trials(folder, settings)
         return folder, None
-    found = find_newest(folder.tune, run_folder.digest(learning))
+    found = find_newest(folder.path, run_folder.digest(learning))
     for sentence in found.refused:
         print(f"passed over {sentence}", file=stream)
     if found.newest is None:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from safe_inspect.experiments.progress import row_of
 
-_HIDDEN = ("timestamp", "pid", "iterations_since_restore", "time_since_restore")
+_HIDDEN = ("timestamp", "pid", "seed", "iterations_since_restore", "time_since_restore")
 
 
 class TrainingLog:

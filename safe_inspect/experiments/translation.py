@@ -14,7 +14,7 @@ from safe_inspect.experiments import keys, old_keys, run_keys
 from safe_inspect.experiments.keys import Key
 from safe_inspect.experiments.learner_choice import choose_learner
 from safe_inspect.experiments.runner_choice import choose_runner
-from safe_inspect.experiments.values import check_value, is_searched
+from safe_inspect.experiments.values import EVAL, GRID, check_value, is_searched, resolved_by_tune
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,12 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
         notes += more_notes
         problems += more_problems
     return Translation(settings, tuple(notes), tuple(problems), found.unchecked, found.given)
+
+
+def current_name(given: str) -> str:
+    """Return RLlib's current name of a key of the algorithm, which may be given by an old one."""
+    name = old_keys.SPELLINGS.get(given, given)
+    return old_keys.RENAMED.get(name, name)
 
 
 def translate_tune(mapping: Mapping[str, Any]) -> Translation:
@@ -158,10 +164,12 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
     )
     found = _translate(mapping, path, tables)
     settings, notes, problems = dict(found.settings), list(found.notes), list(found.problems)
+    problems += _hidden_searches(mapping, path)
     if isinstance(settings.get("model_config"), Mapping):
         model_path = f"{path}.{'model' if 'model' in mapping else 'model_config'}"
         model = _translate(settings["model_config"], model_path, _MODEL)
         settings["model_config"] = model.settings
+        problems += _hidden_searches(settings["model_config"], model_path)
         notes += model.notes
         problems += model.problems
         if algorithm != "PPO":
@@ -176,6 +184,22 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         notes += evaluation.notes
         problems += evaluation.problems
     return Translation(settings, tuple(notes), tuple(problems), found.unchecked, frozenset(settings))
+
+
+def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
+    """Return the values within which Tune would resolve something: it looks into every mapping and list."""
+    problems = []
+    for given, value in mapping.items():
+        if current_name(str(given)) in ("model_config", "evaluation_config"):
+            continue  # these have keys of their own
+        word = resolved_by_tune(value[GRID] if is_searched(value) else value)
+        if word == EVAL:
+            message = "`eval` is code, which Tune would run; give the value"
+            problems.append(Problem(message, f"{path}.{given}"))
+        elif word:
+            message = "`grid_search` is possible for the keys of `rllib_configs` themselves only"
+            problems.append(Problem(message, f"{path}.{given}"))
+    return problems
 
 
 def _translate(mapping: Mapping[str, Any], path: str, tables: _Tables) -> Translation:

@@ -19,7 +19,9 @@ from ray import tune
 
 from safe_inspect.experiments.checkpoints import Checkpoint, seal_checkpoint
 from safe_inspect.experiments.progress import Progress, flatten
+from safe_inspect.experiments.run_folder import RunFolder, copy_attempt, read_record
 from safe_inspect.experiments.training_log import TrainingLog
+from safe_inspect.experiments.trial_parameters import parameters_text, read_parameters
 
 _monitor: Monitor | None = None
 
@@ -53,9 +55,19 @@ class Monitor:
         self._logs: dict[str, TrainingLog] = {}
         self._lines: dict[str, Progress] = {}
 
+    def on_start(self, trial: str) -> None:
+        """Note and print that a trial of a search starts."""
+        if self.single:
+            return
+        own = RunFolder(RunFolder(self.folder).trials / trial)
+        copy_attempt(RunFolder(self.folder), own)
+        print(f"{trial}  {parameters_text(read_parameters(own.path))}", file=self.stream, flush=True)
+
     def on_result(self, trial: str, result: Mapping[str, Any]) -> None:
         """Log and print an iteration of a trial."""
         flat = flatten(result)
+        if not self.single:
+            flat["seed"] = float(result["config"]["seed"] or 0)
         self.iterations += 1
         self.last = flat
         if trial not in self._logs:
@@ -64,7 +76,7 @@ class Monitor:
                 self._logs[trial] = TrainingLog(self.folder, start.iteration, start.steps)
             else:
                 passed = int(flat["training_iteration"]) - 1
-                self._logs[trial] = TrainingLog(self.folder / "trials" / trial, passed)
+                self._logs[trial] = TrainingLog(RunFolder(self.folder).trials / trial, passed)
             self._lines[trial] = Progress(self.stop, self.stream, "" if self.single else trial)
         self._logs[trial].add(flat)
         self._lines[trial].show(flat)
@@ -72,13 +84,14 @@ class Monitor:
     def on_checkpoint(self, path: Path, result: Mapping[str, Any]) -> None:
         """Seal a checkpoint that Tune has written."""
         flat = flatten(result)
+        digest = self.digest if self.single else str(read_record(RunFolder(path.parent))["digest"])
         seal_checkpoint(
             Checkpoint(
                 path,
                 int(flat.get("training_iteration", 0)),
                 int(flat.get("num_env_steps_sampled_lifetime", 0)),
                 flat.get("time_total_s", 0.0),
-                self.digest,
+                digest,
             )
         )
 
@@ -125,6 +138,11 @@ def monitored(monitor: Monitor) -> Iterator[None]:
 
 class RunCallback(tune.Callback):
     """Passes Tune's news to the monitor."""
+
+    def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **_: Any) -> None:
+        """Pass on that a trial starts."""
+        if _monitor is not None:
+            _monitor.on_start(trial_name(trial))
 
     def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
         """Pass on an iteration."""

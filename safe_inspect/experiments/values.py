@@ -10,6 +10,7 @@ from safe_inspect.errors import did_you_mean
 from safe_inspect.experiments.keys import Key
 
 GRID = "grid_search"
+EVAL = "eval"
 
 
 def check_value(key: Key, value: Any) -> tuple[Any, str]:
@@ -30,6 +31,17 @@ def check_value(key: Key, value: Any) -> tuple[Any, str]:
 def is_searched(value: Any) -> bool:
     """Return whether the value asks Tune to try several."""
     return isinstance(value, Mapping) and set(value) == {GRID}
+
+
+def resolved_by_tune(value: Any) -> str:
+    """Return the word by which Tune would resolve something at any depth of a value: `GRID`, `EVAL` or none."""
+    if isinstance(value, Mapping):
+        if set(value) in ({GRID}, {EVAL}):
+            return str(next(iter(value)))
+        value = value.values()
+    elif not isinstance(value, list | tuple):
+        return ""
+    return next(filter(None, map(resolved_by_tune, value)), "")
 
 
 def _check_grid(key: Key, values: Any) -> tuple[Any, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 
 import pytest
 
@@ -131,7 +132,7 @@ def test_settings_reach_the_algorithm():
     assert (config.lambda_, config.num_epochs, config.minibatch_size) == (0.9, 3, 64)
     assert config.total_train_batch_size == 640
     assert config.model_config["vf_share_layers"] is True
-    assert config.env_config["experiment"] == {"a": 1}
+    assert json.loads(config.env_config["experiment"]) == {"a": 1}
     assert config.torch_skip_nan_gradients is True
     assert config.gym_env_vectorize_mode == "vector_entry_point"
 

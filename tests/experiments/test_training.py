@@ -12,6 +12,7 @@ from training_values import MAKER, QUICK
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError
 from safe_inspect.experiments.checkpoints import find_newest
+from safe_inspect.experiments.search import sample_seed
 from safe_inspect.experiments.train import TrainingRun, train
 from safe_inspect.experiments.training_log import read_progress
 
@@ -154,21 +155,43 @@ def test_an_error_of_a_plugin_arrives_as_it_was(ray_session, tmp_path, quick, ma
 @pytest.mark.slow
 def test_a_search_trains_each_value_and_can_be_resumed(ray_session, tmp_path, quick, maker):
     stream = io.StringIO()
+    search = {"grid_search": [1e-4, 1e-3]}
     run = TrainingRun(
-        {},
-        rllib={**quick, "lr": {"grid_search": [1e-4, 1e-3]}},
-        tune={"stop": {"training_iteration": 2}, "checkpoint_frequency": 1},
+        {"agent_config": [{"policy": {"config": {"lr": search, "seed": 7}}}]},  # as the resolved configuration has it
+        rllib={**quick, "lr": search, "seed": 7},
+        tune={"stop": {"training_iteration": 2}, "checkpoint_frequency": 1, "num_samples": 2},
         output=tmp_path,
         maker=maker,
     )
     result = train(run, stream)
-    assert {line.split()[0] for line in stream.getvalue().splitlines()[1:]} == {"trial_00000", "trial_00001"}
-    for name in ("trial_00000", "trial_00001"):
-        rows = read_progress(result.folder / "trials" / name / "progress.csv")
+    names = [f"trial_{number:05d}" for number in range(4)]
+    assert {line.split()[0] for line in stream.getvalue().splitlines()[1:]} == set(names)
+    assert [trial.folder.name for trial in result.trials] == names
+    first, second = sample_seed(7, 0), sample_seed(7, 1)
+    values = [(1e-4, first), (1e-3, first), (1e-4, second), (1e-3, second)]
+    returns = []
+    for trial, (lr, seed) in zip(result.trials, values, strict=True):
+        assert trial.parameters == {"lr": lr, "seed": seed}
+        rows = read_progress(trial.folder / "progress.csv")
         assert [row["iteration"] for row in rows] == [1, 2]
+        last = json.loads((trial.folder / "result.json").read_text().splitlines()[-1])
+        assert last["learners/default_policy/default_optimizer_learning_rate"] == pytest.approx(lr)
+        assert last["seed"] == seed
+        record = json.loads((trial.folder / "run.json").read_text())
+        assert record["configuration"]["rllib_configs"]["lr"] == lr
+        assert record["configuration"]["experiment"]["agent_config"][0]["policy"]["config"] == {"lr": lr, "seed": seed}
+        assert (record["seed"], len(record["attempts"])) == (seed, 1)
+        assert find_newest(trial.folder).newest.path == trial.checkpoint
+        assert find_newest(trial.folder).newest.digest == record["digest"]
+        returns.append(last["env_runners/episode_return_mean"])
+    assert len(set(returns)) == 4  # no trial repeats another
+    with pytest.raises(CheckpointError, match=r"a search with 4 trials.*\n.*trial_00000  lr 0\.0001, seed 7\n"):
+        find_newest(result.folder)
     again = io.StringIO()
-    train(resumed(run, result), again)  # both trials have ended; nothing is trained twice
+    assert train(resumed(run, result), again).trials == result.trials  # they have ended; nothing is trained twice
     assert len(again.getvalue().splitlines()) == 1
+    with pytest.raises(CheckpointError, match="has 4 trials, and this experiment asks for 6"):
+        train(resumed(run, result, tune={**run.tune, "num_samples": 3}), again)
 
 
 def test_what_does_not_fit_is_refused_and_leaves_no_folder(ray_session, tmp_path, quick, maker):
