@@ -41,8 +41,8 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
 def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``curves``."""
     parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help="folders of training runs; those that differ in their seed alone are "
-        "one recipe",
+        "runs", nargs="*", metavar="RUN", help="folders of training runs, of a search or of its trials; those that "
+        "differ in their seed alone are one recipe",
     )  # fmt: skip
     parser.add_argument(
         "--label", action="append", default=[], metavar="LABEL", help="once for each RUN, where equal labels make one "
@@ -112,7 +112,7 @@ def run_view(arguments: argparse.Namespace) -> int:
 def run_curves(arguments: argparse.Namespace) -> int:
     """Draw the learning curves of runs."""
     _check_output(arguments.output, _FIGURES, "figure")
-    from safe_inspect.experiments.recipes import progress_files, recipes_of
+    from safe_inspect.experiments.recipes import one_recipe, recipes_of
     from safe_inspect.figures.curves import curves_figure
     from safe_inspect.figures.drawing import save
 
@@ -122,7 +122,7 @@ def run_curves(arguments: argparse.Namespace) -> int:
     for label, *runs in arguments.recipe:
         if not runs:
             raise SafeInspectError(f"--recipe {label}: no RUN follows the label; give the folders of training runs")
-        recipes.setdefault(label, []).extend(path for run in runs for path in progress_files(run))
+        recipes.setdefault(label, []).extend(path for run in runs for path in one_recipe(run))
     if not recipes:
         raise SafeInspectError("no learning curves: give the folders of training runs")
     save(curves_figure(recipes, arguments.centre, each=arguments.each), arguments.output)

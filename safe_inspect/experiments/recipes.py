@@ -1,8 +1,7 @@
-"""`recipes_of`: which training runs differ in their seed alone."""
+"""`recipes_of`: which training runs, or trials of a search, differ in their seed alone."""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,13 +10,16 @@ from typing import Any
 
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.run_folder import RunFolder, digest, read_record
+from safe_inspect.experiments.translation import current_name
+from safe_inspect.experiments.trial_parameters import value_text
 
 _DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
+_OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
 _TOLD = 3  # keys in a label
 
 
 def progress_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the ``progress.csv`` of a run, or those of its trials where it has several.
+    """Return the ``progress.csv`` of a run, or those of its trials where it is a search.
 
     Raises:
         SafeInspectError: There is none.
@@ -33,8 +35,26 @@ def progress_files(folder: str | os.PathLike[str]) -> list[Path]:
     return found
 
 
+def one_recipe(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the learning curves of a run, or of a search whose trials differ in their seed alone.
+
+    Raises:
+        SafeInspectError: There is none, or the trials of the search differ in more than their seed.
+    """
+    files = progress_files(folder)
+    recipes = {"": files} if len(files) == 1 else recipes_of([folder])
+    if len(recipes) > 1:
+        raise SafeInspectError(
+            f"{os.fspath(folder)}: the trials of this search differ in more than their seed ({'; '.join(recipes)}); "
+            "give the folders of single trials, trials/NAME"
+        )
+    return next(iter(recipes.values()))
+
+
 def recipes_of(folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] = ()) -> dict[str, list[Path]]:
     """Return the learning curves of runs by recipe: runs that differ in nothing but their seed are one recipe.
+
+    The trials of a search count as runs, each with the values that it used.
 
     Args:
         folders: The runs' folders.
@@ -42,44 +62,52 @@ def recipes_of(folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] 
             are first met. Unless given, a recipe is named by the values in which it differs from the others.
 
     Raises:
-        SafeInspectError: A folder is no run's, or there are neither as many labels as runs nor as recipes.
+        SafeInspectError: A folder is no run's, there are neither as many labels as runs nor as recipes, or one label
+            is given for a search whose trials differ in more than their seed.
     """
-    files = [progress_files(folder) for folder in folders]
     if labels and len(labels) == len(folders):
-        return _together(zip(labels, files, strict=True))
-    configurations = [_configuration(Path(folder).expanduser()) for folder in folders]
+        files = [one_recipe(folder) for folder in folders]
+        return _together((label, path) for label, paths in zip(labels, files, strict=True) for path in paths)
+    runs = [path for folder in folders for path in progress_files(folder)]
+    configurations = [_configuration(path) for path in runs]
     keys = [digest(configuration) for configuration in configurations]
-    found = _together(zip(keys, files, strict=True))
+    found = _together(zip(keys, runs, strict=True))
     first = [keys.index(key) for key in found]
     if labels and len(labels) != len(found):
         raise SafeInspectError(
             f"{len(labels)} labels are given for {len(folders)} runs of {len(found)} recipes; give a label for each "
             "run or for each recipe"
         )
-    names = list(labels) or _names(
-        [configurations[index] for index in first], [Path(folders[index]) for index in first]
-    )
-    return _together(zip(names, found.values(), strict=True))
+    names = list(labels) or _names([configurations[index] for index in first], [runs[index] for index in first])
+    return dict(zip(names, found.values(), strict=True))
 
 
-def _together(pairs: Iterable[tuple[str, list[Path]]]) -> dict[str, list[Path]]:
+def _together(pairs: Iterable[tuple[str, Path]]) -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = {}
-    for key, paths in pairs:
-        found.setdefault(key, []).extend(paths)
+    for key, path in pairs:
+        found.setdefault(key, []).append(path)
     return found
 
 
-def _configuration(folder: Path) -> Mapping[str, Any]:
+def _configuration(progress: Path) -> Mapping[str, Any]:
     """Return what decides a run's result, its seed left out; without a record, the folder's name without its date."""
-    run = RunFolder(folder)
+    run = RunFolder(progress.parent)
     if not run.record.is_file():
-        return {"name": _stem(folder)}
+        return {"name": _stem(progress)}
     configuration: Mapping[str, Any] = _without_seed(read_record(run)["configuration"])
     return configuration
 
 
-def _stem(folder: Path) -> str:
-    return _DATE.sub("", folder.resolve().parent.name if folder.is_file() else folder.resolve().name)
+def _name(progress: Path) -> str:
+    """Return the name of a run's folder, or of a search's with that of the trial."""
+    folder = progress.resolve().parent
+    return f"{folder.parents[1].name} {folder.name}" if folder.parent.name == "trials" else folder.name
+
+
+def _stem(progress: Path) -> str:
+    """Return the name without the date of the run."""
+    run, *trial = _name(progress).split(" trial_")
+    return " trial_".join([_DATE.sub("", run), *trial])
 
 
 def _without_seed(value: Any) -> Any:
@@ -88,32 +116,40 @@ def _without_seed(value: Any) -> Any:
     return [_without_seed(item) for item in value] if isinstance(value, list) else value
 
 
-def _names(configurations: Sequence[Mapping[str, Any]], folders: Sequence[Path]) -> list[str]:
+def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -> list[str]:
     """Return the values in which each recipe differs from the others; of many differences, the folders' names."""
     flat = [dict(_leaves(configuration)) for configuration in configurations]
-    keys = list(dict.fromkeys(key for leaves in flat for key in leaves))
-    differing = [key for key in keys if len({leaves.get(key) for leaves in flat}) > 1]
-    names = [
-        ", ".join(f"{key.rpartition('.')[2]} {leaves.get(key, 'none')}".replace('"', "") for key in differing)
-        for leaves in flat
-    ]
-    if 0 < len(differing) <= _TOLD and all(len(name) < 60 for name in names) and len(set(names)) == len(names):
+    paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
+    differing: dict[tuple[str, ...], None] = {}  # name and the text of each recipe; agents often have the same
+    for path in paths:
+        values = [leaves.get(path) for leaves in flat]
+        if any(value != values[0] for value in values) and _among_rllib_keys(path) not in paths:
+            texts = (value_text(leaves[path]) if path in leaves else "none" for leaves in flat)
+            differing[(path.rpartition(".")[2], *texts)] = None
+    names = [", ".join(f"{key} {texts[index]}" for key, *texts in differing) for index in range(len(flat))]
+    short = 0 < len(differing) <= _TOLD and all(len(name) < 60 for name in names)
+    if short and len(set(names)) == len(names) and "name" not in paths:
         return names
-    stems = [_stem(folder) for folder in folders]
-    if len(set(stems)) == len(stems):
-        return stems
-    full = [folder.resolve().name for folder in folders]
-    if len(set(full)) == len(full):
-        return full
-    return [f"{name} {number}" for number, name in enumerate(full, 1)]
+    for naming in (_stem, _name):
+        names = [naming(path) for path in files]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{name} {number}" for number, name in enumerate(names, 1)]
 
 
-def _leaves(value: Any, path: str = "") -> Iterable[tuple[str, str]]:
+def _among_rllib_keys(path: str) -> str:
+    """Return where the record repeats, translated, a key that an agent's policy gives; of another path nothing."""
+    key = _OF_POLICY.match(path)
+    head, dot, tail = path[key.end() :].partition(".") if key else ("", "", "")
+    return f"rllib_configs.{current_name(head)}{dot}{tail}"
+
+
+def _leaves(value: Any, path: str = "") -> Iterable[tuple[str, Any]]:
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _leaves(item, f"{path}.{key}" if path else str(key))
-    elif isinstance(value, list) and any(isinstance(item, (Mapping, list)) for item in value):
+    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
         for index, item in enumerate(value):
             yield from _leaves(item, f"{path}[{index}]")
     else:
-        yield path, json.dumps(value, default=str)
+        yield path, value

@@ -7,8 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.experiments.recipes import recipes_of
+from safe_inspect.experiments.recipes import one_recipe, recipes_of
+from safe_inspect.experiments.run_folder import learning_configuration
+from safe_inspect.experiments.translation import translate_rllib
 from safe_inspect.figures.bands import band, centre_of
 from safe_inspect.figures.curves import curves_figure
 
@@ -99,10 +103,75 @@ def test_runs_that_differ_in_their_seed_are_one_recipe(tmp_path):
     assert {label: len(paths) for label, paths in recipes_of(runs, ["a", "b", "a"]).items()} == {"a": 2, "b": 1}
 
 
-def test_the_trials_of_a_search_are_seeds_of_its_run(tmp_path):
-    for index in range(3):
-        write_run(tmp_path / "run" / "trials" / f"trial_{index:05d}", [(1000, 0.1)])
-    assert {label: len(paths) for label, paths in recipes_of([tmp_path / "run"]).items()} == {"run": 3}
+def counts(recipes):
+    return {label: len(paths) for label, paths in recipes.items()}
+
+
+def write_search(folder, seeds=(1, 2), rates=(1e-4, 1e-3), rows=((1000, 0.1), (2000, 0.5))):
+    trials = [(seed, lr) for seed in seeds for lr in rates]
+    for index, (seed, lr) in enumerate(trials):
+        write_run(folder / "trials" / f"trial_{index:05d}", rows, seed=seed, lr=lr)
+    return folder
+
+
+def test_the_trials_of_a_search_are_grouped_by_the_values_in_which_they_differ(tmp_path):
+    search = write_search(tmp_path / "run")
+    assert counts(recipes_of([search])) == {"lr 0.0001": 2, "lr 0.001": 2}
+    assert counts(recipes_of(sorted(search.glob("trials/*"))[:3])) == {"lr 0.0001": 2, "lr 0.001": 1}
+    assert counts(recipes_of([search], ["slow", "fast"])) == {"slow": 2, "fast": 2}
+    with pytest.raises(SafeInspectError, match=r"differ in more than their seed \(lr 0\.0001; lr 0\.001\)"):
+        recipes_of([search], ["both"])
+    with pytest.raises(SafeInspectError, match="differ in more than their seed"):
+        one_recipe(search)
+    seeds = write_search(tmp_path / "seeds", rates=(1e-4,))
+    assert len(one_recipe(seeds)) == 2
+    assert counts(recipes_of([seeds], ["mine"])) == {"mine": 2}
+
+
+def test_only_the_seeds_of_one_value_have_an_interval(tmp_path):
+    alone = curves_figure(recipes_of([write_search(tmp_path / "alone", seeds=(1,))]))
+    bands = [path.vertices for axes in alone.axes for band in axes.collections for path in band.get_paths()]
+    assert all(np.isnan(vertices).all() for vertices in bands)
+    assert [text.get_text() for text in alone.legends[0].get_texts()] == ["lr 0.0001", "lr 0.001"]
+    assert alone.legends[0].get_title().get_text() == ""
+    both = curves_figure(recipes_of([write_search(tmp_path / "both")]))
+    assert [text.get_text() for text in both.legends[0].get_texts()] == ["lr 0.0001 (2 seeds)", "lr 0.001 (2 seeds)"]
+
+
+def test_trials_whose_values_are_not_recorded_are_not_taken_for_seeds(tmp_path):
+    for index in range(2):
+        write_run(tmp_path / "run_2026-01-01_00-00-00" / "trials" / f"trial_{index:05d}", [(1000, 0.1)])
+    found = recipes_of([tmp_path / "run_2026-01-01_00-00-00"])
+    assert counts(found) == {"run trial_00000": 1, "run trial_00001": 1}
+
+
+def named(tmp_path, *overrides):
+    """Return the labels of runs of the shipped task, with the records that a training writes."""
+    runs = []
+    for index, replaced in enumerate(overrides):
+        experiment = load_experiment(configs_root() / "translational-inspection" / "experiment.yml", replaced)
+        settings = translate_rllib(experiment.rllib).settings
+        run = write_run(tmp_path / f"run{index}_2026-01-01_00-00-00", [(1000, 0.1)])
+        configuration = learning_configuration(experiment.resolved, settings)
+        (run / "run.json").write_text(json.dumps({"digest": "d", "attempts": [], "configuration": configuration}))
+        runs.append(run)
+    return list(recipes_of(runs))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "labels"),
+    [
+        ((["gamma=0.999"], ["gamma=0.99"]), ["gamma 0.999", "gamma 0.99"]),
+        (([], ["lr=1e-4"]), ["lr 0.0003 to 0.0001", "lr 0.0001"]),
+        ((["lambda_=0.9"], ["lambda_=0.95"]), ["lambda 0.9", "lambda 0.95"]),
+        (
+            (["fcnet_hiddens=[64, 64]"], ["ObservedPointsReward.config.scale=0.02"]),
+            ["scale 0.01, fcnet_hiddens [64, 64]", "scale 0.02, fcnet_hiddens [256, 256]"],
+        ),
+    ],
+)
+def test_recipes_are_named_by_the_values_in_which_they_differ(tmp_path, overrides, labels):
+    assert named(tmp_path, *overrides) == labels
 
 
 def test_curves_of_unequal_seeds_are_drawn(tmp_path):
