@@ -67,7 +67,7 @@ class Monitor:
         """Log and print an iteration of a trial."""
         flat = flatten(result)
         if not self.single:
-            flat["seed"] = float(result["config"]["seed"] or 0)
+            flat["seed"] = float(result["config"]["env_config"]["seed"])  # that of a resumed algorithm differs
         self.iterations += 1
         self.last = flat
         if trial not in self._logs:
