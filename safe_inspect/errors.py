@@ -82,7 +82,7 @@ class InitialStateError(SafeInspectError, RuntimeError):
 
 
 class PluginValueError(SafeInspectError, ArithmeticError):
-    """A plugin returned NaN or infinity, or an array of the wrong shape."""
+    """A plugin returned NaN or infinity, or an array of the wrong shape, or wrote into an array that it was given."""
 
 
 class ArgumentError(SafeInspectError, ValueError):

@@ -108,7 +108,7 @@ def step_info(transition: Transition, told: Mapping[str, AnyArray], index: int) 
     if step.filtered is not None:
         info["rta/active"] = step.filtered.active_names(index)
     if "rta/intervening" in told:
-        info["desired_control"], info["control"] = step.desired_control[index], step.control[index]
+        info["desired_control"], info["control"] = step.desired_control[index].copy(), step.control[index].copy()
     return info
 
 

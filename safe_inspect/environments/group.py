@@ -13,8 +13,9 @@ from safe_inspect.environments.guard import all_finite, require_choices, require
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.glues.base import Glue
-from safe_inspect.policies.base import ThrustLimits
+from safe_inspect.policies.base import PILOT, ThrustLimits
 from safe_inspect.rta.base import Filtered, SafetyGlue
+from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
@@ -92,7 +93,7 @@ class AgentGroup:
         """
         layout = self.action_layout
         action = np.ascontiguousarray(action, dtype=np.float64)
-        wanted = (view.state.num_envs, self.size, layout.size)
+        wanted = (view.writable.num_envs, self.size, layout.size)
         if action.shape != wanted:
             raise ValueError(f"the actions of {self.name} have the shape {action.shape}; {wanted} is wanted")
         if self.fused is not None:
@@ -117,7 +118,9 @@ class AgentGroup:
         """Return the thrust of the scripted policy within the controllers' limits [N], shape (R, 3)."""
         pilot = self.group.pilot
         assert pilot is not None, "only scripted groups fly themselves"
+        view.remembering = PILOT
         thrust = np.asarray(pilot(view, self.limits), dtype=np.float64)
+        view.remembering = None
         what = f"policy {pilot.registered_name} of {self.name}"
         if thrust.shape != (view.num_rows, 3):
             require_shape(what, thrust, (view.num_rows, 3))
@@ -127,14 +130,14 @@ class AgentGroup:
 
     def filter(self, desired: FloatArray, view: View) -> Filtered | None:
         """Return what the agents' own safety filter does to the thrust; None without one."""
-        return None if self.guard is None else self.guard.filter(desired, view)
+        return None if self.guard is None else self.guard.filter(read_only(desired), view)
 
     def observe(self, view: View) -> AnyArray:
         """Return the observations, float32, shape (N, G, O); of no elements for a scripted group."""
         if self.fused is not None:
             found = self.fused.observe(view)
             if found is not None:
-                return found.reshape(view.state.num_envs, self.size, found.shape[-1])
+                return found.reshape(view.writable.num_envs, self.size, found.shape[-1])
         glues = () if self.scripted else self._glues
         parts = [glue(view) for glue in glues]
         for glue, part, size in zip(glues, parts, self._sizes, strict=False):
@@ -144,7 +147,7 @@ class AgentGroup:
         if not all_finite(observation):
             for glue, part in zip(glues, parts, strict=True):
                 require_finite(self.title(glue), part, view.state)
-        return observation.astype(np.float32).reshape(view.state.num_envs, self.size, observation.shape[-1])
+        return observation.astype(np.float32).reshape(view.writable.num_envs, self.size, observation.shape[-1])
 
     def judge(self, step: Step) -> Judged:
         """Return what a step gives, by calling every plugin."""
@@ -208,7 +211,7 @@ class AgentGroup:
 
     def _thrust_limits(self) -> ThrustLimits:
         corners = self.thrusters(np.stack((self.action_layout.low, self.action_layout.high)))
-        return ThrustLimits(corners.min(axis=0), corners.max(axis=0))
+        return ThrustLimits(read_only(corners.min(axis=0)), read_only(corners.max(axis=0)))
 
 
 def group_agents(agents: Sequence[AgentSpec]) -> tuple[AgentGroup, ...]:

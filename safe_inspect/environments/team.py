@@ -12,9 +12,11 @@ from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.group import AgentGroup, group_agents
 from safe_inspect.environments.guard import all_finite, checked_seed, require_finite, require_shape
 from safe_inspect.environments.transition import TeamTransition, Transition
+from safe_inspect.environments.writers import names_writers
 from safe_inspect.rta.team import TeamFiltered
+from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
-from safe_inspect.simulators.team import TeamStep, TeamView
+from safe_inspect.simulators.team import TEAM, TEAM_GUARD, TeamStep, TeamView
 from safe_inspect.simulators.view import GUARD, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -73,7 +75,9 @@ class TeamEnvironment:
         deciding = self.acting or self.groups
         self._deciding = np.concatenate([np.arange(group.first, group.first + group.size) for group in deciding])
         self._has = {
-            named.name: np.array([any(other.name == named.name for other in agent.dones) for agent in spec.agents])
+            named.name: read_only(
+                np.array([any(other.name == named.name for other in agent.dones) for agent in spec.agents])
+            )
             for agent in spec.agents
             for named in agent.dones
         }
@@ -105,6 +109,7 @@ class TeamEnvironment:
         """Return how the current episodes stand for the team, int8, shape (N,); see `TeamTransition.outcome`."""
         return np.asarray(_STATUS[_RANK[self.state.finished].max(axis=1)])
 
+    @names_writers
     def reset(self, rows: IntArray | None = None, *, seed: int | None = None) -> tuple[AnyArray, ...]:
         """Begin new episodes.
 
@@ -131,6 +136,7 @@ class TeamEnvironment:
         world = self.simulation.world
         return tuple(group.observe(View(fresh, world, group.group)) for group in self.acting)
 
+    @names_writers
     def step(self, actions: Sequence[AnyArray]) -> TeamTransition:
         """Hold the actions over one step.
 
@@ -141,7 +147,8 @@ class TeamEnvironment:
 
         Raises:
             ArgumentError: A discrete action is a fraction or out of range.
-            PluginValueError: A plugin gave NaN or infinity (the state that caused it is saved), or a wrong shape.
+            PluginValueError: A plugin gave NaN or infinity (the state that caused it is saved), or a wrong shape, or
+                wrote into an array that it was given.
             ValueError: There are not as many actions as acting groups, or they have another shape.
         """
         simulation, world = self.simulation, self.simulation.world
@@ -158,17 +165,19 @@ class TeamEnvironment:
             else:
                 action, desired = group.command(next(given), view)
             steps.append(Step(view, view, action, desired, desired, idle, world.step_size))
-        filtered = [group.filter(step.control, step.before) for group, step in zip(self.groups, steps, strict=True)]
+        filtered = [
+            group.filter(step.writable_control, step.before) for group, step in zip(self.groups, steps, strict=True)
+        ]
         for step, found in zip(steps, filtered, strict=True):
             if found is not None:
-                step.control, step.intervening, step.filtered = (
+                step.writable_control, step.writable_intervening, step.filtered = (
                     found.result.control,
                     found.result.intervening,
                     found.result,
                 )
         everyone = not np.count_nonzero(simulation.state.finished)
         active = self._everyone if everyone else simulation.state.finished == 0
-        control = self._whole([step.control for step in steps])
+        control = self._whole([step.writable_control for step in steps])
         team = None
         if self._guard is not None:
             team = self._filter_team(control, steps)
@@ -181,15 +190,12 @@ class TeamEnvironment:
             step.after = seen
             if found is not None or team is not None:
                 first = group.first
-                simulation.state.interventions[:, first : first + group.size] += step.intervening.reshape(
-                    -1, group.size
-                )
+                mine = simulation.state.interventions[:, first : first + group.size]
+                mine += step.writable_intervening.reshape(-1, group.size)
             for name, array in found.memory.items() if found is not None else ():
-                seen.memory(GUARD, name)[...] = array
-        if team is not None:
-            view_of_team = self.team()
-            for name, array in team.memory.items():
-                view_of_team.memory(name)[...] = array
+                simulation.state.memory[group.name, GUARD, name][...] = array
+        for name, array in team.memory.items() if team is not None else ():
+            simulation.state.memory[TEAM, TEAM_GUARD, name][...] = array
         return self._judge(steps, active, team)
 
     def _whole(self, parts: list[FloatArray]) -> FloatArray:
@@ -202,7 +208,7 @@ class TeamEnvironment:
     def _filter_team(self, desired: FloatArray, steps: list[Step]) -> TeamFiltered:
         """Let the team's filter act, and write its thrusts into the groups' steps."""
         assert self._guard is not None
-        team = self._guard(desired, self.team())
+        team = self._guard(read_only(desired), self.team())
         what = f"safety filter {self._guard.registered_name}"
         if team.control.shape != desired.shape:
             require_shape(what, team.control, desired.shape)
@@ -210,8 +216,8 @@ class TeamEnvironment:
             require_finite(what, team.control, self.state)
         for group, step in zip(self.groups, steps, strict=True):
             mine = slice(group.first, group.first + group.size)
-            step.control = team.control[:, mine].reshape(-1, 3)
-            step.intervening = team.intervening[:, mine].reshape(-1)
+            step.writable_control = team.control[:, mine].reshape(-1, 3)
+            step.writable_intervening = team.intervening[:, mine].reshape(-1)
         return team
 
     def _without_ended(self, control: FloatArray, active: BoolArray, steps: list[Step]) -> FloatArray:
@@ -220,8 +226,8 @@ class TeamEnvironment:
         control = np.where(active[:, :, None], control, instead)
         for group, step in zip(self.groups, steps, strict=True):
             mine = slice(group.first, group.first + group.size)
-            step.control = control[:, mine].reshape(-1, 3)
-            step.intervening = step.intervening & active[:, mine].reshape(-1)
+            step.writable_control = control[:, mine].reshape(-1, 3)
+            step.writable_intervening = step.writable_intervening & active[:, mine].reshape(-1)
         return control
 
     def _judge(self, steps: list[Step], active: BoolArray, team: TeamFiltered | None) -> TeamTransition:
@@ -279,7 +285,9 @@ class TeamEnvironment:
         world = self.simulation.world
         before, after = TeamView(self.simulation.before, world), TeamView(self.simulation.state, world)
         own = self._statuses(transitions)
-        step = TeamStep(before, after, fired, own, world.step_size, self._has)
+        for array in fired.values():
+            array.flags.writeable = False
+        step = TeamStep(before, after, fired, read_only(own), world.step_size, self._has)
         shared = np.zeros(self.num_envs, dtype=np.int8)
         for named in self.spec.shared_dones:
             status = np.asarray(named.functor(step), dtype=np.int8)

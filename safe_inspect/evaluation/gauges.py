@@ -9,6 +9,7 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
+from safe_inspect.environments.writers import names_writers
 from safe_inspect.errors import PluginValueError, SafeInspectError, did_you_mean
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
 from safe_inspect.platforms.base import Controller
@@ -74,6 +75,7 @@ class Gauges:
         self._values = {metric.label: _Value((rows, deputies), metric.reduce) for metric in self._own}
         self._values |= {metric.label: _Value((rows,), metric.reduce) for metric in self._team}
 
+    @names_writers
     def add(self, transition: TeamTransition, running: BoolArray) -> None:
         """Measure a step in the rows whose episode runs, shape (N,)."""
         environment = self._environment
@@ -92,7 +94,7 @@ class Gauges:
         if self._team:
             world = environment.simulation.world
             before, after = TeamView(environment.simulation.before, world), TeamView(environment.state, world)
-            step = TeamStep(before, after, {}, environment.state.finished, world.step_size, {})
+            step = TeamStep(before, after, {}, after.finished, world.step_size, {})
             for each in self._team:
                 self._values[each.label].add(slice(None), _checked(each, each(step), rows), running)
 

@@ -127,4 +127,7 @@ class Sensor(Part):
         return {}
 
     def remember(self, view: View, name: str) -> None:
-        """Update the remembered arrays, ``view.memory(name, array)``, in place; called once for every new state."""
+        """Update the remembered arrays, ``view.memory(name, array)``, in place; called once for every new state.
+
+        Nowhere else may they be written.
+        """

@@ -46,7 +46,7 @@ class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition
         from safe_inspect.geometry.neighbours import differences, pad_outwards
 
         index = _nearest(view, self.k, self.max_range)
-        position, first, size = view.state.position, view.group.first, view.group.size
+        position, first, size = view.writable.position, view.group.first, view.group.size
         relative = differences(position, index, first, size)
         pad_outwards(relative, index, position, first, size, self.max_range)
         return np.asarray(relative.reshape(len(index), -1))
@@ -77,7 +77,7 @@ class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity
         from safe_inspect.geometry.neighbours import differences
 
         index = _nearest(view, self.k, self.max_range)
-        relative = differences(view.state.velocity, index, view.group.first, view.group.size)
+        relative = differences(view.writable.velocity, index, view.group.first, view.group.size)
         return np.asarray(relative.reshape(len(index), -1))
 
 
@@ -144,7 +144,7 @@ class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):
 
         group, deputies = view.group, view.world.num_deputies
         found: FloatArray = scan_deputies(
-            view.state.position, deputies, group.first, group.size, self.directions, self.max_range
+            view.writable.position, deputies, group.first, group.size, self.directions, self.max_range
         )
         return found
 
@@ -155,6 +155,6 @@ def _nearest(view: View, count: int, max_range: float) -> IntArray:
 
     group, deputies = view.group, view.world.num_deputies
     found: IntArray = nearest_deputies(
-        view.state.position, deputies, group.first, group.size, count, max_range
+        view.writable.position, deputies, group.first, group.size, count, max_range
     )  # fmt: skip
     return found

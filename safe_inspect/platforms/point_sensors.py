@@ -10,6 +10,7 @@ from pydantic import Field
 
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugin import PlatformName, PointsName
+from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
@@ -77,7 +78,7 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
             return
         from safe_inspect.geometry.looking import cluster_candidates
 
-        state, group, model = view.state, view.group, view.world.points[self.inspection_entity_name]
+        state, group, model = view.writable, view.group, view.world.points[self.inspection_entity_name]
         cluster_candidates(
             state.position,
             model.body,
@@ -107,8 +108,8 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
             points.candidates,
             view.memory(name, "centres"),
             view.memory(name, "count"),
-            view.per_environment(view.state.key),
-            view.step,
+            for_kernel(view.per_environment(view.state.key)),
+            for_kernel(view.step),
             self.points_per_cluster,
             self.max_iterations,
             view.memory(name, "candidates"),
@@ -126,4 +127,5 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
         else:
             position = view.entity_position(self.inspector_entity_name)
         relative = position - view.entity_position(entity)
-        return nearest_centre(relative, view.memory(name, "centres"), view.memory(name, "count"))
+        memory, group = view.writable.memory, view.group.name
+        return nearest_centre(relative, memory[group, name, "centres"], memory[group, name, "count"])

@@ -12,6 +12,7 @@ from pydantic import Field
 from safe_inspect.plugin import PointsName
 from safe_inspect.policies.base import PILOT, ScriptedPolicy, ThrustLimits
 from safe_inspect.policies.fields import FieldOfView, KeepOutAngle, NonNegativeAcceleration
+from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
@@ -109,12 +110,12 @@ class NaturalMotionInspector(ScriptedPolicy):
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
         strength = np.maximum(np.minimum(limits.high, -limits.low), 0.0)  # burns go either way
         reach = strength * (world.step_size / mass)
-        step, deputy = np.ascontiguousarray(view.step), view.own_index
-        position, velocity = np.ascontiguousarray(view.position), np.ascontiguousarray(view.velocity)
-        finished = np.ascontiguousarray(view.finished)
+        step, deputy, finished = for_kernel(view.step), for_kernel(view.own_index), for_kernel(view.finished)
+        position, velocity = for_kernel(view.position), for_kernel(view.velocity)
         flown = (start, delta_v, reach)
         if (turn < 0).any():
-            team = view.state.position[:, : world.num_deputies], view.state.velocity[:, : world.num_deputies]
+            state, deputies = view.writable, world.num_deputies
+            team = state.position[:, :deputies], state.velocity[:, :deputies]
             take_turns(turn, deputy, view.group.size, *team, phi, gamma, self.clearance)
         due = who_plans(step, turn, world.num_deputies, finished, position, velocity, expected, arrival, *flown, review)
         for row in np.flatnonzero(due & (step < self.horizon)):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.world import PointsModel
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class PointsView:
-    """The inspection points of one body, as the agents of a group see them. Arrays are read only by agreement."""
+    """The inspection points of one body, as the agents of a group see them. The arrays are read-only."""
 
     def __init__(self, view: View, model: PointsModel) -> None:
         self._view = view
@@ -35,7 +36,7 @@ class PointsView:
     @cached_property
     def inspected(self) -> BoolArray:
         """Points that any deputy has inspected, shape (R, P)."""
-        return self.inspector >= 0
+        return read_only(np.asarray(self.inspector >= 0))
 
     @property
     def count(self) -> IntArray:
@@ -61,17 +62,22 @@ class PointsView:
     @cached_property
     def inspected_weight(self) -> FloatArray:
         """Summed weight of the inspected points, 0 to 1, shape (R,)."""
-        return np.asarray(np.where(self.inspected, self.weights, 0.0).sum(axis=-1))
+        return read_only(np.asarray(np.where(self.inspected, self.weights, 0.0).sum(axis=-1)))
 
     @cached_property
     def lit(self) -> BoolArray:
         """Points that the sun lights well enough for an inspection from the own position, shape (R, P)."""
-        return self.model.lit(self._viewer, self._view.sun_direction)
+        return read_only(self.model.lit(self._viewer, self._sun))
 
     @property
     def candidates(self) -> BoolArray:
         """Points that are lit, seen from the own position, and that no deputy has inspected, shape (R, P)."""
-        return self.model.candidates(self._viewer, self._view.sun_direction, self.inspector)
+        inspector = self._view.writable.points[self.model.entity].inspector
+        return self.model.candidates(self._viewer, self._sun, self._view.per_environment(inspector))
+
+    @property
+    def _sun(self) -> FloatArray:
+        return self._view.per_environment(self._view.writable.sun_direction)
 
     @property
     def _viewer(self) -> FloatArray:

@@ -226,7 +226,9 @@ class Simulation:
         views = self._views(state)
         for view, remembering in zip(views, self._remembering, strict=True):
             for name, sensor in remembering:
+                view.remembering = name
                 sensor.remember(view, name)
+            view.remembering = None
         return views
 
     def _weigh(self, state: State, values: object) -> None:

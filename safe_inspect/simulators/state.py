@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.simulators.arrays import read_only
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 
@@ -81,6 +82,8 @@ class State:
         memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
     """
 
+    _read_only: State | None = None
+
     def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None = None) -> None:
         block = np.zeros(sum(_padded(num_envs, spec) for spec in specs.values() if not spec.constant), dtype=np.uint8)
         fixed = (
@@ -149,6 +152,17 @@ class State:
             [math.prod(specs[name].shape) * arrays[name].itemsize for name in moving], dtype=np.int64
         )
 
+    @property
+    def read_only(self) -> State:
+        """The same state with arrays that cannot be written; plugins are given this one."""
+        shown = self._read_only
+        if shown is None:
+            shown = self._read_only = object.__new__(State)
+            shown.__dict__ |= {
+                name: value if name.startswith("_") else _read_only(value) for name, value in self.__dict__.items()
+            }
+        return shown
+
     def start(self, name: str) -> int:
         """Return at which byte of the common memory an array begins.
 
@@ -191,6 +205,17 @@ class State:
     def save(self, path: str) -> None:
         """Write every array to a NumPy ``.npz`` file."""
         np.savez(path, **{name.replace("/", "."): array for name, array in self.arrays.items()})  # type: ignore[arg-type]
+
+
+def _read_only(value: Any) -> Any:
+    """Return an attribute of a state with read-only arrays in place of its own."""
+    if isinstance(value, np.ndarray):
+        return read_only(value)
+    if isinstance(value, PointsState):
+        return PointsState(**{name: read_only(array) for name, array in vars(value).items()})
+    if isinstance(value, dict):
+        return {name: _read_only(item) for name, item in value.items()}
+    return value
 
 
 def _checked(rows: IntArray, count: int) -> IntArray:

@@ -23,16 +23,26 @@ TEAM_GUARD = "team safety filter"
 
 
 class TeamView:
-    """One state of N environments with D deputies. Arrays are read only by agreement. SI units, Hill's frame."""
+    """One state of N environments with D deputies. The arrays are read-only. SI units, Hill's frame.
+
+    Attributes:
+        writable: The state itself with arrays that can be written, for the environment and for compiled kernels.
+        world: What does not change.
+    """
 
     def __init__(self, state: State, world: World) -> None:
-        self.state = state
+        self.writable = state
         self.world = world
+
+    @property
+    def state(self) -> State:
+        """The state, with read-only arrays."""
+        return self.writable.read_only
 
     @property
     def num_envs(self) -> int:
         """Number of environments, N."""
-        return self.state.num_envs
+        return self.writable.num_envs
 
     @property
     def position(self) -> FloatArray:
@@ -76,7 +86,8 @@ class TeamView:
 
         deputies = self.world.num_deputies
         found = np.empty((self.num_envs, deputies * (deputies - 1) // 2))
-        pair_distances(self.state.position, deputies, found)
+        pair_distances(self.writable.position, deputies, found)
+        found.flags.writeable = False
         return found
 
     @property
@@ -85,7 +96,7 @@ class TeamView:
         return _pairs(self.world.num_deputies)
 
     def memory(self, array: str) -> AnyArray:
-        """Return an array that the team's safety filter has declared, writable, shape (N, ...)."""
+        """Return an array that the team's safety filter has declared, shape (N, ...)."""
         return self.state.memory[TEAM, TEAM_GUARD, array]
 
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from safe_inspect.simulators.arrays import Array, read_only
 from safe_inspect.simulators.points_view import PointsView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 GUARD = "safety filter"
 #: Where the arrays that a group's scripted policy remembers stand among those of the parts.
 PILOT = "scripted policy"
-
-Array = TypeVar("Array", bound=NDArray[Any])
 
 
 @dataclass(frozen=True)
@@ -58,21 +56,30 @@ class Group:
 class View:
     """One state as a group of agents sees it; every array has R = N * G rows. SI units, Hill's frame.
 
+    The arrays are read-only, but for the declared memory of the plugin that may write it now; see `memory`.
+
     Attributes:
-        state: The state.
+        writable: The state itself with arrays that can be written, for the simulation and for compiled kernels.
+        remembering: Name of the part whose declared arrays may be written now; None: no part's.
         world: What does not change.
         group: The agents that see it.
         num_rows: Number of rows, R.
     """
 
     def __init__(self, state: State, world: World, group: Group) -> None:
-        self.state = state
+        self.writable = state
+        self.remembering: str | None = None
         self.world = world
         self.group = group
         self.num_rows = state.num_envs * group.size
         self._readings: dict[str, FloatArray] = {}
         self._ranges: dict[str | None, FloatArray] = {}
         self._points: dict[str, PointsView] = {}
+
+    @property
+    def state(self) -> State:
+        """The state, with read-only arrays."""
+        return self.writable.read_only
 
     def per_environment(self, array: Array) -> Array:
         """Give an array with the environment axis (N, ...) the rows of the view (R, ...)."""
@@ -127,7 +134,8 @@ class View:
     @cached_property
     def own_index(self) -> IntArray:
         """Index of the own deputy among all, in agent order, shape (R,)."""
-        return np.tile(np.arange(self.group.first, self.group.first + self.group.size), self.state.num_envs)
+        own = np.arange(self.group.first, self.group.first + self.group.size)
+        return read_only(np.tile(own, self.writable.num_envs))
 
     @cached_property
     def others_position(self) -> FloatArray:
@@ -144,7 +152,7 @@ class View:
         """Own mass [kg], shape (R,) or a scalar that broadcasts against it."""
         first, size = self.group.first, self.group.size
         own = self.world.masses[first : first + size]
-        return own if size == 1 else np.tile(own, self.state.num_envs)
+        return read_only(own) if size == 1 else np.tile(own, self.writable.num_envs)
 
     @property
     def delta_v_scale(self) -> FloatArray:
@@ -168,7 +176,7 @@ class View:
             [[k for k in range(deputies) if k != own] for own in range(first, first + size)], dtype=np.intp
         )
         found: FloatArray = array[:, others.reshape(size, deputies - 1)].reshape(self.num_rows, deputies - 1, 3)
-        return found
+        return read_only(found)
 
     def entity_position(self, name: str) -> FloatArray:
         """Return the position of a body [m], Hill frame, shape (R, 3)."""
@@ -189,7 +197,7 @@ class View:
         """Return what a sensor of the agent reads in this state, shape (R, k); it is computed once."""
         found = self._readings.get(sensor)
         if found is None:
-            found = self._readings[sensor] = self.group.sensors[sensor](self)
+            found = self._readings[sensor] = read_only(np.asarray(self.group.sensors[sensor](self)))
         return found
 
     @property
@@ -203,24 +211,32 @@ class View:
         if found is None:
             offset = self.position if position_sensor is None else self.position - self.reading(position_sensor)
             square = offset * offset
-            found = self._ranges[position_sensor] = np.sqrt(square[:, 0] + square[:, 1] + square[:, 2])
+            found = np.sqrt(square[:, 0] + square[:, 1] + square[:, 2])
+            found.flags.writeable = False
+            self._ranges[position_sensor] = found
         return found
 
     def memory(self, part: str, array: str) -> AnyArray:
-        """Return a declared array of a sensor with the rows of the view, writable, shape (R, ...)."""
-        return self.state.memory[self.group.name, part, array]
+        """Return a declared array with the rows of the view, shape (R, ...).
+
+        It is writable for the part itself: for a sensor within `remember`, for a scripted policy within its call.
+
+        Args:
+            part: Name of the sensor, or `GUARD` or `PILOT`.
+            array: Name of the array.
+        """
+        state = self.writable if part == self.remembering else self.state
+        return state.memory[self.group.name, part, array]
 
 
 class Step:
-    """One step of a group of agents, from the state before to the state after.
+    """One step of a group of agents, from the state before to the state after. The arrays are read-only.
 
     Attributes:
         before: State at the beginning of the step.
         after: State at its end, before any reset.
-        action: What the policies asked for, shape (R, A).
-        control: Thrust held over the step [N], Hill frame, shape (R, 3).
-        desired_control: Thrust that the policies asked for, before any safety filter [N], shape (R, 3).
-        intervening: Rows in which a safety filter changed the thrust, shape (R,).
+        writable_control: `control` as an array that can be written, for the environment and for compiled kernels.
+        writable_intervening: `intervening`, likewise.
         dt: Length of the step [s].
         filtered: What the safety filter told, where one is enabled.
     """
@@ -238,14 +254,34 @@ class Step:
     ) -> None:
         self.before = before
         self.after = after
-        self.action = action
-        self.control = control
-        self.desired_control = desired_control
-        self.intervening = intervening
+        self._action = action
+        self.writable_control = control
+        self._desired_control = desired_control
+        self.writable_intervening = intervening
         self.dt = dt
         self.filtered = filtered
         self._first: BoolArray | None = None
         self._total_thrust: FloatArray | None = None
+
+    @property
+    def action(self) -> FloatArray:
+        """What the policies asked for, shape (R, A)."""
+        return read_only(self._action)
+
+    @property
+    def control(self) -> FloatArray:
+        """Thrust held over the step [N], Hill frame, shape (R, 3)."""
+        return read_only(self.writable_control)
+
+    @property
+    def desired_control(self) -> FloatArray:
+        """Thrust that the policies asked for, before any safety filter [N], shape (R, 3)."""
+        return read_only(self._desired_control)
+
+    @property
+    def intervening(self) -> BoolArray:
+        """Rows in which a safety filter changed the thrust, shape (R,)."""
+        return read_only(self.writable_intervening)
 
     @property  # a cached property of the standard library takes a lock, which costs more than this
     def first(self) -> BoolArray:
@@ -253,6 +289,7 @@ class Step:
         found = self._first
         if found is None:
             found = self._first = np.asarray(self.before.step == 0)
+            found.flags.writeable = False
         return found
 
     @property
@@ -260,8 +297,9 @@ class Step:
         """Sum of abs(u_i) over the axes [N], shape (R,)."""
         found = self._total_thrust
         if found is None:
-            size = np.abs(self.control)
+            size = np.abs(self.writable_control)
             found = self._total_thrust = np.asarray(size[:, 0] + size[:, 1] + size[:, 2])
+            found.flags.writeable = False
         return found
 
     @property

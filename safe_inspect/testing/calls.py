@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.testing.report import Report
+from safe_inspect.testing.report import WRITES, Report
 from safe_inspect.types import AnyArray
 
 _ALONE = 6
@@ -90,7 +90,7 @@ def check_call(call: Call, report: Report) -> Any:
             _same(array, before[name]),
             "inputs unchanged",
             f"{call.what} changed {name}",
-            "compute on copies: no assignment, `+=` or `out=` on what the plugin is given",
+            WRITES,
         )
     again = _result(call, inputs, report, "for the second time")
     report.expect(

@@ -7,7 +7,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.environments.writers import writes_read_only
+from safe_inspect.errors import PluginValueError, SafeInspectError
+
+#: What to do where a plugin writes into what it is given.
+WRITES = "compute on copies: no assignment, `+=` or `out=` on what the plugin is given"
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,11 @@ class Report:
         try:
             yield
         except Exception as error:
-            last = traceback.extract_tb(error.__traceback__)[-1]
-            told = f"{type(error).__name__}: {error}".splitlines()[0]
-            self.add("runs", f"{what} raised {told} ({last.filename}:{last.lineno})", remedy)
+            cause = error.__cause__ if isinstance(error, PluginValueError) and error.__cause__ else error
+            last = traceback.extract_tb(cause.__traceback__)[-1]
+            told = f"{type(cause).__name__}: {cause}".splitlines()[0]
+            message = f"{what} raised {told} ({last.filename}:{last.lineno}: {last.line})"
+            if writes_read_only(cause):
+                self.add("inputs unchanged", message, WRITES)
+            else:
+                self.add("runs", message, remedy)

@@ -102,7 +102,7 @@ def sample_team_steps(
     step, status = _sample(plugin, rows, seed, parts, deputies)
     active = step.before.state.finished == 0
     dones = sample_spec(plugin, parts=parts, deputies=deputies).agents[0].dones
-    before, after = (TeamView(view.state, view.world) for view in (step.before, step.after))
+    before, after = (TeamView(view.writable, view.world) for view in (step.before, step.after))
     return TeamStep(
         before,
         after,
@@ -182,7 +182,7 @@ def _gather(flown: Sequence[Flown], chosen: AnyArray, seed: int) -> tuple[Step, 
 
 def _near(view: View) -> BoolArray:
     """Return the environments in which two deputies are closer than 10 m."""
-    return np.asarray((TeamView(view.state, view.world).distance < 10.0).any(axis=1))
+    return np.asarray((TeamView(view.writable, view.world).distance < 10.0).any(axis=1))
 
 
 @lru_cache(maxsize=4)

@@ -57,8 +57,9 @@ def check_policy(plugin: ScriptedPolicy, parts: Parts, report: Report) -> None:
         array.flags.writeable = False
 
     def fly(view: View) -> Any:
-        own = [array for key, array in view.state.memory.items() if key[:2] == (view.group.name, PILOT)]
+        own = [array for key, array in view.writable.memory.items() if key[:2] == (view.group.name, PILOT)]
         kept = [array.copy() for array in own]
+        view.remembering = PILOT
         try:
             return plugin(view, limits)
         finally:  # the policy may write what it remembers, and that alone

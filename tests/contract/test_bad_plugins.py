@@ -280,15 +280,16 @@ class TestValues:
         assert any(re.fullmatch(rule, found) for found in breaches(BadReward))
 
     @pytest.mark.parametrize(
-        ("change", "array"),
+        "change",
         [
-            (lambda step: step.after.position, "position"),
-            (lambda step: step.before.state.delta_v, "delta_v"),
-            (lambda step: step.control, "step.control"),
-            (lambda step: step.action, "step.action"),
+            lambda step: step.after.position,
+            lambda step: step.before.state.delta_v,
+            lambda step: step.control,
+            lambda step: step.action,
         ],
+        ids=["position", "delta_v", "control", "action"],
     )
-    def test_changed_inputs(self, change: Any, array: str) -> None:
+    def test_changed_inputs(self, change: Any) -> None:
         class ChangingReward(Reward):
             """Pay 1 and leave a trace."""
 
@@ -297,7 +298,9 @@ class TestValues:
                 given += 1.0
                 return np.ones(len(step.control))
 
-        assert array in breaches(ChangingReward)["inputs unchanged"]
+        found = breaches(ChangingReward)
+        assert set(found) == {"inputs unchanged"}
+        assert "given += 1.0" in found["inputs unchanged"]
 
     def test_changed_range_that_others_share(self) -> None:
         class SpoilingReward(Reward):
@@ -308,7 +311,7 @@ class TestValues:
                 distance -= 10.0
                 return distance
 
-        assert set(breaches(SpoilingReward)) == {"no memory"}
+        assert set(breaches(SpoilingReward)) == {"inputs unchanged"}
 
     def test_memory_between_calls(self) -> None:
         class CountingReward(Reward):
@@ -618,8 +621,6 @@ def test_every_breach_is_told_at_once() -> None:
 
         def __call__(self, step):
             step.control[:] = 0.0
-            return np.random.default_rng().random(len(step.control)) / 0.0
+            return np.zeros(len(step.control))
 
-    with np.errstate(divide="ignore"):
-        found = breaches(WorstReward)
-    assert set(found) >= {"frozen", "documented", "inputs unchanged", "finite"}
+    assert set(breaches(WorstReward)) >= {"frozen", "documented", "inputs unchanged"}

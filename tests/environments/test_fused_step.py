@@ -67,11 +67,12 @@ def told(transition: TeamTransition) -> dict[str, np.ndarray]:
 
 
 def some_action(generator: np.random.Generator, strength: FloatArray, agents: int, layout: Layout) -> FloatArray:
-    """Return thrusts as strong as their row, or levels other than the middle one as often; some are out of bounds."""
+    """Return thrusts as strong as their row, some out of bounds, or levels other than the middle one as often."""
     thrust = generator.uniform(-1.2, 1.2, (len(strength), agents, layout.size))
     if not layout.choices:
         return strength * thrust
-    return (layout.low + layout.high) / 2.0 + (generator.random(thrust.shape) < strength) * 1.5 * thrust
+    levels = (layout.low + layout.high) / 2.0 + (generator.random(thrust.shape) < strength) * 1.5 * thrust
+    return np.clip(np.rint(levels), layout.low, layout.high)
 
 
 def fly_both(spec: EnvironmentSpec, num_envs: int, steps: int) -> tuple[set[int], int]:

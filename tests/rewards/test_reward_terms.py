@@ -68,7 +68,7 @@ def test_success_is_paid_when_the_last_point_is_inspected(fixed_start):
     env.reset()
     step = env.step(np.zeros((1, 1, 3))).step
     np.testing.assert_array_equal(InspectionSuccessReward(scale=3.0)(step), [0.0])
-    step.after.state.points["chief"].team_count[:] = 2
+    env.state.points["chief"].team_count[:] = 2
     np.testing.assert_array_equal(InspectionSuccessReward(scale=3.0)(step), [3.0])
 
 
@@ -80,7 +80,7 @@ def test_a_crash_is_a_range_below_the_radius(step, radius, paid):
 
 def test_an_intervention_has_a_price(step):
     np.testing.assert_array_equal(InspectionRTAReward()(step), [0.0])
-    step.intervening = np.array([True])
+    step.writable_intervening = np.array([True])
     np.testing.assert_array_equal(InspectionRTAReward()(step), [-0.01])
 
 

@@ -214,7 +214,7 @@ def team_view(state, plan=None, finished=None):
         inner.finished[...] = finished
     view = TeamView(inner, world(deputies))
     if plan is not None:
-        view.memory("plan")[...] = plan
+        inner.memory[TEAM, TEAM_GUARD, "plan"][...] = plan
     return view
 
 

@@ -12,18 +12,18 @@ def test_the_plugin_keeps_the_contract(plugin):
 
 def test_only_speed_above_the_limit_costs():
     step = sample_steps(rows=3)
-    step.after.velocity[:] = [[0.3, 0.0, 0.4], [0.0, -3.0, 4.0], [0.0, 0.0, 0.0]]
+    step.after.writable.velocity[:, 0] = [[0.3, 0.0, 0.4], [0.0, -3.0, 4.0], [0.0, 0.0, 0.0]]
     np.testing.assert_allclose(SpeedLimitReward(limit="50 cm/s", scale=-0.1)(step), [0.0, -0.45, 0.0], atol=1e-15)
 
 
 def test_the_episode_ends_when_more_than_the_budget_is_spent():
     step = sample_steps(rows=3)
-    step.after.delta_v[:] = [24.9, 25.0, 25.1]
+    step.after.writable.delta_v[:, 0] = [24.9, 25.0, 25.1]
     np.testing.assert_array_equal(FuelSpentDone(budget=25.0)(step), [False, False, True])
 
 
 def test_the_range_rate_is_the_radial_part_of_the_velocity():
     view = sample_steps(rows=4).after
-    view.position[:] = [[100.0, 0.0, 0.0], [0.0, -50.0, 0.0], [3.0, 0.0, 4.0], [0.0, 0.0, 0.0]]
-    view.velocity[:] = [[1.0, 5.0, 5.0], [0.0, 0.2, 9.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
+    view.writable.position[:, 0] = [[100.0, 0.0, 0.0], [0.0, -50.0, 0.0], [3.0, 0.0, 4.0], [0.0, 0.0, 0.0]]
+    view.writable.velocity[:, 0] = [[1.0, 5.0, 5.0], [0.0, 0.2, 9.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
     np.testing.assert_allclose(RangeRateSensor()(view)[:, 0], [1.0, -0.2, 1.4, 0.0], atol=1e-15)

@@ -82,7 +82,7 @@ class FusedGroup:
         """Return the observations, float32, shape (R, O); None when something is not finite."""
         observation = np.empty((view.num_rows, self._size), dtype=np.float32)
         self._call_glues(view, observation)
-        state, table, group = view.state, self._table, self._group
+        state, table, group = view.writable, self._table, self._group
         finite = kernel.observe(
             state.floats,
             state.wholes,
@@ -111,13 +111,13 @@ class FusedGroup:
         status = np.empty(rows, dtype=np.int8)
         if self._foreign:
             self._call(step, observation, values, flags)
-        before, after = step.before.state, view.state
+        before, after = step.before.writable, view.writable
         known = self._bound.get(id(after))
         if known is None or known[0] is not after:
             known = self._bound[id(after)] = self._bind(before, after)
         _, fixed, rest = known
         work: Any = kernel.judge
-        found: int = work(*fixed, step.intervening, *rest, observation, values, flags, status)
+        found: int = work(*fixed, step.writable_intervening, *rest, observation, values, flags, status)
         if found & kernel.NOT_FINITE:
             return None
         if self._foreign:

@@ -12,6 +12,7 @@ import numpy as np
 
 from safe_inspect.plugin import Plugin
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import FloatArray
 
 
@@ -34,9 +35,9 @@ class RelativeState:
     sun_angle: FloatArray
 
     def __post_init__(self) -> None:
-        """Make the arrays contiguous, which the compiled rows need, and check their shapes."""
+        """Make the arrays contiguous and writable, which the compiled rows need, and check their shapes."""
         for field in ("position", "velocity", "sun_angle"):
-            object.__setattr__(self, field, np.ascontiguousarray(getattr(self, field), dtype=np.float64))
+            object.__setattr__(self, field, for_kernel(getattr(self, field), np.float64))
         rows = len(self.position)
         if self.position.shape != (rows, 3) or self.velocity.shape != (rows, 3) or self.sun_angle.shape != (rows,):
             raise ValueError(

@@ -14,6 +14,7 @@ import numpy as np
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES, constraint_set
+from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: A control that differs from the desired one by more than this counts as an intervention [N].
@@ -101,7 +102,7 @@ def checked(state: RelativeState, desired: FloatArray) -> FloatArray:
     Raises:
         ValueError: The shapes differ, or a number is not finite.
     """
-    desired = np.ascontiguousarray(desired, dtype=np.float64)
+    desired = for_kernel(desired, np.float64)
     if desired.shape != (len(state), 3):
         raise ValueError(f"{len(state)} states need desired controls of shape ({len(state)}, 3), not {desired.shape}")
     whole = np.concatenate((desired, state.position, state.velocity, state.sun_angle[:, None]), axis=1)

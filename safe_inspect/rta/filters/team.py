@@ -16,6 +16,7 @@ from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.rta.filters.backup import BackupFilter
 from safe_inspect.rta.filters.base import compiled
 from safe_inspect.rta.filters.model import KNOWN, PSM, build_model
+from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: The constraints of a pair, and the single constraint that each is about a chief in the other deputy's place.
@@ -42,12 +43,12 @@ class TeamState:
     coasting: BoolArray | None = None
 
     def __post_init__(self) -> None:
-        """Make the arrays contiguous, which the compiled rows need, and check them."""
+        """Make the arrays contiguous and writable, which the compiled rows need, and check them."""
         for field in ("position", "velocity", "sun_angle"):
-            object.__setattr__(self, field, np.ascontiguousarray(getattr(self, field), dtype=np.float64))
+            object.__setattr__(self, field, for_kernel(getattr(self, field), np.float64))
         shape = self.position.shape[:2]
         coasting = np.zeros(shape, np.bool_) if self.coasting is None else self.coasting
-        object.__setattr__(self, "coasting", np.ascontiguousarray(coasting, dtype=np.bool_))
+        object.__setattr__(self, "coasting", for_kernel(coasting, np.bool_))
         if (
             self.position.ndim != 3 or self.position.shape[2] != 3 or shape[1] < 1
             or self.velocity.shape != self.position.shape or self.sun_angle.shape != shape[:1]
