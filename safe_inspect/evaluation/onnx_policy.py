@@ -178,12 +178,15 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
     """
     name = os.fspath(path)
     content, sealed = read_file(path)
+    # Its import would write a device identifier and a data base into the home folder, and a session send events.
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
     try:
         import onnxruntime  # type: ignore[import-untyped,import-not-found]
     except ImportError:
         raise SafeInspectError(
             f"{name}: ONNX files are run by onnxruntime, which is not installed; pip install 'safe_inspect[onnx]'"
         ) from None
+    onnxruntime.disable_telemetry_events()  # on Windows
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4

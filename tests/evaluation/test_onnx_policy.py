@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -248,6 +250,23 @@ def test_a_file_is_flown_without_ray_and_torch(exported):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert json.loads(done.stdout.splitlines()[-1]) == []
+
+
+def test_onnxruntime_writes_nothing_into_the_home_folder(exported, tmp_path):
+    environment = {key: value for key, value in os.environ.items() if key not in ("ORT_DISABLE_TELEMETRY", "CI")}
+    environment |= {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    files = {}
+    for name, code in (("import", "import onnxruntime"), ("load", LOAD.format(str(exported["plain"][2])))):
+        subprocess.run([sys.executable, "-c", code], env=environment, timeout=120, check=True)
+        files[name] = [path for path in tmp_path.rglob("*") if path.is_file()]
+        shutil.rmtree(tmp_path)
+        tmp_path.mkdir()
+    if not files["import"]:
+        pytest.skip("this release of onnxruntime has no telemetry here")
+    assert files["load"] == []
+
+
+LOAD = "from safe_inspect.evaluation.onnx_policy import load_onnx\nload_onnx({!r})"
 
 
 def example():
