@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from safe_inspect.config.experiment import build_experiment
 from safe_inspect.config.located import LocatedDict
 from safe_inspect.config.overrides import apply_overrides
-from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight
 from safe_inspect.evaluation.policy_draws import choices, gaussian
 from safe_inspect.evaluation.policy_file import FORMAT, PolicyInfo, read_file
-from safe_inspect.evaluation.raw_values import columns, commanded_elements, named_elements, raw_task
+from safe_inspect.evaluation.raw_values import columns, raw_task
+from safe_inspect.evaluation.trained_layout import check_layout
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Rows are filled up to a multiple of this, so that a row's result does not depend on how many stand beside it.
@@ -85,9 +86,7 @@ class OnnxPolicy:
         raw = raw_task(spec, chosen)
         for agent in spec.agents:
             if agent.pilot is None and (chosen is None or agent.name in chosen):
-                self._check(agent, "observation", self.info.observation, named_elements(agent))
-                raw_agent = next(other for other in raw.agents if other.name == agent.name)
-                self._check(agent, "action", self.info.action, commanded_elements(raw_agent))
+                check_layout(self.path, self.info, agent)
         return raw
 
     def begin(self, flight: Flight) -> None:
@@ -147,21 +146,6 @@ class OnnxPolicy:
             return np.minimum(np.maximum(self._offset + self._gain * action, self._low), self._high)
         chosen = choices(inputs, [len(levels) for levels in self._levels], *where)
         return np.stack([levels[chosen[:, column]] for column, levels in enumerate(self._levels)], axis=1)
-
-    def _check(self, agent: AgentSpec, what: str, mine: tuple[Any, ...], theirs: tuple[Any, ...]) -> None:
-        pairs = zip(mine, theirs, strict=False)
-        differ = [
-            f"element {index} is {other} in the task and {own} in the file"
-            for index, (own, other) in enumerate(pairs)
-            if (own.name, own.unit) != (other.name, other.unit)
-        ]
-        if len(mine) != len(theirs):
-            differ.append(f"it has {len(theirs)} elements in the task and {len(mine)} in the file")
-        if differ:
-            raise CheckpointError(
-                f"{self.path}: the file is of another task ({self.info.task}): of the {what} of {agent.name} "
-                f"{differ[0]}; give the experiment that the policy was trained with"
-            )
 
 
 def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: int = 0) -> OnnxPolicy:

@@ -76,12 +76,17 @@ class PolicyInfo:
         """Return the facts in a file's metadata; KeyError, TypeError or ValueError: they are not there, or wrong."""
         if metadata["distribution"] not in ("gaussian", "categorical"):
             raise ValueError(f"unknown distribution {metadata['distribution']!r}")
-        action = [{**item, "levels": tuple(item["levels"])} for item in json.loads(metadata["action"])]
+        observation: list[dict[str, Any]]
+        action: list[dict[str, Any]]
+        observation, action = (
+            [{key: tuple(value) if isinstance(value, list) else value for key, value in item.items()} for item in items]
+            for items in (json.loads(metadata["observation"]), json.loads(metadata["action"]))
+        )
         return cls(
             policy=metadata["policy"],
             agents=tuple(json.loads(metadata["agents"])),
             task=metadata["task"],
-            observation=tuple(ObservedElement(**item) for item in json.loads(metadata["observation"])),
+            observation=tuple(ObservedElement(**item) for item in observation),
             action=tuple(CommandedElement(**item) for item in action),
             distribution=metadata["distribution"],  # type: ignore[arg-type]
             step_size=float(metadata["step_size"]),

@@ -6,6 +6,7 @@ them off, and changes nothing else.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -14,14 +15,15 @@ import numpy as np
 
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import ConfigError, SafeInspectError, did_you_mean
+from safe_inspect.functor import describe
 from safe_inspect.glues.base import ActionGlue, Glue, Parts, controller_of, sensor_of
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.normalizers import LinearNormalizer, Normalizer, StandardNormalNormalizer
 from safe_inspect.glues.observe_sensor import ObserveSensor
-from safe_inspect.platforms.base import Property
 from safe_inspect.platforms.controllers import RateController, ThrustProp
+from safe_inspect.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.types import AnyArray, FloatArray
 
@@ -37,12 +39,15 @@ class ObservedElement:
         unit: SI unit of the value; empty for a pure number.
         centre: The value that the net sees as 0.
         width: The change of the value that the net sees as 1.
+        plugins: The configuration of a glue or normaliser that is none of this package's, as JSON; of several agents
+            that share a policy each one that occurs.
     """
 
     name: str
     unit: str
     centre: float = 0.0
     width: float = 1.0
+    plugins: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.name} [{self.unit or '-'}]"
@@ -60,6 +65,9 @@ class CommandedElement:
         gain: See above.
         offset: See above.
         levels: The values among which the policy chooses; empty: any.
+        axis: Axis of Hill's frame along which the value acts, ``x``, ``y`` or ``z``; empty: not known.
+        plugins: The configuration of a glue, normaliser or controller that is none of this package's, as JSON; of
+            several agents that share a policy each one that occurs.
     """
 
     name: str
@@ -69,6 +77,8 @@ class CommandedElement:
     gain: float = 1.0
     offset: float = 0.0
     levels: tuple[float, ...] = ()
+    axis: str = ""
+    plugins: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.name} [{self.unit or '-'}]"
@@ -83,67 +93,89 @@ def named_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
     return tuple(found)
 
 
-def observed_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
+def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[ObservedElement, ...]:
     """Return the elements of an agent's observation, in its order, and what their normalisers do.
 
     The elements of a glue that is no `ObserveSensor` are taken as the glue gives them.
 
+    Args:
+        agent: The agent.
+        exportable: Whether a normaliser that is none of this package's own is refused; else its configuration stands
+            in `ObservedElement.plugins`.
+
     Raises:
         ConfigError: A normaliser is none of this package's own.
     """
-    centre: list[float] = []
-    width: list[float] = []
+    found: list[ObservedElement] = []
     for glue in agent.observation_glues:
         size = len(glue.names(agent.parts))
+        centre, width, plugins = np.zeros(size), np.ones(size), _configuration(glue)
         if isinstance(glue, ObserveSensor):
             scale, normalizer, low, high = glue.prepared(sensor_of(agent.parts, glue.sensor))
-            gain, offset = _affine(agent, glue, normalizer, low, high)
-            centre += (-offset / gain / scale).tolist()
-            width += (1.0 / gain / scale).tolist()
-        else:
-            centre += [0.0] * size
-            width += [1.0] * size
-    rows = zip(named_elements(agent), centre, width, strict=True)
-    return tuple(replace(element, centre=at + 0.0, width=by) for element, at, by in rows)
+            if exportable or _is_known(normalizer):
+                gain, offset = _affine(agent, glue, normalizer, low, high)
+                centre, width, plugins = -offset / gain / scale + 0.0, 1.0 / gain / scale, ()
+        names = named_elements(replace(agent, glues=(glue,)))
+        rows = zip(names, centre.tolist(), width.tolist(), strict=True)
+        found += [replace(element, centre=at, width=by, plugins=plugins) for element, at, by in rows]
+    return tuple(found)
 
 
-def commanded_elements(agent: AgentSpec) -> tuple[CommandedElement, ...]:
+def commanded_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[CommandedElement, ...]:
     """Return the elements of an agent's action, in its order.
+
+    Args:
+        agent: The agent.
+        exportable: See `observed_elements`.
 
     Raises:
         ConfigError: A normaliser is none of this package's own, or a foreign glue chooses among levels.
     """
-    return tuple(element for glue in agent.action_glues for element in _commanded(agent, glue))
+    return tuple(element for glue in agent.action_glues for element in _commanded(agent, glue, exportable))
 
 
-def _commanded(agent: AgentSpec, glue: Glue) -> list[CommandedElement]:
+def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[CommandedElement]:
     assert isinstance(glue, ActionGlue)
     if isinstance(glue, SafetyGlue):
-        return [element for inner in glue.wrapped for element in _commanded(agent, inner)]
+        return [element for inner in glue.wrapped for element in _commanded(agent, inner, exportable)]
     names = glue.names(agent.parts)
     if isinstance(glue, DiscreteControllerGlue):
-        unit, low, high = _controller(agent.parts, glue.controller)
+        unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
         levels = tuple(float(level) for level in glue.levels)
-        return [CommandedElement(names[0], unit, float(low[0]), float(high[0]), levels=levels)]
-    if isinstance(glue, ControllerGlue):
-        unit, low, high = _controller(agent.parts, glue.controller)
-        gain, offset = _affine(agent, glue, glue.normalization.active, low, high)
+        limits = float(low[0]), float(high[0])
+        return [CommandedElement(names[0], unit, *limits, levels=levels, axis=axis, plugins=plugins)]
+    normalizer = glue.normalization.active if isinstance(glue, ControllerGlue) else None
+    if isinstance(glue, ControllerGlue) and (exportable or _is_known(normalizer)):
+        unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
+        gain, offset = _affine(agent, glue, normalizer, low, high)
         rows = zip(names, low.tolist(), high.tolist(), (1.0 / gain).tolist(), (-offset / gain).tolist(), strict=True)
-        return [CommandedElement(name, unit, least, most, by, at + 0.0) for name, least, most, by, at in rows]
-    if any(glue.choices(agent.parts)):
+        return [
+            CommandedElement(name, unit, least, most, by, at + 0.0, axis=axis, plugins=plugins)
+            for name, least, most, by, at in rows
+        ]
+    if exportable and any(glue.choices(agent.parts)):
         raise ConfigError(
             f"{_title(agent, glue)}: what its choices mean is not known outside this glue; use DiscreteControllerGlue"
         )
     low, high = glue.bounds(agent.parts)
     pairs = zip(names, low.tolist(), high.tolist(), strict=True)
-    return [CommandedElement(name, "", smallest, largest) for name, smallest, largest in pairs]
+    return [CommandedElement(name, "", least, most, plugins=_configuration(glue)) for name, least, most in pairs]
 
 
-def _controller(parts: Parts, name: str) -> tuple[str, FloatArray, FloatArray]:
-    """Return the unit and the limits of a controller's values."""
+def _controller(parts: Parts, name: str) -> tuple[str, str, tuple[str, ...], FloatArray, FloatArray]:
+    """Return unit, axis, configuration (of one that is none of this package's) and limits of a controller's values."""
     controller = controller_of(parts, name)
-    commanded: Property | None = controller.commanded if isinstance(controller, RateController) else None
-    return "N" if isinstance(commanded, ThrustProp) else "", *controller.limits
+    if isinstance(controller, RateController) and isinstance(controller.commanded, ThrustProp):
+        return "N", "xyz"[controller.axis], (), *controller.limits
+    return "", "", _configuration(controller), *controller.limits
+
+
+def _configuration(plugin: Plugin) -> tuple[str, ...]:
+    return (json.dumps(describe(plugin), sort_keys=True),)
+
+
+def _is_known(normalizer: Normalizer | None) -> bool:
+    return normalizer is None or type(normalizer) in (StandardNormalNormalizer, LinearNormalizer)
 
 
 def _affine(

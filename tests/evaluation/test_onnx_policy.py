@@ -156,15 +156,15 @@ class TestRefusals:
         [
             (
                 lambda agent: agent["glues"].pop(),
-                "of the observation of blue0_ctrl it has 10 elements in the task and 11",
+                "in the observation of blue0_ctrl, there are 11 elements in training and 10 in the task",
             ),
             (
                 lambda agent: agent["glues"].insert(1, agent["glues"].pop(2)),
-                r"element 0 is Sensor_Velocity.v_x \[m/s\] in the task and Sensor_Position.x \[m\] in the file",
+                r"element 0 is Sensor_Position.x \[m\] in training and Sensor_Velocity.v_x \[m/s\] in the task",
             ),
             (
                 lambda agent: agent["glues"][0]["wrapped"].reverse(),
-                r"of the action of blue0_ctrl element 0 is Z Thrust \[N\] in the task and X Thrust",
+                r"in the action of blue0_ctrl, element 0 is X Thrust \[N\] in training and Z Thrust",
             ),
         ],
     )

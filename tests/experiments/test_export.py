@@ -131,6 +131,7 @@ def test_the_metadata_tell_what_the_file_is(tmp_path):
     assert [item["name"] for item in json.loads(told["action"])] == ["X Thrust", "Y Thrust", "Z Thrust"]
     assert json.loads(told["action"])[0] == {
         "name": "X Thrust", "unit": "N", "low": -1.0, "high": 1.0, "gain": 1.0, "offset": 0.0, "levels": [],
+            "axis": "x", "plugins": [],
     }  # fmt: skip
     assert (told["distribution"], told["step_size"], told["task"]) == ("gaussian", "10.0", "TRANSLATIONAL-INSPECTION")
     assert json.loads(told["agents"]) == ["blue0_ctrl"]
