@@ -10,15 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import Experiment, build_experiment, load_experiment
 from safe_inspect.config.located import LocatedDict
 from safe_inspect.config.overrides import apply_overrides
-from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.environments.layout import action_layout
-from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.crew import Policies
 from safe_inspect.evaluation.folder import sha256
 from safe_inspect.evaluation.policies import BASELINES, baseline
@@ -157,44 +154,10 @@ def _open_trained(text: str, wanted: Wanted) -> Candidate:
     experiment = None if cfg is None else wanted.load(cfg)
     spec, policies = open_source(folder if folder.is_dir() else text, wanted.cfg, wanted.overrides)
     assert experiment is not None, "open_source refuses a checkpoint whose task is not known"
-    if configuration is not None and (wanted.cfg is not None or wanted.overrides):
-        _check_scales(folder, configuration, spec)
     policies = _drawing(policies, wanted)
     run = configuration.parent.name if configuration is not None else folder.absolute().parent.name
     source = {"text": text, "kind": "checkpoint", "path": str(folder.absolute()), "sha256": _hash_of(folder)}
     return Candidate(f"{run}/{folder.name}", source, experiment, spec, policies)
-
-
-def _check_scales(folder: Path, configuration: Path, spec: EnvironmentSpec) -> None:
-    """Refuse a task whose observations or actions have the names, but not the scales, of those of the run.
-
-    Raises:
-        CheckpointError: There is an agent with other scales than every agent of the run.
-    """
-    try:
-        trained = load_experiment(configuration).spec
-    except ConfigError:  # a plugin of the run is missing by now
-        return
-    theirs = [agent for agent in trained.agents if agent.pilot is None]
-    for agent in spec.agents:
-        if agent.pilot is not None or not theirs:
-            continue
-        for what, same in (("observations", _sees_alike), ("actions", _acts_alike)):
-            if not any(same(agent, other) for other in theirs):
-                raise CheckpointError(
-                    f"{folder}: the checkpoint is of another task: the {what} of {agent.name!r} have other units, "
-                    "normalisers or bounds than in its run; give an experiment with the same glues"
-                )
-
-
-def _sees_alike(agent: AgentSpec, other: AgentSpec) -> bool:
-    return agent.observation_glues == other.observation_glues
-
-
-def _acts_alike(agent: AgentSpec, other: AgentSpec) -> bool:
-    mine, theirs = action_layout(agent), action_layout(other)
-    bounds = np.array_equal(mine.low, theirs.low) and np.array_equal(mine.high, theirs.high)
-    return mine.names == theirs.names and mine.choices == theirs.choices and bounds
 
 
 def _checkpoint(path: Path) -> Path:

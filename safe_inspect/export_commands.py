@@ -21,7 +21,8 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 def run_export(arguments: argparse.Namespace) -> int:
     """Write the file and print how far it is from the checkpoint."""
     from safe_inspect.config.experiment import load_experiment
-    from safe_inspect.experiments.export import SINGLE, export_policy, newest_checkpoint, policies_in
+    from safe_inspect.experiments.checkpoints import SINGLE
+    from safe_inspect.experiments.export import export_policy, newest_checkpoint, policies_in
 
     if arguments.overrides and arguments.cfg is None:
         raise CheckpointError("values are replaced in an experiment that is named with --cfg; give it, or no values")

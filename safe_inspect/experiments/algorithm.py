@@ -8,9 +8,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
+from safe_inspect.experiments.checkpoints import SINGLE
 from safe_inspect.experiments.environment import ENVIRONMENT
-from safe_inspect.experiments.keys import FRESH_KEYS
 from safe_inspect.experiments.policies import PolicySettings
+from safe_inspect.experiments.policy_facts import policy_texts
 from safe_inspect.experiments.translation import Translation
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def build_config(
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
     config.callbacks(callbacks_class=RunCallbacks)
-    _set_policies(config, settings["model_config"], policies or {})
+    _set_policies(config, settings, policies or {}, policy_texts(env_config, policies or {}))
     if settings["env_runner"] == "batched":
         from safe_inspect.experiments.env_runners import BatchedEnvRunner, BatchedTeamRunner
 
@@ -152,23 +153,26 @@ def _apply(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
             setattr(config, attribute, value)
 
 
-def _set_policies(config: AlgorithmConfig, model: Mapping[str, Any], policies: Mapping[str, PolicySettings]) -> None:
+def _set_policies(
+    config: AlgorithmConfig,
+    settings: Mapping[str, Any],
+    policies: Mapping[str, PolicySettings],
+    texts: Mapping[str, Mapping[str, str]],
+) -> None:
     """Tell RLlib which policies there are, which agents they fly and what each has of its own."""
-    from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
     from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
 
     from safe_inspect.experiments.fresh_policy import policy_spec
 
+    model, algorithm = settings["model_config"], settings["algorithm"]
     if not policies:
-        if FRESH_KEYS.keys() & model.keys():
-            config.rl_module(rl_module_spec=policy_spec(model))
-        else:
-            config.rl_module(model_config=DefaultModelConfig(**model))
+        config.rl_module(rl_module_spec=policy_spec(model, algorithm, texts.get(SINGLE)))
         return
     specs = {}
     for name, policy in policies.items():
         if policy.trains:
-            specs[name] = policy_spec({**model, **policy.settings.get("model_config", {})})
+            own = {**model, **policy.settings.get("model_config", {})}
+            specs[name] = policy_spec(own, algorithm, texts.get(name))
         else:
             from safe_inspect.experiments.frozen import frozen_spec
 

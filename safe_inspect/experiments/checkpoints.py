@@ -19,7 +19,15 @@ from safe_inspect.experiments.trial_parameters import PARAMETERS, parameters_tex
 
 SEAL = "safe_inspect.json"
 
-_MODULES = Path("learner_group", "learner", "rl_module")
+#: Where the policies stand in a checkpoint, one folder for each.
+MODULES = Path("learner_group", "learner", "rl_module")
+
+#: The weights of a policy in its folder, see `weights_file`. RLlib's own files beside it are pickles, which may run any
+#: code when they are loaded: only a run that is resumed reads them.
+WEIGHTS = "policy.safetensors"
+
+#: What RLlib calls the policy of a single agent.
+SINGLE = "default_policy"
 
 
 @dataclass(frozen=True)
@@ -101,7 +109,7 @@ def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual
     Raises:
         CheckpointError: The checkpoint is missing, incomplete or damaged, or has no such policy.
     """
-    folder = read_checkpoint(path).path.absolute() / _MODULES
+    folder = read_checkpoint(path).path.absolute() / MODULES
     names = sorted(item.name for item in folder.iterdir() if item.is_dir()) if folder.is_dir() else []
     if policy is None:
         if len(names) != 1 and usual not in names:
@@ -111,6 +119,27 @@ def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual
     if policy not in names:
         raise CheckpointError(f"{path}: the checkpoint has no policy {policy!r}; {did_you_mean(policy, names)}")
     return folder / policy
+
+
+def weights_path(folder: Path) -> Path:
+    """Return the file with the weights of a policy.
+
+    Args:
+        folder: The policy's, from `policy_folder`.
+
+    Raises:
+        CheckpointError: The checkpoint has none.
+    """
+    path = folder / WEIGHTS
+    if not path.is_file():
+        checkpoint = folder.parents[len(MODULES.parts)]
+        raise CheckpointError(
+            f"{checkpoint}: the checkpoint holds the policy {folder.name!r} only as a pickle, which may run any code, "
+            "so it is not loaded; an earlier version wrote it, or an algorithm other than PPO, APPO and IMPALA. Resume "
+            "a run of your own for one iteration, `safe-inspect train --resume RUN` with a later limit in `stop`, to "
+            "get a checkpoint that can be loaded, or train again"
+        )
+    return path
 
 
 def find_newest(folder: Path, digest: str = "") -> Found:

@@ -5,30 +5,23 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec
-from safe_inspect.environments.layout import Layout, action_layout, observation_layout
-from safe_inspect.environments.spaces import action_space, box
-from safe_inspect.errors import CheckpointError, ConfigError, OutputError, did_you_mean
+from safe_inspect.errors import CheckpointError, OutputError, did_you_mean
 from safe_inspect.evaluation.onnx_policy import load_onnx
 from safe_inspect.evaluation.policy_file import PolicyInfo, seal
-from safe_inspect.evaluation.raw_values import commanded_elements, observed_elements
-from safe_inspect.experiments.checkpoints import SEAL, find_newest, policy_folder, read_checkpoint
+from safe_inspect.evaluation.trained_layout import check_layout
+from safe_inspect.experiments.checkpoints import MODULES, SEAL, SINGLE, find_newest, policy_folder, read_checkpoint
 from safe_inspect.experiments.export_check import Difference, compare, flown_readings, random_readings, worst
 from safe_inspect.experiments.onnx_graph import build_file, check_module, require_onnx
 from safe_inspect.experiments.policy import load_policy
+from safe_inspect.experiments.policy_facts import policy_info
 from safe_inspect.experiments.run_folder import RunFolder
 from safe_inspect.experiments.sources import configuration_of
-
-#: What RLlib calls the policy of a single agent.
-SINGLE = "default_policy"
-
-#: Where the policies stand in a checkpoint.
-MODULES = Path("learner_group", "learner", "rl_module")
 
 _RANDOM_ROWS = 4096
 
@@ -85,24 +78,17 @@ def export_policy(
         experiment = load_experiment(own)
     title = f"{checkpoint}, policy {folder.name}"
     agents = _agents(experiment, folder.name, title)
-    module = load_policy(checkpoint, folder.name).module
+    loaded = load_policy(checkpoint, folder.name)
+    module = loaded.module
     check_module(module, title)
-    for what, layout, space in (
-        ("observations", observation_layout(agents[0]), module.observation_space),
-        ("actions", action_layout(agents[0]), module.action_space),
-    ):
-        _check_space(what, layout, space, agents[0], title)
-    observation, action = observed_elements(agents[0]), commanded_elements(agents[0])
-    if own is not None:
-        _check_elements(own, folder.name, (observation, action), title)
-    info = PolicyInfo(
-        policy=folder.name,
-        agents=tuple(agent.name for agent in agents),
-        task=str(experiment.config.config.config.env_config.TrialName),
-        observation=observation,
-        action=action,
-        distribution="categorical" if action_layout(agents[0]).choices else "gaussian",
-        step_size=experiment.spec.step_size,
+    if loaded.info is None:
+        raise CheckpointError(
+            f"{title}: the checkpoint does not say what the policy sees and does, so it is not exported; train again"
+        )
+    for agent in agents:
+        check_layout(title, loaded.info, agent)
+    info = replace(
+        policy_info(experiment, folder.name, agents, exportable=True),
         configuration=_portable(experiment.resolved),
         training=training_facts(checkpoint),
     )
@@ -198,36 +184,3 @@ def _agents(experiment: Experiment, name: str, title: str) -> list[AgentSpec]:
         known = did_you_mean(name, {agent.policy for agent in outside})
         raise CheckpointError(f"{title}: the experiment has no policy of that name; {known}; give the run's own --cfg")
     return agents
-
-
-def _check_elements(own: Path, name: str, given: tuple[Any, Any], title: str) -> None:
-    """Refuse an experiment whose glues make other numbers of the readings than those of the run did."""
-    try:
-        experiment = load_experiment(own)
-    except ConfigError:  # a plugin of the run is missing by now
-        return
-    agent = _agents(experiment, name, title)[0]
-    trained = (observed_elements(agent), commanded_elements(agent))
-    for what, mine, theirs in zip(("observation", "action"), given, trained, strict=True):
-        for one, other in zip(mine, theirs, strict=True):
-            if one != other:
-                raise CheckpointError(
-                    f"{title}: in the run the {what} had {other}, in the given experiment {one}, or other numbers in "
-                    "its normaliser or levels; leave out --cfg, or give the experiment that it was trained with"
-                )
-
-
-def _check_space(what: str, layout: Layout, space: Any, agent: AgentSpec, title: str) -> None:
-    wanted: Any = action_space(layout) if layout.choices else box(layout)
-    if type(space) is not type(wanted) or space.shape != wanted.shape:
-        size = "x".join(map(str, getattr(space, "shape", None) or ())) or "no"
-        raise CheckpointError(
-            f"{title}: the checkpoint is of another task: the policy has {size} elements of {what} "
-            f"({type(space).__name__}), {agent.name} has {layout.size} ({type(wanted).__name__}); give the experiment "
-            "that it was trained with"
-        )
-    if layout.choices and tuple(space.nvec) != layout.choices:
-        raise CheckpointError(
-            f"{title}: the checkpoint is of another task: the policy chooses among {space.nvec.tolist()} levels, "
-            f"{agent.name} among {list(layout.choices)}; give the experiment that it was trained with"
-        )

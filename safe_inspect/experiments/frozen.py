@@ -2,29 +2,44 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from gymnasium.spaces import MultiDiscrete
-from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
-from ray.rllib.core.rl_module.rl_module import RLModule, RLModuleSpec
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.environments.spaces import action_space, box
 from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.trained_layout import check_layout
 from safe_inspect.experiments.checkpoints import policy_folder
 from safe_inspect.experiments.fresh_policy import FreshPolicy
 from safe_inspect.experiments.policies import PolicySettings, layouts_of
+from safe_inspect.experiments.saved_policy import load_arrays
+from safe_inspect.experiments.weights_file import read_weights
 
 _NO_NOISE = -20.0
 
+_SOURCE = "frozen_from"
 
-class FrozenPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
-    """RLlib's policy as it flies after its training: a Gaussian one without noise, a categorical one as it is."""
+
+class FrozenPolicy(FreshPolicy):
+    """RLlib's policy as it flies after its training: a Gaussian one without noise, a categorical one as it is.
+
+    ``frozen_from`` in its `model_config` is the folder of the policy in its checkpoint.
+    """
+
+    def setup(self) -> None:
+        """Build the nets, and load their weights."""
+        super().setup()
+        own: Any = self.model_config
+        if own.get(_SOURCE) and not self.inference_only:  # a runner gets its weights from the learner
+            load_arrays(self, read_weights(Path(own[_SOURCE])).arrays, own[_SOURCE])
+        self.model_config = {key: value for key, value in own.items() if key != _SOURCE}
 
     def _forward_exploration(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
         outputs: dict[str, Any] = self._forward(batch)
@@ -36,15 +51,13 @@ class FrozenPolicy(DefaultPPOTorchRLModule):  # type: ignore[misc]
 
 def frozen_spec(policy: PolicySettings) -> RLModuleSpec:
     """Return how RLlib builds a policy that comes from a checkpoint."""
-    path = _source(policy)
-    module = _load(path)
-    own = type(module) in (DefaultPPOTorchRLModule, FreshPolicy)
+    folder = _source(policy)
+    weights = read_weights(folder)
     return RLModuleSpec(
-        module_class=FrozenPolicy if own else type(module),
-        observation_space=module.observation_space,
-        action_space=module.action_space,
-        model_config=dict(module.model_config),
-        load_state_path=str(path),
+        module_class=FrozenPolicy,
+        observation_space=weights.observation_space,
+        action_space=weights.action_space,
+        model_config={**weights.model, "initial_weights": None, _SOURCE: str(folder)},
     )
 
 
@@ -55,14 +68,15 @@ def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentG
         CheckpointError: A checkpoint is missing, damaged or of another task.
     """
     layouts = layouts_of(groups)
+    group_of = {agent: group for group in groups for agent in group.agents}
     for policy in policies.values():
         if policy.trains:
             continue
-        module = _load(_source(policy))
+        weights = read_weights(_source(policy))
         for agent in policy.agents:
             pairs = zip(
                 ("observation", "action"),
-                (module.observation_space, module.action_space),
+                (weights.observation_space, weights.action_space),
                 layouts[agent],
                 strict=True,
             )
@@ -73,16 +87,9 @@ def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentG
                         f"{policy.checkpoint}: the policy of {agent} has {space.shape[0]} elements of {what}, and the "
                         f"agent {layout.size}; give a checkpoint of the same glues"
                     )
+            if weights.info is not None:
+                check_layout(str(policy.checkpoint), weights.info, replace(group_of[agent].agent, name=agent))
 
 
 def _source(policy: PolicySettings) -> Path:
     return policy_folder(policy.checkpoint or "", policy.source_policy, policy.name)
-
-
-def _load(path: Path) -> Any:
-    for name in ("ray.rllib", "ray._common.deprecation"):
-        logging.getLogger(name).setLevel(logging.ERROR)
-    try:
-        return RLModule.from_checkpoint(str(path))
-    except Exception as error:  # whatever unpickling meets
-        raise CheckpointError(f"{path}: the policy cannot be loaded ({error})") from error

@@ -10,12 +10,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from ray.rllib.core.columns import Columns
-from ray.rllib.core.rl_module.rl_module import RLModule
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policies import Flight
+from safe_inspect.evaluation.policy_file import PolicyInfo
 from safe_inspect.experiments.checkpoints import policy_folder
 from safe_inspect.experiments.distributions import Categorical, Distribution, distribution_of_module
+from safe_inspect.experiments.fresh_policy import build_module
+from safe_inspect.experiments.weights_file import info_of, read_weights
 from safe_inspect.types import AnyArray, FloatArray
 
 
@@ -45,6 +47,11 @@ class TrainedPolicy:
         self._width = int(np.prod(module.action_space.shape))
         self._flight: Flight | None = None
         self._steps = 0
+
+    @property
+    def info(self) -> PolicyInfo | None:
+        """What the policy was trained with; None where its checkpoint does not say it."""
+        return info_of(self.module.model_config)
 
     def begin(self, flight: Flight) -> None:
         """Take note of the slots of the rows of the next steps, for the draws."""
@@ -88,7 +95,7 @@ def load_policy(
         seed: Seed of the draws.
 
     Raises:
-        CheckpointError: The checkpoint is missing or damaged, or has no such policy.
+        CheckpointError: The checkpoint is missing or damaged, has no such policy, or only as a pickle.
     """
     return TrainedPolicy(_load(checkpoint, policy), sampled, seed)
 
@@ -102,7 +109,7 @@ def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0, policy: 
         policy: Name of the policy, where the checkpoint holds several.
 
     Raises:
-        CheckpointError: The checkpoint is missing or damaged, or has no such policy.
+        CheckpointError: The checkpoint is missing or damaged, has no such policy, or only as a pickle.
     """
     module = _load(checkpoint, policy)
     arguments, keywords = module.get_ctor_args_and_kwargs()
@@ -114,4 +121,4 @@ def _load(checkpoint: str | os.PathLike[str], policy: str | None) -> Any:
     folder = policy_folder(checkpoint, policy)
     for name in ("ray.rllib", "ray._common.deprecation"):
         logging.getLogger(name).setLevel(logging.ERROR)
-    return RLModule.from_checkpoint(str(folder))
+    return build_module(read_weights(folder), str(folder))

@@ -18,8 +18,15 @@ from typing import Any
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.evaluation.shipped import CARD, CHECKPOINT, CONFIGURATION, RECORD, ShippedPolicy, shipped_policy
-from safe_inspect.experiments.checkpoints import read_checkpoint, seal_checkpoint
-from safe_inspect.experiments.export import MODULES, SINGLE, Exported, export_policy, newest_checkpoint, policies_in
+from safe_inspect.experiments.checkpoints import (
+    MODULES,
+    SINGLE,
+    policy_folder,
+    read_checkpoint,
+    seal_checkpoint,
+    weights_path,
+)
+from safe_inspect.experiments.export import Exported, export_policy, newest_checkpoint, policies_in
 from safe_inspect.experiments.export import training_facts as facts_of
 from safe_inspect.experiments.model_card import CardFacts, model_card
 from safe_inspect.experiments.sources import configuration_of
@@ -123,7 +130,10 @@ def _copy_configuration(source: Path, target: Path) -> None:
 
 def _copy_weights(source: Path, target: Path) -> None:
     """Copy of a checkpoint what `load_policy` reads, and seal it."""
-    shutil.copytree(source / MODULES, target / MODULES)
+    for policy in policies_in(source):
+        folder = target / MODULES / policy
+        folder.mkdir(parents=True)
+        shutil.copy(weights_path(policy_folder(source, policy)), folder)
     seal_checkpoint(replace(read_checkpoint(source), path=target))
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.registration import load_spec
-from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError, did_you_mean
+from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.crew import Policies
 from safe_inspect.evaluation.policies import BASELINES, Policy, baseline
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
+from safe_inspect.evaluation.trained_layout import check_layout
 from safe_inspect.experiments.checkpoints import SEAL, find_newest, policy_folder, read_checkpoint
 from safe_inspect.experiments.run_folder import RunFolder
 from safe_inspect.registry import registry
@@ -128,28 +128,17 @@ def _open_checkpoint(
             f"{path}: the checkpoint lies in no folder of a training run, so its task is not known; give it with --cfg"
         )
     spec = load_spec(task, overrides)
-    trained_for = None if cfg is None or configuration is None else _spec_of(configuration)
     policies: dict[str, Policy] = {}
     loaded: dict[str, Any] = {}
     for agent in spec.agents:
         if agent.pilot is not None:
             continue
         chosen = _chosen(path, agent)
-        if trained_for is not None:
-            _check_names(path, agent, trained_for)
         if chosen not in loaded:
             loaded[chosen] = _load(path, chosen)
-        _check_sizes(path, agent, loaded[chosen])
+        check_layout(str(path), loaded[chosen].info, agent)
         policies[agent.name] = loaded[chosen]
     return spec, policies
-
-
-def _spec_of(configuration: Path) -> EnvironmentSpec | None:
-    """Return the task of a run; None where a plugin of it is missing by now, which matters to nobody here."""
-    try:
-        return load_spec(configuration)
-    except ConfigError:
-        return None
 
 
 def _chosen(path: Path, agent: AgentSpec) -> str:
@@ -167,42 +156,9 @@ def _chosen(path: Path, agent: AgentSpec) -> str:
 def _load(path: Path, name: str) -> Any:
     from safe_inspect.experiments.policy import load_policy  # loads Ray and Torch
 
-    return load_policy(path, name)
-
-
-def _layouts(agent: AgentSpec) -> dict[str, Layout]:
-    return {"observation": observation_layout(agent), "action": action_layout(agent)}
-
-
-def _check_names(path: Path, agent: AgentSpec, trained_for: EnvironmentSpec) -> None:
-    """Refuse an agent whose observations or actions are none that the run's agents had."""
-    theirs = [_layouts(other) for other in trained_for.agents if other.pilot is None]
-    for what, layout in _layouts(agent).items():
-        if theirs and all(layout.names != other[what].names for other in theirs):
-            mine, others = layout.names, theirs[0][what].names
-            pairs = zip(mine, others, strict=False)
-            differ = next((f"{own} and not {other}" for own, other in pairs if own != other), "fewer or more elements")
-            raise CheckpointError(
-                f"{path}: the checkpoint is of another task: the agent {agent.name!r} has {len(mine)} elements of "
-                f"{what}, the policy was trained on {len(others)} ({differ}); give an experiment with the same glues"
-            )
-
-
-def _check_sizes(path: Path, agent: AgentSpec, policy: Any) -> None:
-    """Refuse a policy that takes or gives another number of elements than the agent's."""
-    module = policy.module
-    spaces = {"observation": module.observation_space, "action": module.action_space}
-    for what, layout in _layouts(agent).items():
-        shape = getattr(spaces[what], "shape", None)
-        if shape and shape != (layout.size,):
-            raise CheckpointError(
-                f"{path}: the checkpoint is of another task: its policy has {shape[0]} elements of {what}, and the "
-                f"agent {agent.name!r} {layout.size}; give an experiment with the same glues"
-            )
-    mine, theirs = action_layout(agent).choices, tuple(int(count) for count in getattr(spaces["action"], "nvec", ()))
-    if mine != theirs:
-        told = ["continuous" if not choices else f"of {choices} levels" for choices in (theirs, mine)]
+    policy = load_policy(path, name)
+    if policy.info is None:
         raise CheckpointError(
-            f"{path}: the checkpoint is of another task: its policy's actions are {told[0]}, and those of the agent "
-            f"{agent.name!r} {told[1]}; give an experiment with the same glues"
+            f"{path}: the checkpoint does not say what its policy sees and does, so it is not flown; train again"
         )
+    return policy

@@ -55,21 +55,21 @@ def scaled(agent):
 
 def make_module(agent, seed=0, module_class=None, **model):
     """Return RLlib's module with random weights whose actions vary over their whole range."""
+    import dataclasses
+
     import torch
-    from ray.rllib.algorithms.ppo.ppo_catalog import PPOCatalog
-    from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
     from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
     from safe_inspect.environments.layout import action_layout, observation_layout
     from safe_inspect.environments.spaces import action_space, box
+    from safe_inspect.experiments.fresh_policy import FreshPolicy
 
     torch.manual_seed(seed)
     settings = {"fcnet_hiddens": [32, 32], "fcnet_activation": "tanh", "vf_share_layers": False, **model}
-    module = (module_class or DefaultPPOTorchRLModule)(
+    module = (module_class or FreshPolicy)(
         observation_space=box(observation_layout(agent)),
         action_space=action_space(action_layout(agent)),
-        model_config=DefaultModelConfig(**settings),
-        catalog_class=PPOCatalog,
+        model_config=dataclasses.asdict(DefaultModelConfig(**settings)),
     )
     with torch.no_grad():
         module.pi.net.mlp[-1].weight *= 8.0
@@ -80,9 +80,14 @@ def make_module(agent, seed=0, module_class=None, **model):
 def save_run(folder, experiment, modules):
     """Write a run's folder with one checkpoint of these modules, by the names of their policies; return that."""
     from safe_inspect.experiments.checkpoints import Checkpoint, seal_checkpoint
+    from safe_inspect.experiments.policy_facts import policy_info
+    from safe_inspect.experiments.weights_file import INFO
 
+    outside = [agent for agent in experiment.spec.agents if agent.pilot is None]
     checkpoint = folder / "tune" / "000" / "trial_00000" / "checkpoint_000003"
     for name, module in modules.items():
+        agents = [agent for agent in outside if agent.policy == name] or outside
+        module.model_config[INFO] = policy_info(experiment, name, agents).metadata()
         module.save_to_path(str(checkpoint / "learner_group" / "learner" / "rl_module" / name))
     seal_checkpoint(Checkpoint(checkpoint, 7, 28_000, 12.5, "d"))
     (folder / "experiment.resolved.yml").write_text(f"# From here\n{yaml.safe_dump(experiment.resolved)}")

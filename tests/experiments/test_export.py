@@ -131,7 +131,7 @@ def test_the_metadata_tell_what_the_file_is(tmp_path):
     assert [item["name"] for item in json.loads(told["action"])] == ["X Thrust", "Y Thrust", "Z Thrust"]
     assert json.loads(told["action"])[0] == {
         "name": "X Thrust", "unit": "N", "low": -1.0, "high": 1.0, "gain": 1.0, "offset": 0.0, "levels": [],
-            "axis": "x", "plugins": [],
+        "axis": "x", "plugins": [],
     }  # fmt: skip
     assert (told["distribution"], told["step_size"], told["task"]) == ("gaussian", "10.0", "TRANSLATIONAL-INSPECTION")
     assert json.loads(told["agents"]) == ["blue0_ctrl"]
@@ -216,9 +216,9 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("change", "message"),
         [
-            (lambda agent: agent["glues"].pop(), r"has 11 elements of observations \(Box\), blue0_ctrl has 10"),
-            (discrete, r"has 3 elements of actions \(Box\), blue0_ctrl has 3 \(MultiDiscrete\)"),
-            (scaled, r"in the run the observation had Sensor_Position.x \[m\], .*leave out --cfg"),
+            (lambda agent: agent["glues"].pop(), "there are 11 elements in training and 10 in the task"),
+            (discrete, r"X Thrust commands 0 \+ 1 a within .* in training and has the levels"),
+            (scaled, r"Sensor_Position.x is seen as \(value - 0\) / 100 in training and is seen as \(value - "),
         ],
     )
     def test_an_experiment_of_another_task(self, run, tmp_path, change, message):

@@ -7,6 +7,7 @@ import inspect
 import json
 
 import pytest
+from training_values import MAKER
 
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments import keys, old_keys, run_keys
@@ -116,10 +117,10 @@ def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded():
     from safe_inspect.experiments.algorithm import build_config, environment_settings
 
     good = translate_rllib({"algorithm": "SAC", "tau": 0.25})
-    assert build_config(good, environment_settings({}, good.settings)).tau == 0.25
+    assert build_config(good, environment_settings({}, good.settings, maker=MAKER)).tau == 0.25
     bad = translate_rllib({"algorithm": "SAC", "taus": 0.25})
     with pytest.raises(ConfigError, match="SAC has no key `taus`; did you mean `tau`"):
-        build_config(bad, environment_settings({}, bad.settings))
+        build_config(bad, environment_settings({}, bad.settings, maker=MAKER))
 
 
 def test_settings_reach_the_algorithm():
@@ -128,10 +129,10 @@ def test_settings_reach_the_algorithm():
     found = translate_rllib(
         {"lambda": 0.9, "num_sgd_iter": 3, "train_batch_size": 640, "minibatch_size": 64, "vf_share_layers": True}
     )
-    config = build_config(found, environment_settings({"a": 1}, found.settings))
+    config = build_config(found, environment_settings({"a": 1}, found.settings, maker=MAKER))
     assert (config.lambda_, config.num_epochs, config.minibatch_size) == (0.9, 3, 64)
     assert config.total_train_batch_size == 640
-    assert config.model_config["vf_share_layers"] is True
+    assert config.rl_module_spec.model_config["vf_share_layers"] is True
     assert json.loads(config.env_config["experiment"]) == {"a": 1}
     assert config.torch_skip_nan_gradients is True
     assert config.gym_env_vectorize_mode == "vector_entry_point"
@@ -142,4 +143,4 @@ def test_what_rllib_refuses_is_our_error():
 
     found = translate_rllib({"use_gae": False})
     with pytest.raises(ConfigError, match="rllib_configs: Episode truncation is not supported without a value"):
-        build_config(found, environment_settings({}, found.settings))
+        build_config(found, environment_settings({}, found.settings, maker=MAKER))

@@ -71,15 +71,14 @@ def test_a_baseline_flies_in_the_shipped_task_unless_told_otherwise():
 def test_a_checkpoint_of_another_task_is_refused(run, team_run, tmp_path):
     choosing = experiment_of(discrete)
     other = single_run(tmp_path / "run", choosing)
-    (tmp_path / "run" / "experiment.resolved.yml").unlink()  # so that its layout is not known
-    with pytest.raises(CheckpointError, match=r"of another task: its policy's actions are of \(.*\) levels"):
+    (tmp_path / "run" / "experiment.resolved.yml").unlink()  # the checkpoint itself says what its policy sees and does
+    with pytest.raises(CheckpointError, match=r"of another task .* X Thrust has the levels .* in training"):
         open_source(other, run[0] / "experiment.resolved.yml")
     less = experiment_of(lambda agent: agent["glues"].pop())
     small = single_run(tmp_path / "small", less)
-    with pytest.raises(CheckpointError, match="of another task: the agent 'blue0_ctrl' has 11 elements of observation"):
-        open_source(small, run[0] / "experiment.resolved.yml")
-    (tmp_path / "small" / "experiment.resolved.yml").unlink()
-    with pytest.raises(CheckpointError, match=r"of another task: its policy has \d+ elements of observation"):
+    with pytest.raises(
+        CheckpointError, match=r"of another task .* there are 10 elements in training and 11 in the task"
+    ):
         open_source(small, run[0] / "experiment.resolved.yml")
 
 

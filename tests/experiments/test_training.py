@@ -7,11 +7,12 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from training_values import MAKER, QUICK
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError
-from safe_inspect.experiments.checkpoints import find_newest
+from safe_inspect.experiments.checkpoints import MODULES, find_newest
 from safe_inspect.experiments.search import sample_seed
 from safe_inspect.experiments.train import TrainingRun, train
 from safe_inspect.experiments.training_log import read_progress
@@ -91,7 +92,13 @@ def test_checkpoints_are_sealed_and_hold_the_policy(trained):
     assert (newest.iteration, newest.steps) == (2, result.steps)
     from ray.rllib.core.rl_module.rl_module import RLModule
 
-    module = RLModule.from_checkpoint(result.checkpoint / "learner_group" / "learner" / "rl_module" / "default_policy")
+    from safe_inspect.experiments.policy import load_policy
+
+    theirs = RLModule.from_checkpoint(result.checkpoint / MODULES / "default_policy").get_state()
+    module = load_policy(result.checkpoint).module
+    assert module.get_state().keys() == theirs.keys()
+    for name, value in module.get_state().items():
+        np.testing.assert_array_equal(value, theirs[name])
     hidden = [parameter.shape for parameter in module.parameters() if parameter.ndim == 2 and parameter.shape[1] == 11]
     assert hidden == [(16, 11), (16, 11)]  # a net for the policy, and one for the value
 

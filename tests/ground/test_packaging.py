@@ -65,3 +65,9 @@ def test_the_trained_policies_would_be_installed_from_where_they_are_looked_for(
         file.touch()
     patterns = setup["options.package_data"]["safe_inspect.policies"].split()
     assert set(files) <= {path for pattern in patterns for path in tmp_path.glob(pattern)}
+
+
+def test_no_data_file_runs_code_when_it_is_loaded() -> None:
+    found = {path.suffix for path in data_files()}
+    assert ".safetensors" in found
+    assert not found & {".pkl", ".pickle", ".pt", ".pth", ".npy", ".npz"}
