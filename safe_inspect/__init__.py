@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from safe_inspect.tasks import register_tasks
+from safe_inspect.task_ids import register_tasks
 from safe_inspect.version import __version__
 
 __all__ = ["__version__", "load_experiment", "make", "make_parallel", "make_parallel_vec", "make_vec"]

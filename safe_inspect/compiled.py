@@ -36,6 +36,9 @@ class Kernel(Generic[P, R]):
         options: Options of `numba.njit`.
     """
 
+    __wrapped__: Callable[P, R]
+    __qualname__: str
+
     def __init__(self, function: Callable[P, R], options: Mapping[str, Any]) -> None:
         functools.update_wrapper(self, function)
         self._function, self._options = function, options

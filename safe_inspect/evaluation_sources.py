@@ -24,7 +24,7 @@ from safe_inspect.experiments.checkpoints import SEAL, find_newest
 from safe_inspect.experiments.sources import DEFAULT_TASK, configuration_of, open_source
 from safe_inspect.functor import describe
 from safe_inspect.registry import registry
-from safe_inspect.tasks import TASKS, TEAM_TASKS
+from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 #: Begins a source that is a policy of the package, as a user writes it.
 SHIPPED = "--policy "

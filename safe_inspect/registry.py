@@ -24,7 +24,9 @@ ENTRY_POINT_GROUP = "safe_inspect.plugins"
 
 #: The modules that define the plugins of this package, imported at the first look-up.
 BUILT_IN = (
+    "safe_inspect.dynamics",
     "safe_inspect.simulators",
+    "safe_inspect.tasks",
     "safe_inspect.platforms",
     "safe_inspect.glues",
     "safe_inspect.rewards",

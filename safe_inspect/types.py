@@ -1,7 +1,8 @@
-"""Array types that the public signatures use."""
+"""Array types that the public signatures use, and how an array of the state is declared."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,3 +12,20 @@ FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
 AnyArray: TypeAlias = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """One declared array of the state.
+
+    Attributes:
+        shape: Shape behind the environment axis.
+        dtype: NumPy type.
+        fill: Value at a reset.
+        constant: Whether it keeps its value through an episode.
+    """
+
+    shape: tuple[int, ...]
+    dtype: Any = np.float64
+    fill: float = 0
+    constant: bool = False

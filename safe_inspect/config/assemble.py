@@ -26,7 +26,6 @@ from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.rta.team import TeamSafety
-from safe_inspect.simulators.inspection_simulator import InspectionSimulator
 from safe_inspect.simulators.reset import ResetPlan
 
 Path = tuple[Any, ...]
@@ -60,12 +59,15 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
     names = {
         "entity": {*platforms, *reset.entities},
         "platform": set(platforms),
-        "points": set(getattr(environment.simulator, "inspection_points_map", ())),
+        "points": set(),
     }
-    if isinstance(environment.simulator, InspectionSimulator):
-        for name in environment.simulator.inspection_points_map:
+    for component in environment.simulator.compose()[1]:
+        names["points"] |= set(component.bodies)
+        for name in component.bodies:
             if name not in names["entity"]:
-                where = (*_ENVIRONMENT, "simulator", "config", "inspection_points_map", name)
+                where: Path = (*_ENVIRONMENT, "simulator")
+                if "inspection_points_map" in type(environment.simulator).model_fields:
+                    where = (*where, "config", "inspection_points_map", name)
                 tell(where, f"no body is named {name!r}; {did_you_mean(name, names['entity'])}")
                 names["points"] |= names["entity"]  # who names the right body makes no mistake
     controlled = {name for agent in config.agent_config for name in agent.platforms}

@@ -12,13 +12,10 @@ from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.rejection_sampler import RejectionSampler, check_parameters
 from safe_inspect.simulators.initializers import RejectionSamplerInitializer
 from safe_inspect.simulators.parameters import Parameter, ScalarParameter, SimAttributeAccessor
-from safe_inspect.simulators.reset import BodyReset, ResetPlan
+from safe_inspect.simulators.reset import BodyReset, EnvironmentDraw, ResetPlan
 
 Path = tuple[Any, ...]
 Report = Callable[[Path, str], None]
-
-#: The reset parameters that the simulator itself reads, with their SI units.
-PRIORITY = {"priority_vector_azimuth_angle": "rad", "priority_vector_elevation_angle": "rad"}
 
 _RESET: Path = ("config", "config", "env_config", "simulator_reset_parameters")
 _STATES = ("position", "velocity")
@@ -33,7 +30,9 @@ def reset_plan(config: ExperimentConfig, report: Report) -> ResetPlan:
     """
     drawn = config.config.config.env_config.simulator_reset_parameters
     parameters: dict[str, Parameter] = dict(drawn.__pydantic_extra__ or {})
-    _check_parameters(parameters, report)
+    components = config.config.config.env_config.simulator.compose()[1]
+    read = [component.parameters for component in components]
+    _check_parameters(parameters, read, report)
     entities: dict[str, BodyReset] = {}
     sun: Parameter | None = None
     platforms = {entry.name for entry in config.platform_config}
@@ -58,17 +57,15 @@ def reset_plan(config: ExperimentConfig, report: Report) -> ResetPlan:
         deputies |= dict.fromkeys(agent.platforms[:1], body)
     takers = [taken for body in (*deputies.values(), *entities.values()) for taken in body.parameters.values()]
     used = {name for accessor in _accessors([*parameters.values(), *takers, sun]) for name in [_source(accessor)[0]]}
+    known = used.union(*read)
     for name in parameters:
-        if name not in used and name not in PRIORITY:
-            report(
-                (*_RESET, name),
-                f"nothing uses the reset parameter {name!r}; {did_you_mean(name, used | set(PRIORITY))}",
-            )
-    return ResetPlan(parameters, deputies, entities, sun)
+        if name not in known:
+            report((*_RESET, name), f"nothing uses the reset parameter {name!r}; {did_you_mean(name, known)}")
+    return ResetPlan(parameters, deputies, entities, () if sun is None else (EnvironmentDraw("sun_angle", "sun", sun),))
 
 
-def _check_parameters(parameters: Mapping[str, Parameter], report: Report) -> None:
-    """Check the reset parameters among themselves: accessors look back, priorities are two angles."""
+def _check_parameters(parameters: Mapping[str, Parameter], read: Iterable[Mapping[str, str]], report: Report) -> None:
+    """Check the reset parameters among themselves, and those that components read: all that one reads, or none."""
     before: dict[str, Parameter] = {}
     for name, parameter in parameters.items():
         if isinstance(parameter, RejectionSampler):
@@ -77,12 +74,13 @@ def _check_parameters(parameters: Mapping[str, Parameter], report: Report) -> No
         elif isinstance(parameter, SimAttributeAccessor):
             _check_source(parameter, before, (*_RESET, name), report)
         before[name] = parameter
-    given = [name for name in PRIORITY if name in parameters]
-    for name in given:
-        _check_taken(parameters[name], PRIORITY[name], before, (*_RESET, name), report)
-        if len(given) < len(PRIORITY):
-            missing = next(other for other in PRIORITY if other not in given)
-            report((*_RESET, name), f"the priority vector needs `{missing}` too; add it, or remove this one")
+    for units in read:
+        given = [name for name in units if name in parameters]
+        for name in given:
+            _check_taken(parameters[name], units[name], before, (*_RESET, name), report)
+            if len(given) < len(units):
+                missing = next(other for other in units if other not in given)
+                report((*_RESET, name), f"`{missing}` is needed beside it; add it, or remove this one")
 
 
 def _sun(entity: EntityConfig, parameters: Mapping[str, Parameter], where: Path, report: Report) -> Parameter | None:

@@ -14,8 +14,8 @@ from safe_inspect.platforms.base import Part, Platform, Sensor
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rewards.base import Reward
 from safe_inspect.rta.team import TeamSafety
-from safe_inspect.simulators.inspection_simulator import Simulator
 from safe_inspect.simulators.reset import ResetPlan
+from safe_inspect.simulators.simulator import Simulator
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from safe_inspect.dones.base import DoneFunction, DoneStatus
@@ -29,5 +30,5 @@ class SuccessfulInspectionDoneFunction(DoneFunction):
         """Return the rows whose inspection is complete, shape (R,)."""
         points = step.after.points(self.inspection_entity_name)
         if self.weight_threshold is None:
-            return points.count >= points.num_points
-        return points.inspected_weight >= self.weight_threshold
+            return np.asarray(points.count >= points.num_points)
+        return np.asarray(points.inspected_weight >= self.weight_threshold)

@@ -1,1 +1,6 @@
-"""Equations of motion: matrices and exact maps that act on rows of states."""
+"""How vehicles move. Importing it registers the plugins."""
+
+from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
+
+__all__ = ["ClohessyWiltshire", "Dynamics"]

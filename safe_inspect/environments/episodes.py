@@ -29,13 +29,8 @@ def facts(view: View, *, guarded: bool = False) -> dict[str, AnyArray]:
     told: dict[str, AnyArray] = {"delta_v": view.delta_v.copy()}
     if guarded or view.group.guard is not None:
         told["interventions"] = view.interventions.copy()
-    for name in view.world.points:
-        points = view.points(name)
-        told["inspected_count"] = told.get("inspected_count", 0) + points.count
-        told["own_inspected_count"] = told.get("own_inspected_count", 0) + points.count_of()
-    total = _points_of(view)
-    if total:
-        told["inspected_fraction"] = told["inspected_count"] / total
+    for component in view.world.offers.components:
+        told |= component.info(view)
     told["status"] = view.finished.copy()
     return told
 
@@ -78,10 +73,8 @@ def team_facts(environment: TeamEnvironment) -> dict[str, AnyArray]:
     """
     team = environment.team()
     told: dict[str, AnyArray] = {}
-    counts = [points.team_count for points in team.state.points.values()]
-    if counts:
-        told["inspected_count"] = sum(counts[1:], counts[0].copy())
-        told["inspected_fraction"] = told["inspected_count"] / _points_of(team)
+    for component in team.world.offers.components:
+        told |= component.team_info(team)
     told["delta_v"] = team.delta_v.sum(axis=1)
     told["delta_v_mean"] = told["delta_v"] / team.delta_v.shape[1]
     told["closest"] = team.distance.min(axis=1, initial=np.inf)
@@ -110,7 +103,3 @@ def step_info(transition: Transition, told: Mapping[str, AnyArray], index: int) 
     if "rta/intervening" in told:
         info["desired_control"], info["control"] = step.desired_control[index].copy(), step.control[index].copy()
     return info
-
-
-def _points_of(view: Any) -> int:
-    return sum(model.num_points for model in view.world.points.values())

@@ -140,8 +140,8 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         agent has ended, the unit vector to the sun, and 1 for each point that is inspected.
         """
         team = self.core.team()
-        inspected = [points.inspector[0] >= 0 for points in team.state.points.values()]
-        parts = (team.position, team.velocity, team.finished != 0, team.state.sun_direction, *inspected)
+        seen = [part for component in team.world.offers.components for part in component.shared_state(team)]
+        parts = (team.position, team.velocity, team.finished != 0, *seen)
         return np.concatenate([np.asarray(part, dtype=np.float32).reshape(-1) for part in parts])
 
     def _by_agent(self, groups: tuple[AnyArray, ...] | list[AnyArray]) -> dict[str, Observation]:

@@ -14,7 +14,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.multi_vector import MultiAgentVectorEnv
 from safe_inspect.environments.single import InspectionEnv
 from safe_inspect.environments.vector import InspectionVectorEnv
-from safe_inspect.tasks import TASKS, TEAM_TASKS
+from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 if TYPE_CHECKING:
     from safe_inspect.environments.parallel import InspectionParallelEnv

@@ -131,8 +131,8 @@ class TeamEnvironment:
         if rows.dtype == np.bool_:
             raise ValueError("a mask is given; give the indices of the environments, np.flatnonzero(mask)")
         fresh = self.simulation.reset(rows.astype(np.int64))
-        for what in ("position", "velocity", "sun_angle"):
-            require_finite(f"the initialiser of the {what}", fresh.arrays[what], fresh)
+        for what in self.simulation.drawn:
+            require_finite(f"the initialiser of the {what}", fresh[what], fresh)
         world = self.simulation.world
         return tuple(group.observe(View(fresh, world, group.group)) for group in self.acting)
 

@@ -159,7 +159,7 @@ class _Watch:
         self._glue, self._environment, self._substeps = glue, environment, substeps
         world = environment.simulation.world
         self._part = transition(world.mean_motion, 1.0, world.step_size / substeps)
-        self._turn = environment.simulation.sun_rate * world.step_size / substeps
+        self._turn = world.sun_rate * world.step_size / substeps
         self.names = tuple(glue.safety({name: array[:1] for name, array in self._states().items()}))
         count = len(self.names)
         self.least_at_steps, self.least_between = np.full((2, count), np.inf)

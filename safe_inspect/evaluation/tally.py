@@ -34,7 +34,7 @@ class Tally:
         self._environment = environment
         self._gauges = Gauges(environment, metrics)
         rows, deputies = environment.num_envs, len(environment.agents)
-        self._points = tuple(environment.simulation.world.points.values())
+        self._points = tuple(environment.simulation.world.offers.world.get("points", {}).values())
         self.running = np.ones(rows, dtype=np.bool_)
         self.whole: dict[str, AnyArray] = {
             "length": np.zeros(rows, dtype=np.int64),

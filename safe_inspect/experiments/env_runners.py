@@ -148,14 +148,14 @@ class _Batched:
         state: dict[str, Any] = super().get_state(components, not_components=not_components, **kwargs)  # type: ignore[misc]
         wanted = self._check_component(TASK, components, not_components)  # type: ignore[attr-defined]
         if wanted and isinstance(self.env, TeamSpaces):
-            state[TASK] = self.env.team.simulation.carried()
+            state[TASK] = self.env.team.simulation.state_dict()
         return state
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Go on from a state; the evaluation does not take the training's prices."""
         super().set_state(state)  # type: ignore[misc]
         if TASK in state and isinstance(self.env, TeamSpaces) and not self.config.in_evaluation:
-            self.env.team.simulation.restore(state[TASK])
+            self.env.team.simulation.load_state_dict(state[TASK])
             self._needs_initial_reset = True
 
     def get_metrics(self) -> Any:

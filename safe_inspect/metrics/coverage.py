@@ -28,7 +28,7 @@ class InspectedPoints(TeamMetric):
 
     def __call__(self, step: TeamStep) -> FloatArray:
         """Return the number of inspected points, shape (N,)."""
-        return step.after.state.points[self.inspection_entity_name].team_count.astype(np.float64)
+        return np.asarray(step.after.state.points[self.inspection_entity_name].team_count, dtype=np.float64)
 
 
 class InspectedFraction(TeamMetric):
@@ -91,7 +91,7 @@ class OwnInspectedPoints(Metric):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return the number of points, shape (R,)."""
-        return step.after.points(self.inspection_entity_name).count_of().astype(np.float64)
+        return np.asarray(step.after.points(self.inspection_entity_name).count_of(), dtype=np.float64)
 
 
 class DeltaVToCoverage(Metric):

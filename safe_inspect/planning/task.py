@@ -16,7 +16,7 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.planning.course import Course, answers, levers
 from safe_inspect.policies.arcs import step_maps
 from safe_inspect.rta.base import SafetyGlue
-from safe_inspect.simulators.inspection_simulator import InspectionSimulator
+from safe_inspect.tasks.inspection.simulator import InspectionSimulator
 from safe_inspect.types import FloatArray, IntArray
 
 #: Distance from which the light on the points is judged when it depends on the viewer [m].
@@ -114,7 +114,7 @@ def course_of(environment: TeamEnvironment, row: int, demands: Demands, hold: in
             f"the open-loop optimiser plans for a body at rest at the origin; {model.entity!r} is not"
         )
     phi, gamma = step_maps(world.mean_motion, world.step_size, steps)
-    turns = np.full(steps + 1, simulation.sun_rate * world.step_size)
+    turns = np.full(steps + 1, world.sun_rate * world.step_size)
     turns[0] = state.sun_angle[row]
     angle = np.add.accumulate(turns)  # the simulator's own sum
     sun = np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=1)

@@ -34,7 +34,7 @@ class InspectedPointsSensor(Sensor, name="Sensor_InspectedPoints"):
     def __call__(self, view: View) -> FloatArray:
         """Return the count, shape (R, 1)."""
         count = view.points(self.inspection_entity_name).count_of(self.inspector_entity_name)
-        return count[:, None].astype(np.float64)
+        return np.asarray(count[:, None], dtype=np.float64)
 
 
 class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):

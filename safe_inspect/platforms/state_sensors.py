@@ -54,7 +54,7 @@ class SunAngleSensor(Sensor, name="Sensor_SunAngle"):
 
     def __call__(self, view: View) -> FloatArray:
         """Return the sun's angle [rad], shape (R, 1)."""
-        angle = view.sun_angle[:, None]
+        angle: FloatArray = view.sun_angle[:, None]
         if not self.wrap:
             return angle
         wrapped = np.mod(angle, 2.0 * math.pi)
@@ -68,9 +68,10 @@ class SunDirectionSensor(Sensor, name="Sensor_SunDirection"):
     """
 
     elements: ClassVar[tuple[str, ...]] = ("x_sun", "y_sun", "z_sun")
-    symbol: ClassVar[str] = "-"
+    symbol: ClassVar[str] = ""
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     def __call__(self, view: View) -> FloatArray:
         """Return the direction to the sun [-], shape (R, 3)."""
-        return view.sun_direction
+        direction: FloatArray = view.sun_direction
+        return direction

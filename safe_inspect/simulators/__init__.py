@@ -1,12 +1,12 @@
 """Simulators: state, step, points, initialisers and reset parameters. Importing it registers their plugins."""
 
+from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.initializers import (
     CWH3DRadialWithSunInitializer,
     Initializer,
     PositionVelocityInitializer,
     RejectionSamplerInitializer,
 )
-from safe_inspect.simulators.inspection_simulator import InspectionSimulator, Simulator
 from safe_inspect.simulators.parameters import (
     ConstantParameter,
     Draw,
@@ -15,17 +15,20 @@ from safe_inspect.simulators.parameters import (
     TruncatedNormalParameter,
     UniformParameter,
 )
+from safe_inspect.simulators.simulator import ComposedSimulator, Simulator
 from safe_inspect.simulators.view import Step, View
 
 __all__ = [
     "CWH3DRadialWithSunInitializer",
+    "Component",
+    "ComposedSimulator",
     "ConstantParameter",
     "Draw",
     "Initializer",
-    "InspectionSimulator",
     "Parameter",
     "PositionVelocityInitializer",
     "RejectionSamplerInitializer",
+    "RunningComponent",
     "SimAttributeAccessor",
     "Simulator",
     "Step",

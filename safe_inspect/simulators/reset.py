@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,14 @@ class BodyReset:
         return tuple(dict.fromkeys(item.attribute_name.partition(".")[0] for item in taken))
 
 
+class EnvironmentDraw(NamedTuple):
+    """A value of the environment that is drawn for a component: its name, the purpose of the draw and the parameter."""
+
+    name: str
+    purpose: str
+    parameter: Parameter
+
+
 @dataclass(frozen=True)
 class ResetPlan:
     """How every episode begins.
@@ -51,7 +60,7 @@ class ResetPlan:
         parameters: Reset parameters by name, drawn in order.
         deputies: Initial state of each deputy, by platform.
         entities: Initial state of each other body, by name.
-        sun_angle: Initial angle of the sun [rad]; None: 0.
+        environment: What is drawn for components, such as ``sun_angle``.
         separation: Smallest distance of two deputies at the beginning [m].
         tests: Further tests of the states of a deputy against those of the deputies before it.
     """
@@ -59,15 +68,15 @@ class ResetPlan:
     parameters: Mapping[str, Parameter]
     deputies: Mapping[str, BodyReset]
     entities: Mapping[str, BodyReset]
-    sun_angle: Parameter | None = None
+    environment: tuple[EnvironmentDraw, ...] = ()
     separation: float = 0.0
     tests: tuple[TeamTest, ...] = ()
 
-    def draw(self, streams: Streams) -> tuple[dict[str, dict[str, FloatArray]], FloatArray, dict[str, Value]]:
+    def draw(self, streams: Streams) -> tuple[dict[str, dict[str, FloatArray]], dict[str, Value]]:
         """Draw the beginning of R episodes.
 
         Returns:
-            The states of every body by name, the sun's angle (R,), and the reset parameters.
+            The states of every body by name; and the reset parameters with what the components draw, by name.
 
         Raises:
             InitialStateError: Two deputies begin too near to each other, and no draw can mend it.
@@ -86,9 +95,8 @@ class ResetPlan:
             self._check_apart(bodies[name], index, placed)
             placed = _joined(placed, bodies[name])
         bodies |= {name: body(Draw(streams, name, values=values)) for name, body in self.entities.items()}
-        sun = np.zeros(len(streams)) if self.sun_angle is None else self.sun_angle(Draw(streams, "sun", values=values))
-        assert not isinstance(sun, dict), "the environment's check admits scalar parameters only"
-        return bodies, sun, values
+        drawn = {item.name: item.parameter(Draw(streams, item.purpose, values=values)) for item in self.environment}
+        return bodies, values | drawn
 
     def _redrawn(
         self,

@@ -3,49 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from safe_inspect.simulators.arrays import read_only
+from safe_inspect.simulators.missing import missing
 from safe_inspect.types import AnyArray, FloatArray, IntArray
-
-
-@dataclass(frozen=True)
-class ArraySpec:
-    """One declared array of the state.
-
-    Attributes:
-        shape: Shape behind the environment axis.
-        dtype: NumPy type.
-        fill: Value at the beginning of an episode.
-        constant: Whether it keeps its value through an episode.
-    """
-
-    shape: tuple[int, ...]
-    dtype: Any = np.float64
-    fill: float = 0
-    constant: bool = False
-
-
-@dataclass(frozen=True)
-class PointsState:
-    """What has been inspected of one body's points.
-
-    Attributes:
-        inspector: Index of the deputy that first inspected the point, -1 for none, shape (N, P).
-        team_count: Points inspected by all deputies, shape (N,).
-        own_count: Points first inspected by each deputy, shape (N, D).
-        weights: Weight of each point, each row sums to 1, shape (N, P).
-    """
-
-    inspector: AnyArray
-    team_count: IntArray
-    own_count: IntArray
-    weights: FloatArray
-
+from safe_inspect.types import ArraySpec as ArraySpec
 
 #: Every array of a state begins at a multiple of this many bytes.
 _ALIGNMENT = 64
@@ -54,7 +21,9 @@ _ALIGNMENT = 64
 class State:
     """The state of N environments with D deputies and B bodies (the deputies first).
 
-    All arrays are created once, in one block of memory, and written in place. SI units, Hill's frame.
+    All arrays are created once, in one block of memory, and written in place. SI units, Hill's frame. Those of the
+    dynamics and of the task's components are attributes by their names, such as ``state.sun_angle``; one that is named
+    ``kind/owner/array`` is ``state.kind[owner].array``. Of any array, ``state[name]``.
 
     Args:
         num_envs: Number of environments, N.
@@ -67,16 +36,13 @@ class State:
         key: Random key of the episode for draws inside a step, shape (N,), uint64.
         position: Position of the bodies [m], shape (N, B, 3).
         velocity: Velocity of the bodies [m/s], shape (N, B, 3).
-        control: Thrust held over the last step [N], shape (N, D, 3).
+        control: Control held over the last step, in the unit of the dynamics, shape (N, D, C).
         delta_v: Velocity change spent in the episode, sum of abs(u_i) dt / m [m/s], shape (N, D).
         interventions: Steps of the episode in which a safety filter changed the thrust, shape (N, D).
         finished: `DoneStatus` with which each deputy's agent has ended, 0 while it runs, int8, shape (N, D).
-        sun_angle: Angle of the sun, not wrapped [rad], shape (N,).
-        sun_direction: Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, shape (N, 3).
-        delta_v_scale: Scale of the delta-v reward [1/(m/s)], shape (N,).
-        points: `PointsState` by the body's name.
         arrays: All arrays by name, in the order of `specs`.
         constants: Those that are constant through an episode.
+        owned: Those that are named ``kind/owner/array``, by kind and owner.
         floats: The memory of all arrays that are not constant as numbers of float64; see `start`.
         wholes: The same memory as numbers of int64.
         memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
@@ -128,29 +94,34 @@ class State:
         self.delta_v: FloatArray = arrays["delta_v"]
         self.interventions: IntArray = arrays["interventions"]
         self.finished: AnyArray = arrays["finished"]
-        self.sun_angle: FloatArray = arrays["sun_angle"]
-        self.sun_direction: FloatArray = arrays["sun_direction"]
-        self.delta_v_scale: FloatArray = arrays["delta_v_scale"]
-        self.points: dict[str, PointsState] = {
-            entity: PointsState(
-                inspector=arrays[f"points/{entity}/inspector"],
-                team_count=arrays[f"points/{entity}/team_count"],
-                own_count=arrays[f"points/{entity}/own_count"],
-                weights=arrays[f"points/{entity}/weights"],
-            )
-            for entity in (name.split("/")[1] for name in arrays if name.startswith("points/"))
-        }
         self.memory: dict[tuple[str, str, str], AnyArray] = {}
+        self.owned: dict[str, dict[str, SimpleNamespace]] = {}
         for name, array in arrays.items():
             kind, _, rest = name.partition("/")
             if kind == "memory":
                 group, part, label = rest.split("/")
                 self.memory[group, part, label] = array.reshape(-1, *array.shape[2:])
+            elif rest:
+                owner, _, label = rest.partition("/")
+                setattr(self.owned.setdefault(kind, {}).setdefault(owner, SimpleNamespace()), label, array)
         moving = [name for name, spec in specs.items() if not spec.constant]
         self._starts: IntArray = np.array([self.start(name) for name in moving], dtype=np.int64)
         self._widths: IntArray = np.array(
             [math.prod(specs[name].shape) * arrays[name].itemsize for name in moving], dtype=np.int64
         )
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an array of a component by its name, or what the owners of one kind hold."""
+        known = self.__dict__
+        if name in known.get("arrays", ()):
+            return known["arrays"][name]
+        if name in known.get("owned", ()):
+            return known["owned"][name]
+        raise missing("state", name, {**known.get("arrays", {}), **known.get("owned", {})})
+
+    def __getitem__(self, name: str) -> AnyArray:
+        """Return an array by its name."""
+        return self.arrays[name]
 
     @property
     def read_only(self) -> State:
@@ -211,8 +182,8 @@ def _read_only(value: Any) -> Any:
     """Return an attribute of a state with read-only arrays in place of its own."""
     if isinstance(value, np.ndarray):
         return read_only(value)
-    if isinstance(value, PointsState):
-        return PointsState(**{name: read_only(array) for name, array in vars(value).items()})
+    if isinstance(value, SimpleNamespace):
+        return SimpleNamespace(**{name: read_only(array) for name, array in vars(value).items()})
     if isinstance(value, dict):
         return {name: _read_only(item) for name, item in value.items()}
     return value
@@ -228,30 +199,31 @@ def _checked(rows: IntArray, count: int) -> IntArray:
     return rows
 
 
-def base_specs(num_bodies: int, num_deputies: int, points: Iterable[tuple[str, int]]) -> dict[str, ArraySpec]:
-    """Return the arrays that every state has; `points` holds (body, number of points)."""
-    specs = {
+def base_specs(
+    num_bodies: int, num_deputies: int, control_size: int, of_body: Mapping[str, ArraySpec]
+) -> dict[str, ArraySpec]:
+    """Return the arrays that every state has.
+
+    Args:
+        num_bodies: Number of bodies, B.
+        num_deputies: Number of deputies, D.
+        control_size: Number of elements of a deputy's control, C.
+        of_body: The arrays of one body, by name.
+    """
+    bodies = {
+        name: ArraySpec((num_bodies, *spec.shape), spec.dtype, spec.fill, spec.constant)
+        for name, spec in of_body.items()
+    }
+    return {
         "time": ArraySpec(()),
         "step": ArraySpec((), np.int64),
         "key": ArraySpec((), np.uint64, constant=True),
-        "position": ArraySpec((num_bodies, 3)),
-        "velocity": ArraySpec((num_bodies, 3)),
-        "control": ArraySpec((num_deputies, 3)),
+        **bodies,
+        "control": ArraySpec((num_deputies, control_size)),
         "delta_v": ArraySpec((num_deputies,)),
         "interventions": ArraySpec((num_deputies,), np.int64),
         "finished": ArraySpec((num_deputies,), np.int8),
-        "sun_angle": ArraySpec(()),
-        "sun_direction": ArraySpec((3,)),
-        "delta_v_scale": ArraySpec(()),
     }
-    for name, count in points:
-        specs |= {
-            f"points/{name}/inspector": ArraySpec((count,), np.int8, -1),
-            f"points/{name}/team_count": ArraySpec((), np.int64),
-            f"points/{name}/own_count": ArraySpec((num_deputies,), np.int64),
-            f"points/{name}/weights": ArraySpec((count,), np.float64, 1.0 / count, constant=True),
-        }
-    return specs
 
 
 def _arrays_in(

@@ -9,9 +9,11 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from safe_inspect.simulators.missing import missing
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -33,6 +35,13 @@ class TeamView:
     def __init__(self, state: State, world: World) -> None:
         self.writable = state
         self.world = world
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what a component of the task offers, such as ``sun_angle``."""
+        offered = self.__dict__["world"].offers.team if "world" in self.__dict__ else {}
+        if name not in offered:
+            raise missing("view of the team", name, offered)
+        return offered[name](self)
 
     @property
     def state(self) -> State:
@@ -68,11 +77,6 @@ class TeamView:
     def step(self) -> IntArray:
         """Steps since the reset, shape (N,)."""
         return self.state.step
-
-    @property
-    def sun_angle(self) -> FloatArray:
-        """Angle of the sun, not wrapped [rad], shape (N,)."""
-        return self.state.sun_angle
 
     @property
     def finished(self) -> AnyArray:

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from safe_inspect.simulators.arrays import Array, read_only
-from safe_inspect.simulators.points_view import PointsView
+from safe_inspect.simulators.missing import missing
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -64,6 +64,7 @@ class View:
         world: What does not change.
         group: The agents that see it.
         num_rows: Number of rows, R.
+        derived: What has been computed from this state so far, for those who compute it.
     """
 
     def __init__(self, state: State, world: World, group: Group) -> None:
@@ -74,7 +75,14 @@ class View:
         self.num_rows = state.num_envs * group.size
         self._readings: dict[str, FloatArray] = {}
         self._ranges: dict[str | None, FloatArray] = {}
-        self._points: dict[str, PointsView] = {}
+        self.derived: dict[Any, Any] = {}
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what a component of the task offers, such as ``sun_direction``."""
+        offered = self.__dict__["world"].offers.view if "world" in self.__dict__ else {}
+        if name not in offered:
+            raise missing("view", name, offered)
+        return offered[name](self)
 
     @property
     def state(self) -> State:
@@ -154,21 +162,6 @@ class View:
         own = self.world.masses[first : first + size]
         return read_only(own) if size == 1 else np.tile(own, self.writable.num_envs)
 
-    @property
-    def delta_v_scale(self) -> FloatArray:
-        """Adaptive scale of the delta-v reward [1/(m/s)], shape (R,)."""
-        return self.per_environment(self.state.delta_v_scale)
-
-    @property
-    def sun_angle(self) -> FloatArray:
-        """Angle of the sun, not wrapped [rad], shape (R,)."""
-        return self.per_environment(self.state.sun_angle)
-
-    @property
-    def sun_direction(self) -> FloatArray:
-        """Unit vector from the chief to the sun, [cos, -sin, 0] of its angle, Hill frame, shape (R, 3)."""
-        return self.per_environment(self.state.sun_direction)
-
     def _of_others(self, array: FloatArray) -> FloatArray:
         deputies = self.world.num_deputies
         first, size = self.group.first, self.group.size
@@ -185,13 +178,6 @@ class View:
     def entity_velocity(self, name: str) -> FloatArray:
         """Return the velocity of a body [m/s], Hill frame, shape (R, 3)."""
         return self.per_environment(self.state.velocity[:, self.world.bodies[name]])
-
-    def points(self, entity: str) -> PointsView:
-        """Return the inspection points of a body."""
-        found = self._points.get(entity)
-        if found is None:
-            found = self._points[entity] = PointsView(self, self.world.points[entity])
-        return found
 
     def reading(self, sensor: str) -> FloatArray:
         """Return what a sensor of the agent reads in this state, shape (R, k); it is computed once."""
@@ -263,6 +249,13 @@ class Step:
         self._first: BoolArray | None = None
         self._total_thrust: FloatArray | None = None
 
+    def __getattr__(self, name: str) -> Any:
+        """Return what a component of the task offers, such as ``new_points``."""
+        offered = self.__dict__["before"].world.offers.step if "before" in self.__dict__ else {}
+        if name not in offered:
+            raise missing("step", name, offered)
+        return offered[name](self)
+
     @property
     def action(self) -> FloatArray:
         """What the policies asked for, shape (R, A)."""
@@ -306,12 +299,3 @@ class Step:
     def delta_v(self) -> FloatArray:
         """Velocity change of this step, sum of abs(u_i) dt / m [m/s], shape (R,)."""
         return np.asarray(self.total_thrust * (self.dt / self.before.mass))
-
-    def new_points(self, entity: str) -> IntArray:
-        """Return the number of points that the team first inspected in this step, shape (R,).
-
-        Points seen at the reset count as new in the first step of the episode.
-        """
-        after = self.after.points(entity).count
-        before = self.before.points(entity).count
-        return after - np.where(self.first, 0, before)

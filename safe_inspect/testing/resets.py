@@ -10,8 +10,8 @@ import numpy as np
 from safe_inspect.platforms.base import Part
 from safe_inspect.randomness import Streams
 from safe_inspect.simulators.initializers import Initializer
-from safe_inspect.simulators.inspection_simulator import Simulator
 from safe_inspect.simulators.parameters import Draw, Parameter
+from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
 from safe_inspect.testing.flights import fly_twice
 from safe_inspect.testing.report import Report

@@ -26,7 +26,7 @@ from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
-from safe_inspect.tasks import TASKS
+from safe_inspect.task_ids import TASKS
 from safe_inspect.testing.flights import HORIZON, LENGTH, Flown, fly, take_rows
 from safe_inspect.types import AnyArray, BoolArray
 

@@ -11,7 +11,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.loader import load
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
-from safe_inspect.tasks import TASKS, TEAM_TASKS
+from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 FILES = sorted(configs_root().rglob("*.yml"))
 EXPERIMENTS = sorted(configs_root().rglob("experiment*.yml"))

@@ -29,7 +29,7 @@ from safe_inspect.simulators import (
     TruncatedNormalParameter,
     UniformParameter,
 )
-from safe_inspect.simulators.illumination import IlluminationParams
+from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.testing import check_plugin, sample_spec
 
 #: Plugins whose defaults alone are no plugin: the shipped experiment has one of them.

@@ -14,6 +14,7 @@ from safe_inspect.dones import (
     SetAllDoneFunction,
     SharedDoneFunction,
 )
+from safe_inspect.dynamics import Dynamics
 from safe_inspect.errors import PluginValueError
 from safe_inspect.functor import build
 from safe_inspect.simulators.state import State, base_specs
@@ -29,8 +30,8 @@ def team(position, status=None, before=None, fired=None, has=None) -> TeamStep:
     position = np.asarray(position, dtype=np.float64)
     rows, deputies, _ = position.shape
     names = tuple(f"blue{index}" for index in range(deputies))
-    world = World(names, dict(zip(names, range(deputies), strict=True)), np.full(deputies, 12.0), 10.0, 0.001027)
-    first, last = (State(rows, base_specs(deputies, deputies, [])) for _ in range(2))
+    world = World(names, dict(zip(names, range(deputies), strict=True)), np.full(deputies, 12.0), 10.0)
+    first, last = (State(rows, base_specs(deputies, deputies, 3, Dynamics.arrays)) for _ in range(2))
     last.position[:] = position
     first.finished[:] = 0 if before is None else before
     last.finished[:] = first.finished if status is None else status

@@ -17,7 +17,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.fused.step import FusedGroup
 from safe_inspect.environments.registration import load_spec
-from safe_inspect.tasks import TASKS, TEAM_TASKS
+from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 ONE, TEAM = next(iter(TASKS)), next(iter(TEAM_TASKS))
 COPIERS: dict[str, Callable[[Any], Any]] = {

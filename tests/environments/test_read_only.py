@@ -24,7 +24,7 @@ from safe_inspect.registry import registry
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.constraints import Constraint, Evaluation
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.tasks import TEAM_TASKS
+from safe_inspect.task_ids import TEAM_TASKS
 
 TEAM = next(iter(TEAM_TASKS))
 AGENT = "agent_config.0.config.config"
@@ -53,13 +53,16 @@ def test_no_array_that_plugins_are_given_can_be_written(deputies, num_envs):
     step = environment.step([np.full((num_envs, deputies, 3), 0.5)]).groups[0].step
     team = environment.team()
     kept = [environment.state, environment.simulation.before]
-    memory = [array for state in kept for array in (state._block, *state._constant)]
+    memory = [array for state in kept for array in (state._block, *state.constants.values())]
     seen = 0
     for name in step.after.group.sensors:
         step.after.reading(name)
     given: dict[str, Any] = {"range": step.after.range_to(None), **step.after.readings}
     for thing in (step, step.before, step.after, step.after.points("chief"), team, team.state, step.after.state):
         given |= {f"{type(thing).__name__}.{name}": value for name, value in public(thing).items()}
+    offers = step.after.world.offers
+    given |= {f"View.{name}": getattr(step.after, name) for name in offers.view}
+    given |= {f"TeamView.{name}": getattr(team, name) for name in offers.team}
     given |= {str(key): array for key, array in team.state.memory.items()}
     given |= dict(vars(step.after.state.points["chief"]))
     given |= {f"state {name}": array for name, array in step.after.state.arrays.items()}

@@ -21,7 +21,7 @@ from safe_inspect.environments import (
     make_vec,
 )
 from safe_inspect.errors import ArgumentError
-from safe_inspect.tasks import TASKS, TEAM_TASKS
+from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 TASK, TEAM = next(iter(TASKS)), next(iter(TEAM_TASKS))
 

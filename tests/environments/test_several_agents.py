@@ -25,7 +25,7 @@ from safe_inspect.randomness import Streams
 from safe_inspect.rewards import InspectionDeltaVReward, ObservedPointsReward
 from safe_inspect.simulators.initializers import PositionVelocityInitializer
 from safe_inspect.simulators.parameters import ConstantParameter
-from safe_inspect.simulators.reset import BodyReset
+from safe_inspect.simulators.reset import BodyReset, EnvironmentDraw
 
 RUNNING, WIN, LOSE, DRAW = DoneStatus
 SEED = 20231029
@@ -232,7 +232,10 @@ def ended_early(*overrides: str):
     agents = [{}, {"dones": _with_range(spec.agents[1], 70.0)}, {}]
     position = [[0.0, -150.0, 0.0], [0.0, 69.0, 0.0], [0.0, -200.0, 0.0]]
     spec = begun(with_agents(spec, *agents), position, [[0.0] * 3, [0.0, 0.02, 0.0], [0.0] * 3])
-    spec = replace(spec, reset=replace(spec.reset, sun_angle=ConstantParameter(value=-3.1)))
+    spec = replace(
+        spec,
+        reset=replace(spec.reset, environment=(EnvironmentDraw("sun_angle", "sun", ConstantParameter(value=-3.1)),)),
+    )
     thrusts = at_rest([agent.name for agent in spec.agents], STEPS)
     thrusts["blue1_ctrl"][:] = OUTWARDS
     return fly(TeamEnvironment(spec, 1, seed=5), thrusts)

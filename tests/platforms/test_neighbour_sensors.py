@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from safe_inspect.dynamics import Dynamics
 from safe_inspect.glues import LinearNormalizer, Normalization, ObserveSensor, StandardNormalNormalizer
 from safe_inspect.platforms import (
     DeputyScanSensor,
@@ -27,8 +28,8 @@ def view_of(position, velocity=None, first: int = 0, size: int | None = None) ->
     environments, deputies, _ = position.shape
     names = tuple(f"blue{index}" for index in range(deputies))
     world = World(names, {**dict(zip(names, range(deputies), strict=True)), "chief": deputies}, np.full(deputies, 12.0),
-                  10.0, 0.001027)  # fmt: skip
-    state = State(environments, base_specs(deputies + 1, deputies, []))
+                  10.0)  # fmt: skip
+    state = State(environments, base_specs(deputies + 1, deputies, 3, Dynamics.arrays))
     state.position[:, :deputies] = position
     if velocity is not None:
         state.velocity[:, :deputies] = velocity

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from safe_inspect.dynamics import Dynamics
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.evaluation.team_safety import draw_teams, team_report, team_thrust
@@ -14,6 +15,7 @@ from safe_inspect.rta.filters import BackupFilter, TeamFilter, TeamState
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TEAM, TEAM_GUARD, TeamView
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks import Sun
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N
@@ -203,10 +205,14 @@ def test_without_a_plan_it_says_so_and_flies_apart(run):
 
 def team_view(state, plan=None, finished=None):
     count, deputies = state.position.shape[:2]
-    specs = base_specs(deputies, deputies, []) | {
-        f"memory/{TEAM}/{TEAM_GUARD}/{name}": type(spec)((1, *spec.shape), spec.dtype)
-        for name, spec in RTACWHInspectionTeam().memory(world(deputies)).items()
-    }
+    specs = (
+        base_specs(deputies, deputies, 3, Dynamics.arrays)
+        | Sun()(world(deputies), count).arrays
+        | {
+            f"memory/{TEAM}/{TEAM_GUARD}/{name}": type(spec)((1, *spec.shape), spec.dtype)
+            for name, spec in RTACWHInspectionTeam().memory(world(deputies)).items()
+        }
+    )
     inner = State(count, specs)
     inner.position[...], inner.velocity[...] = state.position, state.velocity
     inner.sun_angle[...] = state.sun_angle
@@ -220,7 +226,10 @@ def team_view(state, plan=None, finished=None):
 
 def world(deputies):
     names = tuple(f"blue{i}" for i in range(deputies))
-    return World(names, {name: i for i, name in enumerate(names)}, np.full(deputies, MASS), DT, N)
+    found = World(names, {name: i for i, name in enumerate(names)}, np.full(deputies, MASS), DT)
+    found.offers.world["mean_motion"] = N
+    found.offers.add(Sun()(found, 1))
+    return found
 
 
 def test_the_plugin_flies_the_filter_and_remembers_its_plan(run, start):

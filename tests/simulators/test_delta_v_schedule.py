@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.simulators.delta_v_scale import DeltaVScale, DeltaVSchedule
+from safe_inspect.tasks.inspection.delta_v_scale import DeltaVScale, DeltaVSchedule
 
 SCHEDULE = DeltaVSchedule(start=-0.001, bounds=(-0.1, -0.001), change=-0.03, steps_until_update=4, fractions=(0.8, 0.9))
 
@@ -84,7 +84,7 @@ def test_an_abandoned_episode_and_steps_after_the_end_do_not_count(fixed_start):
     for _ in range(10):
         env.step(np.zeros((1, 1, 3)))  # over after two
     assert env.simulation.state.step[0] == 10
-    assert env.simulation._scale._steps[0] == 0  # 1 + 2 steps: an interval, just over
+    assert env.simulation.components["FuelPriceSchedule"]._scale._steps[0] == 0  # 1 + 2 steps: an interval, just over
     env.reset()
     assert env.state.delta_v_scale[0] == -0.001
 
@@ -119,7 +119,7 @@ def test_a_restored_scale_goes_on_as_if_nothing_had_happened():
     for step in range(400):
         if step == 237:
             second = DeltaVScale(SCHEDULE, 3)
-            second.restore(first.carried())
+            second.load_state_dict(first.state_dict())
             first = second
         ended = np.flatnonzero(rng.random(3) < 0.1)
         fraction = rng.uniform(0.5, 1.0, len(ended))
@@ -129,5 +129,5 @@ def test_a_restored_scale_goes_on_as_if_nothing_had_happened():
         np.testing.assert_array_equal(first.scale, whole.scale)
     assert np.ptp(whole.scale) > 0.0 or whole.scale[0] != SCHEDULE.start
     other = DeltaVScale(SCHEDULE, 5)
-    other.restore(whole.carried())
+    other.load_state_dict(whole.state_dict())
     np.testing.assert_allclose(other.scale, whole.scale.mean())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from safe_inspect.simulators import (
     SimAttributeAccessor,
     UniformParameter,
 )
-from safe_inspect.simulators.reset import BodyReset, ResetPlan
+from safe_inspect.simulators.reset import BodyReset, EnvironmentDraw, ResetPlan
 
 
 def array(*values: float) -> np.ndarray:
@@ -77,20 +78,23 @@ def test_a_plan_draws_every_body_the_sun_and_the_parameters():
         {"offset": UniformParameter(low=-1.0, high=1.0)},
         {"blue0": deputy, "blue1": deputy},
         {"chief": chief},
-        SimAttributeAccessor(attribute_name="offset"),
+        (EnvironmentDraw("sun_angle", "sun", SimAttributeAccessor(attribute_name="offset")),),
     )
-    bodies, sun, values = plan.draw(Streams(3, np.arange(6), np.zeros(6, dtype=np.int64)))
+    bodies, values = plan.draw(Streams(3, np.arange(6), np.zeros(6, dtype=np.int64)))
     assert list(bodies) == ["blue0", "blue1", "chief"]
-    np.testing.assert_array_equal(sun, values["offset"])
+    np.testing.assert_array_equal(values["sun_angle"], values["offset"])
     np.testing.assert_array_equal(bodies["blue0"]["position"][:, 1], values["offset"])
     np.testing.assert_array_equal(bodies["chief"]["position"], np.zeros((6, 3)))
     # Each body draws for itself.
     assert not np.isclose(bodies["blue0"]["position"][:, 0], bodies["blue1"]["position"][:, 0]).any()
 
 
-def test_without_a_sun_its_angle_is_zero():
-    _, sun, _ = ResetPlan({}, {}, {}).draw(Streams(0, np.arange(3), np.zeros(3, dtype=np.int64)))
-    np.testing.assert_array_equal(sun, np.zeros(3))
+def test_without_a_draw_the_angle_of_the_sun_is_zero(shipped):
+    spec = load_experiment(shipped).spec
+    env = BatchedEnvironment(replace(spec, reset=replace(spec.reset, environment=())), 3)
+    env.reset()
+    np.testing.assert_array_equal(env.state.sun_angle, np.zeros(3))
+    np.testing.assert_array_equal(env.state.sun_direction, [[1.0, 0.0, 0.0]] * 3)
 
 
 def weights(shipped, azimuth: float, elevation: float) -> tuple[np.ndarray, np.ndarray]:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import cast
 
 import numpy as np
 
 from safe_inspect.simulators.arrays import read_only
-from safe_inspect.simulators.world import PointsModel
+from safe_inspect.simulators.view import Step, View
+from safe_inspect.tasks.inspection.points_model import PointsModel
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from safe_inspect.simulators.view import View
 
 
 class PointsView:
@@ -77,8 +76,38 @@ class PointsView:
 
     @property
     def _sun(self) -> FloatArray:
-        return self._view.per_environment(self._view.writable.sun_direction)
+        return self._view.per_environment(self._view.writable["sun_direction"])
 
     @property
     def _viewer(self) -> FloatArray:
         return self._view.position - self._view.entity_position(self.model.entity)
+
+
+@dataclass(frozen=True)
+class PointsOf:
+    """The inspection points in one state by the body that carries them."""
+
+    view: View
+
+    def __call__(self, entity: str) -> PointsView:
+        """Return the inspection points of a body."""
+        found = self.view.derived.get(("points", entity))
+        if found is None:
+            found = self.view.derived["points", entity] = PointsView(self.view, self.view.world.points[entity])
+        return cast(PointsView, found)
+
+
+@dataclass(frozen=True)
+class NewPoints:
+    """The points that were first inspected in a step."""
+
+    step: Step
+
+    def __call__(self, entity: str) -> IntArray:
+        """Return the number of points of a body that the team first inspected in this step, shape (R,).
+
+        Points seen at the reset count as new in the first step of the episode.
+        """
+        after = self.step.after.points(entity).count
+        before = self.step.before.points(entity).count
+        return np.asarray(after - np.where(self.step.first, 0, before))

@@ -46,7 +46,7 @@ class DeltaVScale:
         self._episodes: IntArray = np.zeros(num_envs, dtype=np.int64)
         self._calls_until_due = schedule.steps_until_update
 
-    def carried(self) -> dict[str, AnyArray]:
+    def state_dict(self) -> dict[str, AnyArray]:
         """Return copies of all that it keeps, each of shape (N,), for a checkpoint."""
         return {
             "scale": self.scale.copy(),
@@ -55,13 +55,13 @@ class DeltaVScale:
             "episodes": self._episodes.copy(),
         }
 
-    def restore(self, carried: Mapping[str, AnyArray]) -> None:
-        """Go on from what `carried` returned; with another number of slots each takes the mean scale."""
-        if len(carried["scale"]) != len(self.scale):
-            self.scale[:] = np.clip(np.mean(carried["scale"]), *self._schedule.bounds)
+    def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
+        """Go on from what `state_dict` returned; with another number of slots each takes the mean scale."""
+        if len(state["scale"]) != len(self.scale):
+            self.scale[:] = np.clip(np.mean(state["scale"]), *self._schedule.bounds)
             return
-        self.scale[:] = np.clip(carried["scale"], *self._schedule.bounds)
-        self._steps[:], self._sum[:], self._episodes[:] = carried["steps"], carried["sum"], carried["episodes"]
+        self.scale[:] = np.clip(state["scale"], *self._schedule.bounds)
+        self._steps[:], self._sum[:], self._episodes[:] = state["steps"], state["sum"], state["episodes"]
         self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
     def end_episodes(self, rows: IntArray, fraction: FloatArray) -> None:

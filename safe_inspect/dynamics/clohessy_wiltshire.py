@@ -1,0 +1,51 @@
+"""`ClohessyWiltshire`: a point mass with thrust along the axes of Hill's frame, about a circular orbit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from safe_inspect.compiled import Kernel, njit
+from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.cwh_row import cwh_row
+from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveAngularRate
+
+
+@njit(error_model="numpy")
+def clohessy_wiltshire_row(
+    phi: FloatArray, gamma: FloatArray, position: FloatArray, velocity: FloatArray, control: FloatArray, mass: float
+) -> float:
+    """Advance one body by the exact map under held thrust; see `Dynamics`."""
+    x, y, z = control[0] / mass, control[1] / mass, control[2] / mass
+    before = (position[0], position[1], position[2], velocity[0], velocity[1], velocity[2])
+    after = cwh_row(phi, gamma, before, x, y, z)
+    for k in range(3):
+        position[k] = after[k]
+        velocity[k] = after[3 + k]
+    rate: float = abs(x) + abs(y) + abs(z)
+    return rate
+
+
+class ClohessyWiltshire(Dynamics):
+    """Relative motion about a circular orbit under held thrust, by its exact discrete map.
+
+    ``x'' = 3 n^2 x + 2 n y' + u_x/m``, ``y'' = -2 n x' + u_y/m``, ``z'' = -n^2 z + u_z/m``, in Hill's frame.
+    Source: Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960.
+
+    Attributes:
+        mean_motion: Mean motion n of the chief's orbit [rad/s].
+    """
+
+    row: ClassVar[Kernel[..., float]] = clohessy_wiltshire_row
+
+    mean_motion: PositiveAngularRate = 0.001027
+
+    def __call__(self, step_size: float) -> tuple[Any, ...]:
+        """Return the transition matrix, shape (6, 6), and the input matrix of a body of 1 kg, shape (6, 3)."""
+        return transition(self.mean_motion, 1.0, step_size)
+
+    def offers(self) -> Mapping[str, Any]:
+        """Return the mean motion [rad/s]."""
+        return {"mean_motion": self.mean_motion}

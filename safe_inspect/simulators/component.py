@@ -1,0 +1,114 @@
+"""Components: what a task adds to the simulation of its vehicles. The simulator knows them by this interface alone."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from safe_inspect.plugin import Plugin
+from safe_inspect.types import AnyArray, ArraySpec, BoolArray, IntArray
+
+if TYPE_CHECKING:
+    from safe_inspect.simulators.state import State
+    from safe_inspect.simulators.world import World
+
+
+class Component(Plugin):
+    """A part of a task, such as the sun or the points of a chief. Called, it gives the running part of a simulation.
+
+    Class attributes:
+        parameters: SI unit by the name of each reset parameter that it reads where a configuration gives it.
+    """
+
+    kind: ClassVar[str] = "component"
+    parameters: ClassVar[Mapping[str, str]] = {}
+
+    @abstractmethod
+    def __call__(self, world: World, num_envs: int) -> RunningComponent:
+        """Return the running component of N environments.
+
+        Args:
+            world: What does not change, with what the dynamics and the components before this one offer.
+            num_envs: Number of environments, N.
+        """
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that it needs. None by default."""
+        return ()
+
+
+class RunningComponent:
+    """A component in a simulation of N environments. Every method does nothing unless it is overridden.
+
+    Attributes:
+        arrays: The arrays that it adds to the state, by name.
+    """
+
+    arrays: Mapping[str, ArraySpec] = {}
+
+    def reset(self, state: State, values: Mapping[str, Any]) -> None:
+        """Write the initial values of fresh environments.
+
+        Args:
+            state: Fresh environments, R rows, whose bodies stand where their episodes start.
+            values: The reset parameters and states that were drawn, by name, each with R rows.
+        """
+
+    def resume(self, state: State, rows: IntArray) -> None:
+        """Write what lives through resets into fresh environments.
+
+        Args:
+            state: Fresh environments, R rows.
+            rows: Their indices in the batch, shape (R,).
+        """
+
+    def step(self, state: State, running: BoolArray) -> None:
+        """Follow a step: write the component's arrays for the bodies' new states, in place.
+
+        Args:
+            state: The state after the dynamics, N rows; the component's arrays are those before the step.
+            running: Environments whose episode runs, shape (N,).
+        """
+
+    def end(self, state: State, rows: IntArray) -> None:
+        """Take note of the environments whose episodes have just ended, shape (E,)."""
+
+    def restart(self) -> None:
+        """Forget what lives through resets: the run starts again with another seed."""
+
+    def state_dict(self) -> dict[str, AnyArray]:
+        """Return copies of what lives through resets, for a checkpoint."""
+        return {}
+
+    def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
+        """Go on from what `state_dict` returned; called before a reset."""
+
+    def of_world(self) -> Mapping[str, Any]:
+        """Return what plugins find by name in `World`."""
+        return {}
+
+    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
+        """Return what plugins find by name in a `View`, each as a function of the view."""
+        return {}
+
+    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
+        """Return what plugins find by name in a `TeamView`, each as a function of the view."""
+        return {}
+
+    def of_step(self) -> Mapping[str, Callable[[Any], Any]]:
+        """Return what plugins find by name in a `Step`, each as a function of the step."""
+        return {}
+
+    def info(self, view: Any) -> dict[str, AnyArray]:
+        """Return what the info of an agent holds of a state (a `View`), each of shape (R,)."""
+        return {}
+
+    def team_info(self, team: Any) -> dict[str, AnyArray]:
+        """Return what the info of the whole team holds of a state (a `TeamView`), each of shape (N,)."""
+        return {}
+
+    def shared_state(self, team: Any) -> tuple[AnyArray, ...]:
+        """Return what a critic of all agents sees of a state (a `TeamView`), each of shape (N, ...)."""
+        return ()

@@ -1,0 +1,12 @@
+"""The error for a name that a task does not offer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from safe_inspect.errors import did_you_mean
+
+
+def missing(what: str, name: str, offered: Iterable[str]) -> AttributeError:
+    """Return the error for a name that the task does not offer."""
+    return AttributeError(f"the {what} of this task has no {name!r}; {did_you_mean(name, offered)}", name=name)

@@ -1,0 +1,66 @@
+"""What dynamics and components offer to plugins by name, in `World`, `View`, `TeamView` and `Step`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from safe_inspect.simulators.component import RunningComponent
+
+
+@dataclass(frozen=True)
+class Offers:
+    """Names that a task adds.
+
+    Attributes:
+        world: Values by name.
+        view: Functions of a `View` by name.
+        team: Functions of a `TeamView` by name.
+        step: Functions of a `Step` by name.
+        components: The running components, in the order in which they follow a step.
+    """
+
+    world: dict[str, Any] = field(default_factory=dict)
+    view: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
+    team: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
+    step: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
+    components: list[RunningComponent] = field(default_factory=list)
+
+    def add(self, component: RunningComponent) -> None:
+        """Add what a component offers.
+
+        Raises:
+            ValueError: Another one offers the same name.
+        """
+        given: tuple[Mapping[str, Any], ...] = (
+            component.of_world(), component.of_view(), component.of_team(), component.of_step()
+        )  # fmt: skip
+        for known, new in zip((self.world, self.view, self.team, self.step), given, strict=True):
+            for name in new:
+                if name in known:
+                    raise ValueError(f"two components offer {name!r}; rename one, or remove one of the components")
+            known.update(new)
+        self.components.append(component)
+
+
+@dataclass(frozen=True)
+class OfView:
+    """An array of the state with the environment axis, as a `View` gives it: a row for each environment and agent."""
+
+    name: str
+
+    def __call__(self, view: Any) -> Any:
+        """Return the array, shape (R, ...)."""
+        return view.per_environment(view.state[self.name])
+
+
+@dataclass(frozen=True)
+class OfTeam:
+    """An array of the state with the environment axis, as a `TeamView` gives it: a row for each environment."""
+
+    name: str
+
+    def __call__(self, team: Any) -> Any:
+        """Return the array, shape (N, ...)."""
+        return team.state[self.name]

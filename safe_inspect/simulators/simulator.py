@@ -1,0 +1,91 @@
+"""`Simulator`: the configuration of a simulator, a named composition of dynamics and components."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.functor import functor_field
+from safe_inspect.plugin import Plugin
+from safe_inspect.simulators.component import Component
+from safe_inspect.simulators.reset import ResetPlan
+from safe_inspect.simulators.simulation import Simulation
+from safe_inspect.simulators.view import Group
+
+if TYPE_CHECKING:
+    from safe_inspect.rta.team import TeamSafety
+
+
+class Simulator(Plugin):
+    """What moves how, and what the task adds. Called, it gives a running simulation.
+
+    Attributes:
+        decimation: Number of physics steps in a step of the agents.
+    """
+
+    kind: ClassVar[str] = "simulator"
+
+    decimation: int = Field(default=1, ge=1)
+
+    @abstractmethod
+    def compose(self) -> tuple[Dynamics, Sequence[Component]]:
+        """Return the dynamics, and the components in the order in which they follow a step."""
+
+    def __call__(
+        self,
+        *,
+        masses: Mapping[str, float],
+        groups: Sequence[Group],
+        reset: ResetPlan,
+        step_size: float,
+        num_envs: int,
+        seed: int,
+        first_slot: int,
+        team_guard: TeamSafety | None = None,
+    ) -> Simulation:
+        """Build the running simulation of `num_envs` environments.
+
+        Args:
+            masses: Mass of each deputy [kg], by platform, in agent order.
+            groups: Groups of agents.
+            reset: How an episode begins.
+            step_size: Length of a step [s].
+            num_envs: Number of environments, N.
+            seed: Seed of the run.
+            first_slot: Global index of the first environment slot.
+            team_guard: What filters the thrusts of all deputies together and may declare memory, where there is one.
+        """
+        return Simulation(
+            *self.compose(),
+            platforms=tuple(masses),
+            masses=np.array(list(masses.values())),
+            groups=groups,
+            reset=reset,
+            step_size=step_size,
+            decimation=self.decimation,
+            num_envs=num_envs,
+            seed=seed,
+            first_slot=first_slot,
+            team_guard=team_guard,
+        )
+
+
+class ComposedSimulator(Simulator):
+    """Dynamics and components of the user's choice.
+
+    Attributes:
+        dynamics: How the bodies move.
+        components: What the task adds, in the order in which they follow a step.
+    """
+
+    dynamics: functor_field("dynamics")  # type: ignore[valid-type]
+    components: tuple[functor_field("component"), ...] = ()  # type: ignore[valid-type]
+
+    def compose(self) -> tuple[Dynamics, Sequence[Component]]:
+        """Return the dynamics and the components."""
+        return self.dynamics, self.components

@@ -1,0 +1,177 @@
+"""`InspectionPoints`: points on bodies that deputies inspect when they see them in the light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from safe_inspect.geometry.light import full_light
+from safe_inspect.geometry.looking import inspect_body
+from safe_inspect.geometry.sphere import sphere_points
+from safe_inspect.simulators.component import Component, RunningComponent
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.illumination import IlluminationParams
+from safe_inspect.tasks.inspection.points_model import PointsModel
+from safe_inspect.tasks.inspection.points_view import NewPoints, PointsOf
+from safe_inspect.types import AnyArray, BoolArray
+from safe_inspect.units import Angle, PositiveLength
+
+#: The reset parameters that give the priority vector.
+_AZIMUTH, _ELEVATION = "priority_vector_azimuth_angle", "priority_vector_elevation_angle"
+
+
+class SpherePoints(BaseModel):
+    """The points on a body that are to be inspected.
+
+    Attributes:
+        num_points: Number of points asked for. ``cmu`` rounds it to whole rings, ``fibonacci`` gives exactly it.
+        radius: Radius of the sphere that carries them [m].
+        points_algorithm: ``fibonacci`` (a golden-angle lattice) or ``cmu`` (Deserno's rings of equal area).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    num_points: int = Field(default=100, ge=1, le=100_000)
+    radius: PositiveLength = 10.0
+    points_algorithm: Literal["fibonacci", "cmu"] = "fibonacci"
+
+
+class InspectionPoints(Component):
+    """Points on bodies, inspected for good once a deputy's camera sees them lit, credited to the first in agent order.
+
+    Arrays: ``state.points[body]``, see `PointsModel.arrays`. Views offer ``points(body)``, a `PointsView`.
+    The component ``Sun`` stands before it. Where a reset gives a priority vector, the points are weighted by their
+    angle from the direction opposite to it.
+
+    Attributes:
+        inspection_points_map: Points by the body that carries them.
+        illumination_params: The sun's light; None: every point is lit at all times.
+        field_of_view: Full angle of the camera's cone about the line to the body's centre [rad].
+    """
+
+    parameters: ClassVar[Mapping[str, str]] = {_AZIMUTH: "rad", _ELEVATION: "rad"}
+
+    inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
+    illumination_params: IlluminationParams | None = IlluminationParams()
+    field_of_view: Angle = math.pi
+
+    @field_validator("field_of_view")
+    @classmethod
+    def _full_angle(cls, value: float) -> float:
+        return check_field_of_view(value)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The bodies that carry points."""
+        return tuple(self.inspection_points_map)
+
+    def __call__(self, world: World, num_envs: int) -> RunningComponent:
+        """Return the running points."""
+        light = self.illumination_params
+        models = {
+            name: PointsModel(
+                name,
+                world.bodies[name],
+                sphere_points(points.points_algorithm, points.num_points, points.radius),
+                points.radius,
+                full_light() if light is None else light.light(points.radius),
+            )
+            for name, points in self.inspection_points_map.items()
+        }
+        return _RunningPoints(models, world.num_deputies, self.field_of_view)
+
+
+def check_field_of_view(angle: float) -> float:
+    """Return a field of view [rad].
+
+    Raises:
+        ValueError: It is no full angle of a cone.
+    """
+    if not 0.0 < angle <= math.pi:
+        raise ValueError(f"`field_of_view` is a full angle in (0, pi], not {angle} rad")
+    return angle
+
+
+class _RunningPoints(RunningComponent):
+    def __init__(self, models: Mapping[str, PointsModel], num_deputies: int, field_of_view: float) -> None:
+        self._models, self._num_deputies = models, num_deputies
+        self._cos_half_fov = -1.0 if field_of_view >= math.pi else math.cos(field_of_view / 2.0)
+        self._active = np.ones((0, num_deputies), dtype=np.bool_)
+        self.arrays = {name: spec for model in models.values() for name, spec in model.arrays(num_deputies).items()}
+
+    def reset(self, state: State, values: Mapping[str, Any]) -> None:
+        self._weigh(state, values)
+        self._look(state)
+
+    def step(self, state: State, running: BoolArray) -> None:
+        self._look(state)
+
+    def of_world(self) -> Mapping[str, Any]:
+        return {"points": self._models}
+
+    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
+        return {"points": PointsOf}
+
+    def of_step(self) -> Mapping[str, Callable[[Any], Any]]:
+        return {"new_points": NewPoints}
+
+    def info(self, view: Any) -> dict[str, AnyArray]:
+        found: dict[str, AnyArray] = {}
+        for model in self._models.values():
+            points = view.state.points[model.entity]
+            found["inspected_count"] = found.get("inspected_count", 0) + view.per_environment(points.team_count)
+            found["own_inspected_count"] = found.get("own_inspected_count", 0) + view.per_agent(points.own_count)
+        return self._with_fraction(found)
+
+    def team_info(self, team: Any) -> dict[str, AnyArray]:
+        counts = [team.state.points[model.entity].team_count for model in self._models.values()]
+        return self._with_fraction({"inspected_count": sum(counts[1:], counts[0].copy())} if counts else {})
+
+    def shared_state(self, team: Any) -> tuple[AnyArray, ...]:
+        return tuple(team.state.points[model.entity].inspector >= 0 for model in self._models.values())
+
+    def _with_fraction(self, found: dict[str, AnyArray]) -> dict[str, AnyArray]:
+        total = sum(model.num_points for model in self._models.values())
+        return found | {"inspected_fraction": found["inspected_count"] / total} if total else found
+
+    def _look(self, state: State) -> None:
+        """Inspect what is in view and lit."""
+        if len(self._active) < state.num_envs:
+            self._active = np.ones((state.num_envs, self._num_deputies), dtype=np.bool_)
+        for model in self._models.values():
+            points = state.points[model.entity]
+            inspect_body(
+                state.position,
+                model.body,
+                state["sun_direction"],
+                model.points,
+                model.radius,
+                self._cos_half_fov,
+                model.light,
+                self._active[: state.num_envs],
+                points.inspector,
+                points.team_count,
+                points.own_count,
+            )
+
+    def _weigh(self, state: State, values: Mapping[str, Any]) -> None:
+        """Weigh the points by their angle from the direction opposite to the priority vector, if there is one."""
+        if any(name not in values for name in (_AZIMUTH, _ELEVATION)):
+            return
+        azimuth, elevation = values[_AZIMUTH], values[_ELEVATION]
+        if (azimuth == azimuth[:1]).all() and (elevation == elevation[:1]).all():  # as a rule: one row stands for all
+            azimuth, elevation = azimuth[:1], elevation[:1]
+        priority = np.stack(
+            (np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)), axis=-1
+        )
+        for model in self._models.values():
+            normals = model.points / model.radius
+            cosine = -(priority[:, None, 0] * normals[:, 0] + priority[:, None, 1] * normals[:, 1])
+            cosine -= priority[:, None, 2] * normals[:, 2]
+            weights = np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi
+            state.points[model.entity].weights[...] = weights / weights.sum(axis=-1, keepdims=True)

@@ -1,0 +1,68 @@
+"""`Sun`: a sun that turns about the chief at a constant rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from safe_inspect.compiled import njit
+from safe_inspect.simulators.component import Component, RunningComponent
+from safe_inspect.simulators.offers import OfTeam, OfView
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.world import World
+from safe_inspect.types import ArraySpec, BoolArray, FloatArray
+from safe_inspect.units import PositiveAngularRate
+
+
+@njit
+def turn_sun(turn: float, angle: FloatArray, direction: FloatArray) -> None:
+    """Add a turn to each sun angle [rad], shape (N,), and write the unit vectors [cos, -sin, 0], shape (N, 3)."""
+    for n in range(angle.shape[0]):
+        angle[n] += turn
+        direction[n, 0] = math.cos(angle[n])
+        direction[n, 1] = -math.sin(angle[n])
+        direction[n, 2] = 0.0
+
+
+class Sun(Component):
+    """Sun in the direction [cos, -sin, 0] of an angle that grows at a constant rate; clockwise about +z, Hill's frame.
+
+    Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
+    sun, shape (N, 3). A reset takes the angle from the state ``sun_angle`` that is drawn, 0 unless there is one.
+
+    Attributes:
+        rate: Rate of the angle [rad/s].
+    """
+
+    rate: PositiveAngularRate = 0.001027
+
+    def __call__(self, world: World, num_envs: int) -> RunningComponent:
+        """Return the running sun."""
+        return _RunningSun(self.rate, world.step_size)
+
+
+class _RunningSun(RunningComponent):
+    arrays = {"sun_angle": ArraySpec(()), "sun_direction": ArraySpec((3,))}  # noqa: RUF012 - never written
+
+    def __init__(self, rate: float, step_size: float) -> None:
+        self._rate, self._turn = rate, rate * step_size
+
+    def reset(self, state: State, values: Mapping[str, Any]) -> None:
+        state["sun_angle"][:] = values.get("sun_angle", 0.0)
+        turn_sun(0.0, state["sun_angle"], state["sun_direction"])
+
+    def step(self, state: State, running: BoolArray) -> None:
+        turn_sun(self._turn, state["sun_angle"], state["sun_direction"])
+
+    def of_world(self) -> Mapping[str, Any]:
+        return {"sun_rate": self._rate}
+
+    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
+        return {name: OfView(name) for name in self.arrays}
+
+    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
+        return {name: OfTeam(name) for name in self.arrays}
+
+    def shared_state(self, team: Any) -> tuple[Any, ...]:
+        return (team.sun_direction,)
