@@ -7,8 +7,8 @@ import numpy as np
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.rta.constraints.base import RelativeState
-from safe_inspect.rta.filters.decentralised import DecentralisedFilter
-from safe_inspect.rta.filters.team import PAIR_CONSTRAINTS, TeamFilter, TeamState
+from safe_inspect.rta.filters.team.decentralised import DecentralisedFilter
+from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS, TeamFilter, TeamState
 from safe_inspect.types import BoolArray, FloatArray
 
 

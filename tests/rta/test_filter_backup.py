@@ -122,8 +122,8 @@ def closed_motions(seed, rows):
 
 def test_closed_motions_are_certified_as_dense_samples_say(run):
     """Certified: no sample is unsafe. Refused: a sample is unsafe but for the margins of 1 mm and 0.01 mm/s."""
-    from safe_inspect.rta.filters.arcs import SAFE
-    from safe_inspect.rta.filters.closed_motion import ROOM, closed_motion
+    from safe_inspect.rta.filters.backup.arcs import SAFE
+    from safe_inspect.rta.filters.backup.closed_motion import ROOM, closed_motion
 
     state = closed_motions(5, 600)
     least = np.full((len(state), len(run.names)), np.inf)
@@ -147,8 +147,8 @@ def test_closed_motions_are_certified_as_dense_samples_say(run):
 
 
 def test_holds_are_certified_as_dense_samples_say(run):
-    from safe_inspect.rta.filters.arcs import SAFE
-    from safe_inspect.rta.filters.holds import hold
+    from safe_inspect.rta.filters.backup.arcs import SAFE
+    from safe_inspect.rta.filters.backup.holds import hold
 
     generator = np.random.default_rng(6)
     directions = generator.normal(size=(2, 3000, 3))

@@ -173,7 +173,7 @@ def test_finished_deputies_coast_and_are_kept_clear_of(run):
 
 
 def test_a_drifting_obstacle_is_certified_as_samples_say():
-    from safe_inspect.rta.filters.drifting import ORBITS, apart
+    from safe_inspect.rta.filters.team.drifting import ORBITS, apart
 
     generator = np.random.default_rng(12)
     position = generator.normal(size=(300, 1, 3)) * generator.uniform(5.0, 25.0, (300, 1, 1))

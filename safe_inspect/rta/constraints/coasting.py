@@ -1,8 +1,4 @@
-"""Closest approach to the chief of a deputy that coasts, compiled, one state at a time.
-
-The motion is the closed-form solution of the Clohessy-Wiltshire equations (Clohessy and Wiltshire, "Terminal guidance
-system for satellite rendezvous", J. Aerospace Sciences 27, 1960).
-"""
+"""Closest approach to the chief of a deputy that coasts, compiled, one state at a time."""
 
 from __future__ import annotations
 
@@ -12,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from safe_inspect.compiled import njit
+from safe_inspect.dynamics.coasting import coast
 from safe_inspect.types import FloatArray
 
 #: Widest cell of the grid, as an angle of the orbit [rad]; the range squared holds no frequency above 2 n.
@@ -34,26 +31,11 @@ def grid(n: float, horizon: float) -> FloatArray:
 
 
 @njit(cache=True)  # type: ignore[misc,untyped-decorator]
-def _coast(p: FloatArray, v: FloatArray, t: float, s: float, c: float, n: float) -> tuple[float, ...]:
-    """Return position, velocity, range squared, half its first and half its second derivative at time t."""
-    x = (4.0 - 3.0 * c) * p[0] + (s * v[0] + 2.0 * (1.0 - c) * v[1]) / n
-    y = 6.0 * (s - n * t) * p[0] + p[1] - (2.0 * (1.0 - c) * v[0] - 4.0 * s * v[1]) / n - 3.0 * t * v[1]
-    z = c * p[2] + s * v[2] / n
-    vx = 3.0 * n * s * p[0] + c * v[0] + 2.0 * s * v[1]
-    vy = 6.0 * n * (c - 1.0) * p[0] - 2.0 * s * v[0] + (4.0 * c - 3.0) * v[1]
-    vz = c * v[2] - n * s * p[2]
-    ax, ay, az = 3.0 * n * n * x + 2.0 * n * vy, -2.0 * n * vx, -n * n * z
-    first = x * vx + y * vy + z * vz
-    second = vx * vx + vy * vy + vz * vz + x * ax + y * ay + z * az
-    return x, y, z, vx, vy, vz, x * x + y * y + z * z, first, second
-
-
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
 def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n: float) -> float:
     """Return the time in (low, high) at which the second derivative, of that sign at `high`, is zero; by bisection."""
     for _ in range(_STEPS):
         middle = 0.5 * (low + high)
-        if sign * _coast(p, v, middle, math.sin(n * middle), math.cos(n * middle), n)[8] < 0.0:
+        if sign * coast(p, v, middle, math.sin(n * middle), math.cos(n * middle), n)[8] < 0.0:
             low = middle
         else:
             high = middle
@@ -65,7 +47,7 @@ def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: floa
     """Return the time in (low, high) at which the range stops falling; Newton's method, held in the bracket."""
     t = start
     for _ in range(_STEPS):
-        now = _coast(p, v, t, math.sin(n * t), math.cos(n * t), n)
+        now = coast(p, v, t, math.sin(n * t), math.cos(n * t), n)
         first, second = now[7], now[8]
         if first < 0.0:
             low = t
@@ -91,7 +73,7 @@ def _least(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
     best, best_f = 0.0, 0.0
     for k in range(table.shape[0]):
         b = table[k, 0]
-        node = _coast(p, v, b, table[k, 1], table[k, 2], n)
+        node = coast(p, v, b, table[k, 1], table[k, 2], n)
         f_b, g_b, square = node[7], node[8], node[6]
         if k == 0 or square < best_f:
             best, best_f = b, square
@@ -103,7 +85,7 @@ def _least(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
                 meet = (f_b - f_a + g_a * a - g_b * b) / (g_a - g_b)
                 if f_a * (f_a + g_a * (meet - a)) < 0.0:
                     meet = _turn(p, v, a, b, 1.0 if g_b > 0.0 else -1.0, n)
-                    between = _coast(p, v, meet, math.sin(n * meet), math.cos(n * meet), n)[7]
+                    between = coast(p, v, meet, math.sin(n * meet), math.cos(n * meet), n)[7]
                     found = f_a * between < 0.0
                     if f_a > 0.0:
                         low, high = meet, b
@@ -114,7 +96,7 @@ def _least(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
                 if low == a and high == b:
                     start = a - f_a * (b - a) / (f_b - f_a)
                 t = _approach(p, v, low, high, start, n)
-                square = _coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6]
+                square = coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6]
                 if square < best_f:
                     best, best_f = t, square
         a, f_a, g_a = b, f_b, g_b
@@ -140,7 +122,7 @@ def passive_safety(
         p, v = position[i], velocity[i]
         t = _least(p, v, table, n)
         s, c = math.sin(n * t), math.cos(n * t)
-        x, y, z, vx, vy, vz, square, _, _ = _coast(p, v, t, s, c, n)
+        x, y, z, vx, vy, vz, square, _, _ = coast(p, v, t, s, c, n)
         distance = math.sqrt(square)
         if distance < LENGTH_FLOOR:
             ex, ey, ez = _across(vx, vy, vz)

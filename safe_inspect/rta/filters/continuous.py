@@ -12,7 +12,7 @@ from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.probes import responds_to_thrust
 from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.rta.filters.base import FilterResult, SafetyFilter, checked, columns, differs
-from safe_inspect.rta.filters.qp import solve_qp
+from safe_inspect.rta.numerics.qp import solve_qp
 from safe_inspect.types import FloatArray, IntArray
 
 #: Outside the safe set alpha is this many times as strong ...

@@ -13,7 +13,7 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES
-from safe_inspect.rta.filters.backup import BackupFilter
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import FilterResult, checked, differs
 from safe_inspect.types import BoolArray, FloatArray
 

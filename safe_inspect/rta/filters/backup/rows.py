@@ -6,15 +6,15 @@ import math
 
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import SAFE, held, turned
-from safe_inspect.rta.filters.cuts import MOST, cut_broken, cut_hold
-from safe_inspect.rta.filters.holds import hold
-from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, Model
-from safe_inspect.rta.filters.plan_cuts import cut_recovery
-from safe_inspect.rta.filters.plans import NO_PLAN, PLANS, QUICK, STAY, find_plan
-from safe_inspect.rta.filters.projection import nearest
-from safe_inspect.rta.filters.returning import return_control
-from safe_inspect.rta.filters.scratch import Scratch, plain, scratch
+from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
+from safe_inspect.rta.filters.backup.cuts import MOST, cut_broken, cut_hold
+from safe_inspect.rta.filters.backup.holds import hold
+from safe_inspect.rta.filters.backup.model import COLLISION, HOLD_PIECES, PSM, Model
+from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, QUICK, STAY, find_plan
+from safe_inspect.rta.filters.backup.returning import return_control
+from safe_inspect.rta.filters.backup.scratch import Scratch, plain, scratch
+from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Where a row's control comes from: it is the desired one, the nearest safe one that cutting planes lead to, one

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.closed_motion import ROOM
+from safe_inspect.rta.filters.backup.closed_motion import ROOM
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 

@@ -22,7 +22,7 @@ import math
 
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState, cwh_row
-from safe_inspect.rta.filters.model import COLLISION, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
+from safe_inspect.rta.filters.backup.model import COLLISION, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
 from safe_inspect.types import FloatArray
 
 SAFE = -1
@@ -32,20 +32,6 @@ SAFE = -1
 def held(m: Model, x: RowState, u: FloatArray, k: int) -> RowState:
     """Return the state k / 256 of a hold after x, under the thrust u; at k = 256 to the bit that of the simulator."""
     return cwh_row(m.hold_phi[k], m.hold_gamma[k], x, u[0], u[1], u[2])
-
-
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def closed(n: float, x: RowState, cos: float, sin: float) -> RowState:
-    """Return the state of the drift-free motion from x, v_y = -2 n x, after the angle of that cosine and sine."""
-    px = cos * x[0] + sin * x[3] / n
-    return (
-        px,
-        x[1] - 2.0 * (1.0 - cos) * x[3] / n - 2.0 * sin * x[0],
-        cos * x[2] + sin * x[5] / n,
-        cos * x[3] - n * sin * x[0],
-        -2.0 * n * px,
-        cos * x[5] - n * sin * x[2],
-    )
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]

@@ -13,9 +13,9 @@ from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS, DeputyCollision, DeputyPassiveSafety
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES
-from safe_inspect.rta.filters.backup import BackupFilter
+from safe_inspect.rta.filters.backup.model import KNOWN, PSM, build_model
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import compiled
-from safe_inspect.rta.filters.model import KNOWN, PSM, build_model
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -211,7 +211,7 @@ class TeamFilter:
         if memory.shape != shape[:2]:
             raise ValueError(f"the plans of {shape[0]} environments have the shape {shape[:2]}, not {memory.shape}")
         control, refused, stage = np.empty(shape), np.empty(shape[:2], np.int64), np.empty(shape[0], np.int64)
-        rows = compiled("team_rows")
+        rows = compiled("team.rows")
         rows.filter_team_rows(
             self._model, state.position, state.velocity, state.sun_angle, desired, state.fixed, memory,
             control, refused, stage,
@@ -255,11 +255,11 @@ class TeamFilter:
 
     @property
     def _model(self) -> Any:
-        return compiled("team_scratch").TeamModel(*self._models, self._pairs)
+        return compiled("team.scratch").TeamModel(*self._models, self._pairs)
 
     def _rows(self, state: TeamState, control: FloatArray, memory: IntArray, plan: bool) -> BoolArray:
         out = np.empty(len(state), np.bool_)
-        compiled("team_rows").team_rows(
+        compiled("team.rows").team_rows(
             self._model, state.position, state.velocity, state.sun_angle, control, state.fixed, memory, plan, out
         )  # fmt: skip
         return out

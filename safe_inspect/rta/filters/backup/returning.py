@@ -6,11 +6,11 @@ import math
 
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import held, sun_gap, turned
-from safe_inspect.rta.filters.cuts import add, cut_near, support
-from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, SUN, Model
-from safe_inspect.rta.filters.projection import nearest
-from safe_inspect.rta.filters.scratch import Scratch, plain
+from safe_inspect.rta.filters.backup.arcs import held, sun_gap, turned
+from safe_inspect.rta.filters.backup.cuts import add, cut_near, support
+from safe_inspect.rta.filters.backup.model import COLLISION, HOLD_PIECES, PSM, R_MAX, SUN, Model
+from safe_inspect.rta.filters.backup.scratch import Scratch, plain
+from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
 
 #: How far inside the limits the way back leads [m].

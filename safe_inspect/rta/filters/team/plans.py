@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
+from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import SAFE, held, turned
-from safe_inspect.rta.filters.closed_motion import closed_motion
-from safe_inspect.rta.filters.drifting import apart, drifted
-from safe_inspect.rta.filters.holds import hold
-from safe_inspect.rta.filters.model import FINE_NODES, HOLD_PIECES, Model
-from safe_inspect.rta.filters.plans import NO_PLAN, ORDER, PLANS, try_plan
-from safe_inspect.rta.filters.scratch import Scratch
-from safe_inspect.rta.filters.team_scratch import Team, TeamModel
+from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
+from safe_inspect.rta.filters.backup.closed_motion import closed_motion
+from safe_inspect.rta.filters.backup.holds import hold
+from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, Model
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, ORDER, PLANS, try_plan
+from safe_inspect.rta.filters.backup.scratch import Scratch
+from safe_inspect.rta.filters.team.drifting import apart
+from safe_inspect.rta.filters.team.scratch import Team, TeamModel
 from safe_inspect.types import FloatArray
 
 Sun = tuple[float, float]
@@ -242,7 +243,7 @@ def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: Team) -> float
         rel = minus(state_of(t.end[i], plan), state_of(t.end[j], t.plan[j]))
         for node in range(0, FINE_NODES, _STRIDE):
             angle = node * (2.0 * math.pi / FINE_NODES)
-            p = drifted(g.one.n, rel, angle, g.one.fine[node, 0], g.one.fine[node, 1])
+            p = coasting_position(g.one.n, rel, angle, g.one.fine[node, 0], g.one.fine[node, 1])
             least = min(least, p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
             if least <= best:
                 return least

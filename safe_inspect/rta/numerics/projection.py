@@ -187,7 +187,7 @@ def solve_rows(
     desired: FloatArray, rows: FloatArray, bounds: FloatArray, limit: float,
     control: FloatArray, missed: BoolArray, feasible: BoolArray,
 ) -> None:  # fmt: skip
-    """Solve one problem for each row of the batch; see `safe_inspect.rta.filters.qp`."""
+    """Solve one problem for each row of the batch; see `safe_inspect.rta.numerics.qp`."""
     count = rows.shape[1]
     a, c, size, work = np.empty((count + 6, 3)), np.empty(count + 6), np.empty(count), np.empty(3)
     for i in range(desired.shape[0]):

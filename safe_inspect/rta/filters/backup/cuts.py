@@ -11,9 +11,9 @@ import math
 
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import held, turned
-from safe_inspect.rta.filters.holds import coasted
-from safe_inspect.rta.filters.model import COLLISION, HOLD_PIECES, PSM, R_MAX, REL_VEL, SUN, X_VEL, Model
+from safe_inspect.rta.filters.backup.arcs import held, turned
+from safe_inspect.rta.filters.backup.holds import coasted
+from safe_inspect.rta.filters.backup.model import COLLISION, HOLD_PIECES, PSM, R_MAX, REL_VEL, SUN, X_VEL, Model
 from safe_inspect.types import FloatArray
 
 #: Most half-spaces of one row's programme.

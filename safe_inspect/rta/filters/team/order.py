@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.plans import NO_PLAN, PLANS
-from safe_inspect.rta.filters.team_scratch import Team
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS
+from safe_inspect.rta.filters.team.scratch import Team
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 

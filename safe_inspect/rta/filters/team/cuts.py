@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
+from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import SAFE, held, turned
-from safe_inspect.rta.filters.cuts import cut_broken, cut_hold
-from safe_inspect.rta.filters.drifting import drifted
-from safe_inspect.rta.filters.model import FINE_NODES, HOLD_PIECES, Model
-from safe_inspect.rta.filters.plan_cuts import cut_recovery
-from safe_inspect.rta.filters.plans import NO_PLAN, QUICK, plan_thrust
-from safe_inspect.rta.filters.scratch import Scratch, plain
-from safe_inspect.rta.filters.team_plans import Sun, farthest_plans, minus, state_of
-from safe_inspect.rta.filters.team_scratch import Team, TeamModel
+from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
+from safe_inspect.rta.filters.backup.cuts import cut_broken, cut_hold
+from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, Model
+from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust
+from safe_inspect.rta.filters.backup.scratch import Scratch, plain
+from safe_inspect.rta.filters.team.plans import Sun, farthest_plans, minus, state_of
+from safe_inspect.rta.filters.team.scratch import Team, TeamModel
 from safe_inspect.types import FloatArray
 
 #: Bit of what keeps pairs apart, beside those of the single filter's constraints; passive safety has the next.
@@ -161,11 +161,11 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, margin: float, count: int, t: 
     previous, falling = math.inf, False
     for place in range(FINE_NODES + 1):
         node = place % FINE_NODES
-        p = drifted(n, rel, place * (2.0 * math.pi / FINE_NODES), m.fine[node, 0], m.fine[node, 1])
+        p = coasting_position(n, rel, place * (2.0 * math.pi / FINE_NODES), m.fine[node, 0], m.fine[node, 1])
         here = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
         if falling and here >= previous and previous < reach and count < t.rows.shape[0]:
             angle, cos, sin = (place - 1) * (2.0 * math.pi / FINE_NODES), m.fine[place - 1, 0], m.fine[place - 1, 1]
-            p = drifted(n, rel, angle, cos, sin)
+            p = coasting_position(n, rel, angle, cos, sin)
             size = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) + 1e-9
             p = p[0] / size, p[1] / size, p[2] / size
             for k in range(t.rows.shape[1]):
@@ -173,7 +173,7 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, margin: float, count: int, t: 
             for axis in range(3):
                 da = minus(a0 if axis == 0 else (a1 if axis == 1 else a2), a)
                 db = minus(b0 if axis == 0 else (b1 if axis == 1 else b2), b)
-                pa, pb = drifted(n, da, angle, cos, sin), drifted(n, db, angle, cos, sin)
+                pa, pb = coasting_position(n, da, angle, cos, sin), coasting_position(n, db, angle, cos, sin)
                 if not t.fixed[i]:
                     t.rows[count, 3 * i + axis] = (p[0] * pa[0] + p[1] * pa[1] + p[2] * pa[2]) / _STEP
                 if not t.fixed[j]:

@@ -59,6 +59,6 @@ def solve_qp(desired: FloatArray, rows: FloatArray, bounds: FloatArray, limit: f
     if not finite.all():
         raise ValueError(f"row {int(np.argmin(finite))} of the programme holds a number that is not finite")
     solution = QPSolution(np.zeros((count, 3)), np.zeros(count, np.bool_), np.zeros(bounds.shape, np.bool_))
-    kernel = importlib.import_module("safe_inspect.rta.filters.projection")
+    kernel = importlib.import_module("safe_inspect.rta.numerics.projection")
     kernel.solve_rows(desired, rows, bounds, float(limit), solution.control, solution.violated, solution.feasible)
     return solution

@@ -6,8 +6,8 @@ import math
 
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import SAFE, broken_at, held, turned, uncertain
-from safe_inspect.rta.filters.model import HOLD_PIECES, PSM, Model
+from safe_inspect.rta.filters.backup.arcs import SAFE, broken_at, held, turned, uncertain
+from safe_inspect.rta.filters.backup.model import HOLD_PIECES, PSM, Model
 from safe_inspect.types import FloatArray, IntArray
 
 _MOST_CELLS = 2000

@@ -10,10 +10,10 @@ import math
 
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import SAFE, held, turned
-from safe_inspect.rta.filters.closed_motion import closed_motion
-from safe_inspect.rta.filters.holds import hold
-from safe_inspect.rta.filters.model import HOLD_PIECES, Model
+from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
+from safe_inspect.rta.filters.backup.closed_motion import closed_motion
+from safe_inspect.rta.filters.backup.holds import hold
+from safe_inspect.rta.filters.backup.model import HOLD_PIECES, Model
 from safe_inspect.types import FloatArray, IntArray
 
 NO_PLAN = -1

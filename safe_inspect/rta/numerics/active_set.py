@@ -23,8 +23,8 @@ _DEPENDENT = 1e-14
 _STEPS = 20
 
 
-class Programme(NamedTuple):
-    """Room for one programme of V variables.
+class QPWorkspace(NamedTuple):
+    """Arrays that one problem of V variables overwrites.
 
     Attributes:
         normal: The half-space that is being added, shape (V,).
@@ -48,16 +48,16 @@ class Programme(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def programme(variables: int) -> Programme:
-    """Return room for programmes of that many variables."""
-    return Programme(
+def qp_workspace(variables: int) -> QPWorkspace:
+    """Return the arrays for problems of that many variables."""
+    return QPWorkspace(
         np.empty(variables), np.empty(variables), np.empty(variables), np.empty(variables), np.empty(variables),
         np.empty((variables, variables)), np.empty((variables, variables)), np.empty((variables, variables)),
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _split(p: Programme, active: int) -> float:
+def _split(p: QPWorkspace, active: int) -> float:
     """Write the part of the normal outside the active ones and its coefficients; return that part's square."""
     size = p.normal.shape[0]
     for k in range(size):
@@ -84,7 +84,7 @@ def _split(p: Programme, active: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _append(p: Programme, active: int, square: float) -> None:
+def _append(p: QPWorkspace, active: int, square: float) -> None:
     """Make the normal an active one, after `_split`."""
     length = math.sqrt(square)
     for k in range(p.normal.shape[0]):
@@ -96,7 +96,7 @@ def _append(p: Programme, active: int, square: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def _remove(p: Programme, active: int, which: int) -> None:
+def _remove(p: QPWorkspace, active: int, which: int) -> None:
     """Drop an active normal and build the basis anew; the normal that is being added is kept in place."""
     size = p.normal.shape[0]
     for j in range(which, active - 1):
@@ -124,7 +124,7 @@ def _remove(p: Programme, active: int, which: int) -> None:
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def nearest_joint(
-    rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, out: FloatArray, p: Programme
+    rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, out: FloatArray, p: QPWorkspace
 ) -> bool:  # fmt: skip
     """Write the point nearest to `target` with rows . out >= bounds and |out_k| <= limit.
 

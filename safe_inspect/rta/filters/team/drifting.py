@@ -12,24 +12,14 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
+from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import lowest
+from safe_inspect.rta.filters.backup.arcs import lowest
 
 #: Orbits for which a pair is certified that neither drifts away nor has no drift at all.
 ORBITS = 4
 _CELL = math.pi / 8.0
 _FINEST = _CELL / 1024.0
-
-
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
-def drifted(n: float, x: RowState, angle: float, cos: float, sin: float) -> tuple[float, float, float]:
-    """Return the position of a coasting deputy after that angle of the orbit, whose cosine and sine are given [m]."""
-    u, v, w = x[3] / n, x[4] / n, x[5] / n
-    return (
-        4.0 * x[0] + 2.0 * v - cos * (3.0 * x[0] + 2.0 * v) + sin * u,
-        x[1] - 2.0 * (1.0 - cos) * u + 2.0 * sin * (3.0 * x[0] + 2.0 * v) - 3.0 * angle * (2.0 * x[0] + v),
-        cos * x[2] + sin * w,
-    )
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
@@ -60,11 +50,11 @@ def apart(n: float, x: RowState, reach: float) -> bool:
         ahead = (r - reach) / fastest
         if ahead >= span:
             angle += ahead
-            a = drifted(n, x, angle, math.cos(angle), math.sin(angle))
+            a = coasting_position(n, x, angle, math.cos(angle), math.sin(angle))
             continue
         while True:
             end = angle + span
-            b = drifted(n, x, end, math.cos(end), math.sin(end))
+            b = coasting_position(n, x, end, math.cos(end), math.sin(end))
             ex, ey, ez = a[0] + b[0], a[1] + b[1], a[2] + b[2]
             size = math.sqrt(ex * ex + ey * ey + ez * ez)
             if size <= 0.0:

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
+from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import closed, held, sun_gap, turned
-from safe_inspect.rta.filters.cuts import MOST
-from safe_inspect.rta.filters.model import (
+from safe_inspect.rta.filters.backup.arcs import held, sun_gap, turned
+from safe_inspect.rta.filters.backup.cuts import MOST
+from safe_inspect.rta.filters.backup.model import (
     COLLISION,
     FINE_NODES,
     HOLD_PIECES,
@@ -24,7 +25,7 @@ from safe_inspect.rta.filters.model import (
     X_VEL,
     Model,
 )
-from safe_inspect.rta.filters.plans import ORDER, QUICK, plan_thrust
+from safe_inspect.rta.filters.backup.plans import ORDER, QUICK, plan_thrust
 from safe_inspect.types import FloatArray
 
 #: What a newton of thrust to spare counts beside distances [m].
@@ -91,7 +92,7 @@ def _best_plan(m: Model, after: RowState, start: tuple[float, float], w: FloatAr
         for place in range(ORBIT_CELLS):
             node = 5 * place % ORBIT_CELLS
             cos, sin = m.orbit[node, 0], m.orbit[node, 1]
-            value, code = _least_slack(m, closed(m.n, begin, cos, sin), turned(start, cos, sin))
+            value, code = _least_slack(m, closed_motion_state(m.n, begin, cos, sin), turned(start, cos, sin))
             if value < tightest:
                 tightest, which = value, code
             if value < least:
@@ -143,15 +144,15 @@ def cut_recovery(
         previous, falling = math.inf, False
         for place in range(FINE_NODES + 1):
             cos, sin = m.fine[place % FINE_NODES, 0], m.fine[place % FINE_NODES, 1]
-            here = _slack(m, closed(m.n, b, cos, sin), turned(start, cos, sin), code)
+            here = _slack(m, closed_motion_state(m.n, b, cos, sin), turned(start, cos, sin), code)
             # only the nodes at which the slack is least count
             if falling and here >= previous and previous < margin:
                 cos, sin = m.fine[place - 1, 0], m.fine[place - 1, 1]
                 turn = turned(start, cos, sin)
                 count = _add_linear(
-                    previous, _slack(m, closed(m.n, b0, cos, sin), turn, code),
-                    _slack(m, closed(m.n, b1, cos, sin), turn, code),
-                    _slack(m, closed(m.n, b2, cos, sin), turn, code), margin, u, rows, bounds, count,
+                    previous, _slack(m, closed_motion_state(m.n, b0, cos, sin), turn, code),
+                    _slack(m, closed_motion_state(m.n, b1, cos, sin), turn, code),
+                    _slack(m, closed_motion_state(m.n, b2, cos, sin), turn, code), margin, u, rows, bounds, count,
                 )  # fmt: skip
             falling = here < previous
             previous = here

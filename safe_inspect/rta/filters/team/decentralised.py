@@ -11,7 +11,7 @@ from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.base import FilterResult, checked, columns, differs
-from safe_inspect.rta.filters.team import TeamFilter, TeamState
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import BoolArray, FloatArray
 
 

@@ -12,8 +12,18 @@ import math
 
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.arcs import SAFE, lowest, turned
-from safe_inspect.rta.filters.model import COLLISION, ORBIT_CELLS, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
+from safe_inspect.rta.filters.backup.arcs import SAFE, lowest, turned
+from safe_inspect.rta.filters.backup.model import (
+    COLLISION,
+    ORBIT_CELLS,
+    R_MAX,
+    REL_VEL,
+    SUN,
+    X_VEL,
+    Y_VEL,
+    Z_VEL,
+    Model,
+)
 from safe_inspect.types import FloatArray
 
 #: Cells of an orbit after the last halving; what they leave uncertain is far less than the margins.

@@ -5,7 +5,11 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.backup_rows import (
+from safe_inspect.rta.filters.backup.cuts import MOST
+from safe_inspect.rta.filters.backup.model import COLLISION, PSM
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, QUICK, STAY
+from safe_inspect.rta.filters.backup.returning import return_control
+from safe_inspect.rta.filters.backup.rows import (
     BACKUP,
     DESIRED,
     LENGTH_MARGIN,
@@ -13,14 +17,10 @@ from safe_inspect.rta.filters.backup_rows import (
     RETURN,
     SPEED_MARGIN,
 )
-from safe_inspect.rta.filters.cuts import MOST
-from safe_inspect.rta.filters.model import COLLISION, PSM
-from safe_inspect.rta.filters.plans import NO_PLAN, PLANS, QUICK, STAY
-from safe_inspect.rta.filters.returning import return_control
-from safe_inspect.rta.filters.scratch import Scratch, plain, scratch
-from safe_inspect.rta.filters.team_cuts import cut_ends, cut_holds, cut_plans
-from safe_inspect.rta.filters.team_order import enter
-from safe_inspect.rta.filters.team_plans import (
+from safe_inspect.rta.filters.backup.scratch import Scratch, plain, scratch
+from safe_inspect.rta.filters.team.cuts import cut_ends, cut_holds, cut_plans
+from safe_inspect.rta.filters.team.order import enter
+from safe_inspect.rta.filters.team.plans import (
     FOUND,
     PASSED,
     UNSAFE_HOLD,
@@ -30,8 +30,8 @@ from safe_inspect.rta.filters.team_plans import (
     state_of,
     tested,
 )
-from safe_inspect.rta.filters.team_programme import nearest_joint
-from safe_inspect.rta.filters.team_scratch import Team, TeamModel, team_room
+from safe_inspect.rta.filters.team.scratch import Team, TeamModel, team_room
+from safe_inspect.rta.numerics.active_set import nearest_joint
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 _NEAR = 1 << COLLISION | 1 << PSM

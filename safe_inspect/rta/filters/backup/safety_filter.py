@@ -11,8 +11,8 @@ from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES
+from safe_inspect.rta.filters.backup.model import COLLISION, KNOWN, PSM, build_model
 from safe_inspect.rta.filters.base import FilterResult, SafetyFilter, checked, compiled, differs
-from safe_inspect.rta.filters.model import COLLISION, KNOWN, PSM, build_model
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: A hold turns the orbit by at most this angle [rad]; the bounds between grid points need it to be small.
@@ -74,7 +74,7 @@ class BackupFilter(SafetyFilter):
         desired = checked(state, desired)
         count = len(state)
         control, refused, stage = np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
-        rows = compiled("backup_rows")
+        rows = compiled("backup.rows")
         rows.filter_rows(
             self._model, state.position, state.velocity, state.sun_angle, desired, control, refused, stage
         )  # fmt: skip
@@ -99,7 +99,7 @@ class BackupFilter(SafetyFilter):
         """Return the rows that have a backup plan, shape (R,), and its thrust [N], shape (R, 3); zero without one."""
         checked(state, np.zeros((len(state), 3)))
         found, control = np.empty(len(state), np.bool_), np.empty((len(state), 3))
-        compiled("backup_rows").recoverable_rows(
+        compiled("backup.rows").recoverable_rows(
             self._model, state.position, state.velocity, state.sun_angle, found, control
         )  # fmt: skip
         return found, control
@@ -108,7 +108,7 @@ class BackupFilter(SafetyFilter):
         """Return the rows whose control would be flown as it is, shape (R,)."""
         control = checked(state, control)
         out = np.empty(len(state), np.bool_)
-        compiled("backup_rows").admissible_rows(
+        compiled("backup.rows").admissible_rows(
             self._model, state.position, state.velocity, state.sun_angle, control, out
         )  # fmt: skip
         return out

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiled import njit
-from safe_inspect.rta.filters.model import Model
-from safe_inspect.rta.filters.plans import PLANS
-from safe_inspect.rta.filters.team_programme import Programme, programme
+from safe_inspect.rta.filters.backup.model import Model
+from safe_inspect.rta.filters.backup.plans import PLANS
+from safe_inspect.rta.numerics.active_set import QPWorkspace, qp_workspace
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Most half-spaces of a programme: so many for each deputy, and so many for each pair.
@@ -83,7 +83,7 @@ class Team(NamedTuple):
     u: FloatArray
     rows: FloatArray
     bounds: FloatArray
-    room: Programme
+    room: QPWorkspace
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
@@ -98,5 +98,5 @@ def team_room(deputies: int) -> Team:
         np.zeros((d, PLANS), np.int64), np.zeros((p, PLANS, PLANS), np.int8),
         np.zeros((d, PLANS, 3)), np.zeros((d, PLANS, 6)),
         np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(p, np.int64), np.zeros(p, np.int64),
-        np.zeros(d, np.int64), np.zeros(3), np.zeros((most, v)), np.zeros(most), programme(v),
+        np.zeros(d, np.int64), np.zeros(3), np.zeros((most, v)), np.zeros(most), qp_workspace(v),
     )  # fmt: skip
