@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from safe_inspect.glues.base import Bounds, Parts
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
+from safe_inspect.rta.constraints.sets import ConstraintEntry
 from safe_inspect.rta.filters import (
     BackupFilter,
     ContinuousFilter,
@@ -66,8 +67,9 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         fov: Full angle of the camera's cone, and so of the sun's keep-out cone [rad].
         vel_limit: Largest speed along each axis [m/s].
         psm_horizon: How long a coasting deputy must stay clear of the chief [s].
-        constraints: Names of the constraints. ``deputy_collision`` keeps the distance from every other deputy, and
-            ``deputy_PSM`` keeps it for `psm_horizon` of coasting; only with the method ``backup``.
+        constraints: Names of constraints, or mappings ``{functor: NAME, config: {...}}``. ``deputy_collision`` keeps
+            the distance from every other deputy, and ``deputy_PSM`` keeps it for `psm_horizon` of coasting; only with
+            the method ``backup``.
         deputy_radius: Two deputies collide when their centres are closer than twice this [m].
         method: ``backup`` keeps every constraint over the whole hold; ``continuous`` is the peer's condition on the
             derivative at the beginning of the hold, which does not; ``simplex`` switches to a backup controller.
@@ -90,7 +92,7 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
     fov: Angle = math.pi / 3
     vel_limit: PositiveSpeed = 1.0
     psm_horizon: PositiveDuration = 100.0
-    constraints: tuple[str, ...] = CONSTRAINTS
+    constraints: tuple[ConstraintEntry, ...] = CONSTRAINTS
     deputy_radius: PositiveLength = 5.0
     method: Literal["backup", "continuous", "simplex"] = "backup"
     infeasible: Literal["least_violating", "pass"] = "least_violating"
@@ -123,7 +125,7 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         return constraint_set(self._given, self._names)
 
     @property
-    def _names(self) -> tuple[str, ...]:
+    def _names(self) -> tuple[str | Constraint, ...]:
         return tuple(name for name in self.constraints if name not in PAIRS)
 
     @property

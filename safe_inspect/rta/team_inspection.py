@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from safe_inspect.rta.constraints import Constraint, RelativeState
+from safe_inspect.rta.constraints.sets import ConstraintEntry
 from safe_inspect.rta.filters import TeamFilter, TeamState
 from safe_inspect.rta.filters.base import differs
 from safe_inspect.rta.team import TeamFiltered, TeamSafety
@@ -78,7 +79,7 @@ class RTACWHInspectionTeam(TeamSafety):
     vel_limit: PositiveSpeed = 1.0
     psm_horizon: PositiveDuration = 100.0
     deputy_radius: PositiveLength = 5.0
-    constraints: tuple[str, ...] = TEAM_CONSTRAINTS
+    constraints: tuple[ConstraintEntry, ...] = TEAM_CONSTRAINTS
 
     @model_validator(mode="after")
     def _check(self) -> RTACWHInspectionTeam:
@@ -114,7 +115,7 @@ class RTACWHInspectionTeam(TeamSafety):
         ``recoverable`` refuses those from which no joint backup plan is found.
         """
         state = TeamState(states["position"], states["velocity"], states["sun_angle"])
-        refused = {name: np.zeros(len(state), np.bool_) for name in self.constraints}
+        refused = {name: np.zeros(len(state), np.bool_) for name in self._filter.names}
         for name, constraint, relative in self._looks(state):
             value = constraint.evaluate(relative)
             refused[name] |= ~((value.h >= 0.0) & (value.phi >= 0.0))

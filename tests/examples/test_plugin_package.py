@@ -19,6 +19,7 @@ from safe_inspect.registry import ENTRY_POINT_GROUP
 
 _PACKAGE = Path(__file__).parents[2] / "examples" / "plugin_package"
 _EXPERIMENT = _PACKAGE / "configs" / "speed-limit" / "experiment.yml"
+_WALL = _PACKAGE / "configs" / "wall" / "experiment.yml"
 _BY_PATH = "config.config.env_config.plugin_paths=[safe_inspect_example]"
 
 
@@ -104,9 +105,21 @@ def test_an_installed_package_is_found_by_its_entry_point(tmp_path: Path) -> Non
     assert "is valid" in python("-m", "safe_inspect.cli", "validate", str(_EXPERIMENT), path=tmp_path)
 
 
+@pytest.mark.parametrize("steps", [6_000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_the_default_filter_keeps_the_deputy_off_the_wall(steps: int) -> None:
+    told = python(
+        "-m", "safe_inspect.cli", "safety", str(_WALL), _BY_PATH, "--steps", str(steps), "--num-envs", "256",
+        path=_PACKAGE / "src",
+    )  # fmt: skip
+    (wall,) = (line.split() for line in told.splitlines() if line.startswith("Wall"))
+    assert 0.0 <= float(wall[1]) < 1.0  # the adversaries came to it
+    assert wall[3:] == ["0", "0"]
+    assert "infeasible steps: 0;" in told
+
+
 def test_its_own_tests_pass() -> None:
     told = python("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests", path=_PACKAGE / "src")
-    assert "6 passed" in told
+    assert "8 passed" in told
 
 
 def test_the_reward_is_as_short_as_promised() -> None:

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
-from safe_inspect_example import FuelSpentDone, RangeRateSensor, SpeedLimitReward
+from safe_inspect_example import FuelSpentDone, RangeRateSensor, SpeedLimitReward, Wall
 
+from safe_inspect.rta.constraints import RelativeState
 from safe_inspect.testing import check_plugin, sample_steps
 
 
-@pytest.mark.parametrize("plugin", [SpeedLimitReward, FuelSpentDone, RangeRateSensor])
+@pytest.mark.parametrize("plugin", [SpeedLimitReward, FuelSpentDone, RangeRateSensor, Wall])
 def test_the_plugin_keeps_the_contract(plugin):
     check_plugin(plugin)
 
@@ -27,3 +28,13 @@ def test_the_range_rate_is_the_radial_part_of_the_velocity():
     view.writable.position[:, 0] = [[100.0, 0.0, 0.0], [0.0, -50.0, 0.0], [3.0, 0.0, 4.0], [0.0, 0.0, 0.0]]
     view.writable.velocity[:, 0] = [[1.0, 5.0, 5.0], [0.0, 0.2, 9.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
     np.testing.assert_allclose(RangeRateSensor()(view)[:, 0], [1.0, -0.2, 1.4, 0.0], atol=1e-15)
+
+
+def test_the_half_space_of_the_wall_is_its_phi():
+    wall = Wall(normal=(0.6, 0.0, -0.8), offset="20 m")
+    state = RelativeState(np.array([[10.0, 5.0, 10.0], [90.0, 0.0, 10.0]]), np.ones((2, 3)), np.zeros(2))
+    np.testing.assert_allclose(wall.phi(state), [22.0, -26.0])
+    for position, phi in zip(state.position, wall.phi(state), strict=True):
+        d = np.zeros(6)
+        need = Wall.half_space(wall.half_space_parameters(), np.append(position, [1.0, 1.0, 1.0]), d)
+        np.testing.assert_allclose(d[:3] @ position - need, phi)

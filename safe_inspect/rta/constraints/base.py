@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Self
@@ -14,6 +15,9 @@ from safe_inspect.plugin import Plugin
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import FloatArray
+
+#: Row kernel of a half-space: takes parameters, a state (6,) and an array (6,) for the direction; returns the need.
+HalfSpace = Callable[[Any, Any, Any], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +90,26 @@ class Constraint(Plugin):
     `from_parameters`. Row i of every result depends on row i of the state alone, and is finite for every
     finite state whose squares do not overflow.
 
+    For the filters ``backup`` and ``simplex`` and that of a team, which certify whole holds, it also defines
+    `half_space`, a static method that the filter compiles::
+
+        @staticmethod
+        def half_space(p, x, d):  # n . position <= limit, with p = (n_x, n_y, n_z, limit)
+            d[0], d[1], d[2] = -p[0], -p[1], -p[2]
+            return -p[3]
+
+    It writes into d, which comes filled with zeros, a direction in the space of states y = (position [m], velocity
+    [m/s]), Hill frame, and returns a need such that
+
+    - every state y with d.y >= need is safe, and
+    - the state x itself is safe exactly where d.x >= need.
+
+    `p` holds `half_space_parameters`. A bound that is linear in the state has the same half-space at every x. For an
+    obstacle that is convex it is the half-space beyond the tangent plane of the point next to x. A set from which
+    one must not leave is convex in general, and no half-space lies within it: give one constraint for each face. The
+    filter keeps states within the half-spaces at every moment, so what holds is what `half_space` says, and it must
+    agree with phi. It cannot depend on time or on the sun.
+
     Attributes:
         alpha_linear: Linear coefficient of alpha [1/s].
         alpha_cubic: Cubic coefficient of alpha [1/(s h^2)].
@@ -93,6 +117,7 @@ class Constraint(Plugin):
     """
 
     kind: ClassVar[str] = "constraint"
+    half_space: ClassVar[HalfSpace | None] = None
 
     alpha_linear: float = 0.01
     alpha_cubic: float = 0.001
@@ -106,6 +131,10 @@ class Constraint(Plugin):
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
         """Return the constraint for a task's parameters; one that takes none of them is built from its defaults."""
         return cls()
+
+    def half_space_parameters(self) -> tuple[float, ...]:
+        """Return the numbers that `half_space` takes as p."""
+        return ()
 
     def __call__(self, state: RelativeState) -> FloatArray:
         """Return the plain safety quantity phi, >= 0 where the state is safe, shape (R,)."""

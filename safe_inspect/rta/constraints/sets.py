@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, cast
+from typing import Annotated, Any, cast
+
+from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from safe_inspect.errors import RegistryError
+from safe_inspect.functor import SCHEMA_KIND, build, describe
 from safe_inspect.registry import registry
 from safe_inspect.rta.constraints.base import Constraint
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
@@ -15,13 +18,14 @@ NAMES = ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", 
 
 
 def constraint_set(
-    parameters: Mapping[str, Any] | ConstraintParameters, names: Iterable[str] = NAMES
+    parameters: Mapping[str, Any] | ConstraintParameters, names: Iterable[str | Constraint] = NAMES
 ) -> dict[str, Constraint]:  # fmt: skip
     """Return the named constraints, built from a task's parameters, in the order of the names.
 
     Args:
         parameters: The peer's argument names and their values; see `ConstraintParameters`.
-        names: Registered names of constraints, or dotted paths to their classes.
+        names: Registered names of constraints, or dotted paths to their classes; or constraints, whose fields that are
+            not given come from the parameters.
 
     Raises:
         ValueError: A name is unknown or stands twice, a parameter is unknown or impossible, or two
@@ -31,12 +35,49 @@ def constraint_set(
         raise ValueError(f"the names of the constraints are a list, not the text {names!r}; write [{names}]")
     known = ConstraintParameters.of(parameters)
     built: dict[str, Constraint] = {}
-    for name in names:
+    for entry in names:
+        name = name_of(entry)
         if name in built:
             raise ValueError(f"the constraint {name!r} stands twice; remove one")
+        if isinstance(entry, Constraint):
+            given = {field: getattr(entry, field) for field in entry.model_fields_set}
+            built[name] = type(entry).from_parameters(known).model_copy(update=given)
+            continue
         try:
-            cls = cast("type[Constraint]", registry.get("constraint", name))
+            cls = cast("type[Constraint]", registry.get("constraint", entry))
         except RegistryError as error:
             raise ValueError(str(error)) from None
         built[name] = cls.from_parameters(known)
     return built
+
+
+def name_of(entry: str | Constraint) -> str:
+    """Return the name of a constraint among others: its field `name`, if it has one, else the registered one."""
+    return entry if isinstance(entry, str) else str(getattr(entry, "name", entry.registered_name))
+
+
+def gives_half_space(entry: str | Constraint) -> bool:
+    """Return whether a constraint, or the one that is registered under a name, defines `Constraint.half_space`."""
+    if isinstance(entry, Constraint):
+        return type(entry).half_space is not None
+    try:
+        return cast("type[Constraint]", registry.get("constraint", entry)).half_space is not None
+    except RegistryError:
+        return False
+
+
+def _entry(value: Any) -> Any:
+    return value if isinstance(value, str) else build("constraint", value)
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, str) else describe(value)
+
+
+#: Field type of a constraint in a list: its name, or a mapping with its name and fields.
+ConstraintEntry = Annotated[
+    Any,
+    BeforeValidator(_entry),
+    PlainSerializer(_plain),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object", SCHEMA_KIND: "constraint"}]}),
+]

@@ -59,13 +59,15 @@ class SafetyFilter(ABC):
     """
 
     def __init__(
-        self, parameters: Mapping[str, Any] | ConstraintParameters | None = None, names: Iterable[str] = NAMES
-    ) -> None:  # fmt: skip
+        self,
+        parameters: Mapping[str, Any] | ConstraintParameters | None = None,
+        names: Iterable[str | Constraint] = NAMES,
+    ) -> None:
         """Build the constraints.
 
         Args:
             parameters: The peer's argument names and their values; see `ConstraintParameters`.
-            names: Registered names of constraints.
+            names: Registered names of constraints, or constraints.
 
         Raises:
             ValueError: A name or a parameter is wrong; see `constraint_set`.

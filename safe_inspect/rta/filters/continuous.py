@@ -43,7 +43,7 @@ class ContinuousFilter(SafetyFilter):
     def __init__(
         self,
         parameters: Mapping[str, Any] | ConstraintParameters | None = None,
-        names: Iterable[str] = NAMES,
+        names: Iterable[str | Constraint] = NAMES,
         infeasible: Literal["least_violating", "pass"] = "least_violating",
     ) -> None:
         """Build the filter; see `SafetyFilter` for the arguments.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
@@ -61,7 +61,7 @@ class SimplexFilter:
     def __init__(
         self,
         parameters: Mapping[str, Any] | ConstraintParameters | None = None,
-        names: Iterable[str] = NAMES,
+        names: Iterable[str | Constraint] = NAMES,
         delta_v_limit: float = math.inf,
         position_weight: float = 1e-6,
         velocity_weight: float = 1.0,
@@ -70,7 +70,7 @@ class SimplexFilter:
 
         Args:
             parameters: The peer's argument names and their values; see `ConstraintParameters`.
-            names: Registered names of constraints, of the eight of the inspection task.
+            names: Constraints that `BackupFilter` keeps, by name or built.
             delta_v_limit: Delta-v at which the backup is latched [m/s].
             position_weight: Weight of the squared position error [1/m^2], that of the squared thrust being 1 [1/N^2].
             velocity_weight: Weight of the squared velocity error [s^2/m^2].

@@ -79,6 +79,12 @@ def broken_at(m: Model, near: float, x: RowState, sun: tuple[float, float], leng
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def acceleration_at(n: float, x: RowState, w: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the acceleration at a state under the thrust's own w [m/s^2]."""
+    return 3.0 * n * n * x[0] + 2.0 * n * x[4] + w[0], w[1] - 2.0 * n * x[3], w[2] - n * n * x[2]
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def uncertain(
     m: Model, near: float, a: RowState, b: RowState, sun_a: tuple[float, float], sun_b: tuple[float, float],
     w: tuple[float, float, float], span: float, length: float, speed: float,
@@ -98,8 +104,8 @@ def uncertain(
         speed: Margin of the speeds [m/s].
     """
     n = m.n
-    ax, ay, az = 3.0 * n * n * a[0] + 2.0 * n * a[4] + w[0], w[1] - 2.0 * n * a[3], w[2] - n * n * a[2]
-    bx, by, bz = 3.0 * n * n * b[0] + 2.0 * n * b[4] + w[0], w[1] - 2.0 * n * b[3], w[2] - n * n * b[2]
+    ax, ay, az = acceleration_at(n, a, w)
+    bx, by, bz = acceleration_at(n, b, w)
     r2a, r2b = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
     va = math.sqrt(a[3] * a[3] + a[4] * a[4] + a[5] * a[5])
     vb = math.sqrt(b[3] * b[3] + b[4] * b[4] + b[5] * b[5])

@@ -13,8 +13,10 @@ import math
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, lowest, turned
+from safe_inspect.rta.filters.backup.half_spaces import further_closed_motion
 from safe_inspect.rta.filters.backup.model import (
     COLLISION,
+    FINEST,
     ORBIT_CELLS,
     R_MAX,
     REL_VEL,
@@ -26,8 +28,6 @@ from safe_inspect.rta.filters.backup.model import (
 )
 from safe_inspect.types import FloatArray
 
-#: Cells of an orbit after the last halving; what they leave uncertain is far less than the margins.
-FINEST = ORBIT_CELLS * 2**10
 #: Columns of a node: angle in finest cells, x, y, z, range, speed / n, the position along and across the sun cone's
 #: axis, cosine and sine of the sun angle.
 _COLUMNS = 10
@@ -174,4 +174,4 @@ def closed_motion(
             if code != SAFE:
                 return code
             work[top, 0], b = middle, top
-    return SAFE
+    return further_closed_motion(m, x, length, speed) if m.further else SAFE

@@ -12,8 +12,19 @@ import math
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import held, turned
+from safe_inspect.rta.filters.backup.half_spaces import half_space, needed
 from safe_inspect.rta.filters.backup.holds import coasted
-from safe_inspect.rta.filters.backup.model import COLLISION, HOLD_PIECES, PSM, R_MAX, REL_VEL, SUN, X_VEL, Model
+from safe_inspect.rta.filters.backup.model import (
+    COLLISION,
+    FURTHER,
+    HOLD_PIECES,
+    PSM,
+    R_MAX,
+    REL_VEL,
+    SUN,
+    X_VEL,
+    Model,
+)
 from safe_inspect.types import FloatArray
 
 #: Most half-spaces of one row's programme.
@@ -34,6 +45,11 @@ def support(
 
     `length` and `speed` are the margins [m], [m/s]. Passive safety is not one of them; see `cut_coasting`.
     """
+    if code >= FURTHER:
+        half = half_space(m, code, b)
+        for j in range(6):
+            d[j] = half[j]
+        return float(needed(half, length, speed))
     for j in range(6):
         d[j] = 0.0
     if code == SUN:
@@ -135,7 +151,7 @@ def cut_broken(
     """Append the half-spaces of all constraints broken at the end of a hold; return the count and the bits of them."""
     k, bits = HOLD_PIECES, 0
     b, sun_b = held(m, x, u, k), turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
-    for code in range(8):
+    for code in range(FURTHER + m.further):
         if (code == SUN and not m.sun) or code in (PSM, COLLISION):
             continue
         need = support(m, code, b, sun_b, length, speed, d)

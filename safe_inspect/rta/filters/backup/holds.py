@@ -7,6 +7,7 @@ import math
 from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, broken_at, held, turned, uncertain
+from safe_inspect.rta.filters.backup.half_spaces import further_broken, further_uncertain
 from safe_inspect.rta.filters.backup.model import HOLD_PIECES, PSM, Model
 from safe_inspect.types import FloatArray, IntArray
 
@@ -39,10 +40,14 @@ def hold(
         b, sun_b = held(m, x, u, end), turned(sun, m.hold_sun[end, 0], m.hold_sun[end, 1])
         where[0] = end
         code = broken_at(m, m.near, b, sun_b, length, speed)
+        if code == SAFE and m.further:
+            code = further_broken(m, b, length, speed)
         if code != SAFE:
             return code
         span = (end - time) * (m.dt / HOLD_PIECES)
         code = uncertain(m, m.near, a, b, sun_a, sun_b, w, span, length, speed)
+        if code == SAFE and m.further:
+            code = further_uncertain(m, a, b, w, span, length, speed)
         if code == SAFE:
             a, sun_a, time = b, sun_b, end
             top -= 1

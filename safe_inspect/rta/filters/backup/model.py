@@ -15,10 +15,16 @@ from safe_inspect.types import FloatArray
 #: The constraints that the backup filter knows; the index of a name is its code in the compiled rows.
 KNOWN = ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel")
 COLLISION, REL_VEL, SUN, R_MAX, PSM, X_VEL, Y_VEL, Z_VEL = range(8)
+#: Code of the first further constraint; see `half_spaces`.
+FURTHER = len(KNOWN)
+#: Bit of what keeps pairs of deputies apart; their passive safety has the next. The bits of codes end before it.
+PAIR_BIT = 60
 #: Finest pieces of a hold.
 HOLD_PIECES = 256
 #: Cells into which an orbit is cut before any refinement.
 ORBIT_CELLS = 16
+#: Cells of an orbit after the last halving; what they leave uncertain is far less than the margins.
+FINEST = ORBIT_CELLS * 2**10
 #: Nodes of an orbit at which its slack is made linear.
 FINE_NODES = 64
 _COAST_ANGLE = 0.2
@@ -53,6 +59,9 @@ class Model(NamedTuple):
         orbit: Cosine and sine of the first cells' ends of an orbit, shape (17, 2).
         fine: The same of `FINE_NODES` nodes, shape (64, 2).
         plan: Control of a plan from (targets - free motion), shape (3, 3), with the row order x, y, z of the velocity.
+        further: How many further constraints there are; see `half_spaces`.
+        kernels: Address of the addresses of their kernels and parameters; see `KernelTable`. Two numbers instead of
+            arrays, for models are handed on by value.
     """
 
     n: float
@@ -78,6 +87,8 @@ class Model(NamedTuple):
     orbit: FloatArray
     fine: FloatArray
     plan: FloatArray
+    further: int
+    kernels: int
 
 
 def build_model(parameters: ConstraintParameters, names: Iterable[str] = KNOWN) -> Model:
@@ -117,4 +128,5 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = KNOWN) 
         orbit=np.stack((np.cos(circle), np.sin(circle)), axis=-1),
         fine=np.stack((np.cos(nodes), np.sin(nodes)), axis=-1),
         plan=np.asarray(np.linalg.inv(closing), dtype=np.float64),
+        further=0, kernels=0,
     )  # fmt: skip

@@ -13,9 +13,11 @@ from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import held, sun_gap, turned
 from safe_inspect.rta.filters.backup.cuts import MOST
+from safe_inspect.rta.filters.backup.half_spaces import further_slack
 from safe_inspect.rta.filters.backup.model import (
     COLLISION,
     FINE_NODES,
+    FURTHER,
     HOLD_PIECES,
     ORBIT_CELLS,
     PSM,
@@ -39,6 +41,8 @@ def _slack(m: Model, x: RowState, sun: tuple[float, float], code: int) -> float:
     """Return how far a constraint is from broken, in metres; speeds count as the range of a motion that fast."""
     if code == SUN:
         return float(sun_gap(m, x, sun))
+    if code >= FURTHER:
+        return float(further_slack(m, code, x))
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     if code == COLLISION:
         return r - max(m.near, m.near_psm)
@@ -75,6 +79,10 @@ def _least_slack(m: Model, x: RowState, sun: tuple[float, float]) -> tuple[float
         value = sun_gap(m, x, sun)
         if value < least:
             least, which = value, SUN
+    for code in range(FURTHER, FURTHER + m.further):
+        value = further_slack(m, code, x)
+        if value < least:
+            least, which = value, code
     return least, which
 
 
@@ -138,7 +146,7 @@ def cut_recovery(
     b2, over2 = held(m, after, w, HOLD_PIECES), _excess(m, w)
     if over < margin:
         count = _add_linear(over, over0, over1, over2, margin, u, rows, bounds, count)
-    for code in range(8):
+    for code in range(FURTHER + m.further):
         if code == PSM or (code == SUN and not m.sun):
             continue
         previous, falling = math.inf, False

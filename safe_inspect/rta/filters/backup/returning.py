@@ -8,7 +8,8 @@ from safe_inspect.compiled import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import held, sun_gap, turned
 from safe_inspect.rta.filters.backup.cuts import add, cut_near, support
-from safe_inspect.rta.filters.backup.model import COLLISION, HOLD_PIECES, PSM, R_MAX, SUN, Model
+from safe_inspect.rta.filters.backup.half_spaces import further_slack
+from safe_inspect.rta.filters.backup.model import COLLISION, FURTHER, HOLD_PIECES, PSM, R_MAX, SUN, Model
 from safe_inspect.rta.filters.backup.scratch import Scratch, plain
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
@@ -55,6 +56,11 @@ def _ask(m: Model, need: float, b: RowState, u: FloatArray, s: Scratch, count: i
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+def _bounds_speeds(d: FloatArray) -> bool:
+    return bool(d[3] != 0.0 or d[4] != 0.0 or d[5] != 0.0)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
 def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatArray, s: Scratch) -> int:
     """Write the least-violating control of the way back, and of such the smallest; return the bits of what shapes it.
 
@@ -72,12 +78,15 @@ def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatAr
         s.trial[axis], out[axis] = 0.0, 0.0
     for _ in range(_ROUNDS):
         b, before = held(m, x, out, k), count
-        for code in range(8):
+        for code in range(FURTHER + m.further):
             if code == PSM or (code == SUN and not m.sun) or (code == R_MAX and not math.isfinite(m.far)):
                 continue
             need = support(m, code, b, sun_b, 0.0, _SPARE, s.d)
-            if code in (COLLISION, SUN, R_MAX):
-                gap = r - m.near if code == COLLISION else (far - r if code == R_MAX else sun_gap(m, x, sun))
+            if code in (COLLISION, SUN, R_MAX) or (code >= FURTHER and not _bounds_speeds(s.d)):
+                if code >= FURTHER:
+                    gap = further_slack(m, code, x)
+                else:
+                    gap = r - m.near if code == COLLISION else (far - r if code == R_MAX else sun_gap(m, x, sun))
                 if gap < INSIDE:
                     count, asked = _ask(m, need if gap >= 0.0 else -math.inf, b, out, s, count)
                     _to_rate(m, code, sun_b, s.d)

@@ -8,15 +8,25 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import did_you_mean
-from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES
-from safe_inspect.rta.filters.backup.model import COLLISION, KNOWN, PSM, build_model
+from safe_inspect.rta.filters.backup.kernel_table import KernelTable
+from safe_inspect.rta.filters.backup.model import (
+    COLLISION,
+    FURTHER,
+    KNOWN,
+    PAIR_BIT,
+    PSM,
+    Model,
+    build_model,
+)
 from safe_inspect.rta.filters.base import FilterResult, SafetyFilter, checked, compiled, differs
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: A hold turns the orbit by at most this angle [rad]; the bounds between grid points need it to be small.
 _LARGEST_TURN = 0.5
+_MOST_FURTHER = PAIR_BIT - FURTHER
 
 
 class BackupFilter(SafetyFilter):
@@ -30,6 +40,8 @@ class BackupFilter(SafetyFilter):
     proposal is taken only if it passes the exact test. If none does, the search goes on along the segment from the
     backup plan's thrust, which passes by induction, to the last proposal.
 
+    Beside the eight constraints of the inspection task it keeps every one that defines `Constraint.half_space`.
+
     "At every moment" is certified, not sampled: see `arcs`, `holds` and `closed_motion`. The filter needs no memory:
     the plan is found again from the state. It holds for an exact model; the margins that every control must leave
     (1 mm, 0.01 mm/s, halved for a backup) absorb rounding, not disturbances.
@@ -42,23 +54,32 @@ class BackupFilter(SafetyFilter):
     """
 
     def __init__(
-        self, parameters: Mapping[str, Any] | ConstraintParameters | None = None, names: Iterable[str] = NAMES
-    ) -> None:  # fmt: skip
+        self,
+        parameters: Mapping[str, Any] | ConstraintParameters | None = None,
+        names: Iterable[str | Constraint] = NAMES,
+    ) -> None:
         """Build the filter; see `SafetyFilter` for the arguments.
 
         Raises:
-            ValueError: An argument is wrong, a constraint is not one of the eight of the inspection task, or the hold
-                is too long a part of the orbit.
+            ValueError: An argument is wrong, a constraint is neither one of the eight of the inspection task nor
+                gives a half-space, or the hold is too long a part of the orbit.
         """
         super().__init__(parameters, names)
-        codes = {KNOWN.index(c.registered_name): j for j, c in enumerate(self.constraints.values())
-                 if c.registered_name in KNOWN}  # fmt: skip
-        for name, constraint in self.constraints.items():
-            if constraint.registered_name not in KNOWN:
+        codes: dict[int, int] = {}
+        further: list[Constraint] = []
+        for j, (name, constraint) in enumerate(self.constraints.items()):
+            if constraint.registered_name in KNOWN:
+                codes[KNOWN.index(constraint.registered_name)] = j
+            elif type(constraint).half_space is not None:
+                codes[FURTHER + len(further)] = j
+                further.append(constraint)
+            else:
                 raise ValueError(
-                    f"the backup filter cannot keep {name!r}; {did_you_mean(name, KNOWN)} "
-                    f"(for other constraints use the continuous filter)"
+                    f"the backup filter cannot keep {name!r}; {did_you_mean(name, KNOWN)} (other constraints define "
+                    f"`half_space` for this filter, or are for the continuous filter alone)"
                 )
+        if len(further) > _MOST_FURTHER:
+            raise ValueError(f"the backup filter keeps at most {_MOST_FURTHER} constraints beside {', '.join(KNOWN)}")
         if self.parameters.n * self.parameters.step_size > _LARGEST_TURN:
             raise ValueError(
                 f"a hold of {self.parameters.step_size} s is too long a part of the orbit: "
@@ -67,7 +88,13 @@ class BackupFilter(SafetyFilter):
         if COLLISION not in codes and PSM in codes:
             codes[COLLISION] = codes[PSM]  # a plan that comes too near breaks passive safety then
         self._codes = codes
-        self._model = build_model(self.parameters, (KNOWN[code] for code in codes))
+        self.further = KernelTable(further)
+        self._tables = build_model(self.parameters, (KNOWN[code] for code in codes if code < FURTHER))
+
+    @property
+    def _model(self) -> Model:
+        """The numbers and tables of the task, with the further constraints."""
+        return self.further.into(self._tables)
 
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
         """Return the controls to fly; see `SafetyFilter`."""

@@ -13,7 +13,7 @@ from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.backup.cuts import cut_broken, cut_hold
-from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, Model
+from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, PAIR_BIT, Model
 from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust
 from safe_inspect.rta.filters.backup.scratch import Scratch, plain
@@ -21,8 +21,6 @@ from safe_inspect.rta.filters.team.plans import Sun, farthest_plans, minus, stat
 from safe_inspect.rta.filters.team.scratch import Team, TeamModel
 from safe_inspect.types import FloatArray
 
-#: Bit of what keeps pairs apart, beside those of the single filter's constraints; passive safety has the next.
-PAIR_BIT = 8
 #: Step of the differences [N].
 _STEP = 1e-4
 

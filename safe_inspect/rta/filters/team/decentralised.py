@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.base import FilterResult, checked, columns, differs
@@ -29,7 +29,7 @@ class DecentralisedFilter:
     def __init__(
         self,
         parameters: Mapping[str, Any] | ConstraintParameters | None,
-        names: Iterable[str],
+        names: Iterable[str | Constraint],
         pair_names: Iterable[str],
         deputy_radius: float = DEPUTY_RADIUS,
     ) -> None:  # fmt: skip
@@ -37,7 +37,7 @@ class DecentralisedFilter:
 
         Args:
             parameters: The peer's argument names and their values; see `ConstraintParameters`.
-            names: Names of the single filter's constraints.
+            names: Names of the single filter's constraints, or constraints.
             pair_names: Names of the constraints between deputies, ``deputy_collision`` or ``deputy_PSM``.
             deputy_radius: Radius about each deputy [m].
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import did_you_mean
-from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS, DeputyCollision, DeputyPassiveSafety
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import NAMES
-from safe_inspect.rta.filters.backup.model import KNOWN, PSM, build_model
+from safe_inspect.rta.constraints.sets import NAMES, gives_half_space, name_of
+from safe_inspect.rta.filters.backup.model import FURTHER, KNOWN, PAIR_BIT, PSM, build_model
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import compiled
 from safe_inspect.simulators.arrays import for_kernel
@@ -146,30 +146,31 @@ class TeamFilter:
     def __init__(
         self,
         parameters: Mapping[str, Any] | ConstraintParameters | None = None,
-        names: Iterable[str] = (*NAMES, "deputy_collision"),
+        names: Iterable[str | Constraint] = (*NAMES, "deputy_collision"),
         deputy_radius: float = DEPUTY_RADIUS,
     ) -> None:
         """Build the filter.
 
         Args:
             parameters: The peer's argument names and their values; see `ConstraintParameters`.
-            names: Names of constraints: of the single filter, and of `PAIR_CONSTRAINTS`.
+            names: Constraints of the single filter, by name or built, and names of `PAIR_CONSTRAINTS`.
             deputy_radius: Radius about each deputy [m].
 
         Raises:
             ValueError: An argument is wrong, or a constraint is none that the filter can keep.
         """
-        self.names = tuple(names)
+        entries = tuple(names)
+        self.names = tuple(map(name_of, entries))
         known = (*KNOWN, *PAIR_CONSTRAINTS)
-        for name in self.names:
-            if name not in known:
+        for name, entry in zip(self.names, entries, strict=True):
+            if name not in known and not gives_half_space(entry):
                 raise ValueError(f"the team's filter cannot keep {name!r}; {did_you_mean(name, known)}")
             if self.names.count(name) > 1:
                 raise ValueError(f"the constraint {name!r} stands twice; remove one")
         if not (np.isfinite(deputy_radius) and deputy_radius > 0.0):
             raise ValueError(f"deputy_radius must be positive and finite [m], not {deputy_radius}")
         self.deputy_radius = float(deputy_radius)
-        self.alone = BackupFilter(parameters, [name for name in self.names if name not in PAIR_CONSTRAINTS])
+        self.alone = BackupFilter(parameters, [entry for entry in entries if name_of(entry) not in PAIR_CONSTRAINTS])
         p = self.alone.parameters
         if self.deputy_radius >= p.r_max:
             raise ValueError(f"deputy_radius {deputy_radius} m leaves no room within r_max {p.r_max} m")
@@ -188,9 +189,10 @@ class TeamFilter:
         self._models = build_model(p, [name for name in self.names if name in KNOWN]), build_model(about, chosen)
         self._pairs = bool(chosen)
         codes = {name: KNOWN.index(name) for name in self.names if name in KNOWN}
-        codes |= {name: len(KNOWN) + (PAIR_CONSTRAINTS[name] == KNOWN[PSM]) for name in self.pair_constraints}
+        codes |= {name: FURTHER + k for k, name in enumerate(name for name in self.alone.names if name not in KNOWN)}
+        codes |= {name: PAIR_BIT + (PAIR_CONSTRAINTS[name] == KNOWN[PSM]) for name in self.pair_constraints}
         self._codes = {codes[name]: j for j, name in enumerate(self.names)}
-        for narrow, wide in ((0, PSM), (len(KNOWN), len(KNOWN) + 1)):
+        for narrow, wide in ((0, PSM), (PAIR_BIT, PAIR_BIT + 1)):
             if narrow not in self._codes and wide in self._codes:
                 self._codes[narrow] = self._codes[wide]  # a plan that comes too near breaks passive safety then
 
@@ -255,7 +257,8 @@ class TeamFilter:
 
     @property
     def _model(self) -> Any:
-        return compiled("team.scratch").TeamModel(*self._models, self._pairs)
+        one, pair = self._models
+        return compiled("team.scratch").TeamModel(self.alone.further.into(one), pair, self._pairs)
 
     def _rows(self, state: TeamState, control: FloatArray, memory: IntArray, plan: bool) -> BoolArray:
         out = np.empty(len(state), np.bool_)
