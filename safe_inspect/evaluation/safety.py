@@ -21,6 +21,7 @@ class SafetyReport:
 
     Attributes:
         names: The constraints, C of them.
+        units: Unit of each one's plain safety quantity.
         steps: Filtered steps, over all environments.
         starts_refused: Initial states that were unsafe by the constraints themselves.
         least_at_steps: Smallest plain safety quantity at the beginning and end of holds, shape (C,).
@@ -37,6 +38,7 @@ class SafetyReport:
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
     steps: int
     starts_refused: int
     least_at_steps: FloatArray
@@ -134,6 +136,7 @@ def safety_report(
     row = int(np.argmin((trace / scale).min(axis=(0, 2))))
     return SafetyReport(
         names=watch.names,
+        units=tuple(glues[0].units.get(name, "-") for name in watch.names),
         steps=holds * num_envs,
         starts_refused=refused,
         least_at_steps=watch.least_at_steps,

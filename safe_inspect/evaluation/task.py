@@ -28,8 +28,6 @@ from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import constraint_set
 
-#: Constraints that look at two deputies.
-_PAIRS = ("deputy_collision", "deputy_PSM", "deputy_sun")
 #: Fields of a simulator that decide on rewards alone.
 _PRICES = ("steps_until_update", "delta_v_scale_bounds", "delta_v_scale_step", "inspected_points_update_bounds")
 
@@ -137,11 +135,10 @@ def _constraints(filtering: Any) -> list[SmallestPhi]:
         return []
     given = {name: value for name, value in fields.items() if name in ConstraintParameters.model_fields}
     made = []
-    for name, constraint in constraint_set(given, names).items():
-        pair = name in _PAIRS
-        if pair and "deputy_radius" in type(constraint).model_fields and "deputy_radius" in fields:
+    for constraint in constraint_set(given, names).values():
+        if constraint.pair and "deputy_radius" in type(constraint).model_fields and "deputy_radius" in fields:
             constraint = constraint.model_copy(update={"deputy_radius": fields["deputy_radius"]})
-        made.append(SmallestPhi(constraint=constraint, about="deputies" if pair else "chief"))
+        made.append(SmallestPhi(constraint=constraint, about="deputies" if constraint.pair else "chief"))
     return made
 
 

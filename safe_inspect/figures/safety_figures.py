@@ -14,9 +14,6 @@ from safe_inspect.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Unit of each constraint's plain safety quantity.
-_UNITS = {"chief_collision": "m", "PSM": "m", "r_max": "m", "sun": "rad"}
-
 
 def safety_figure(report: SafetyReport) -> Figure:
     """Draw every constraint's plain safety quantity over time, for the environment that came nearest to a violation."""
@@ -27,10 +24,10 @@ def safety_figure(report: SafetyReport) -> Figure:
         figure = Figure(figsize=(8.0, 1.35 * rows + 0.4), facecolor="white", layout="constrained")
         panels = figure.subplots(rows, 2, sharex=True, squeeze=False)
         hours = np.arange(len(report.worst)) * report.step_size / 3600.0
-        for axes, name, values in zip(panels.flat, report.names, report.worst.T, strict=False):
+        for axes, name, unit, values in zip(panels.flat, report.names, report.units, report.worst.T, strict=False):
             axes.axhline(0.0, color=VERMILION, linewidth=0.9)
             axes.plot(hours, values, color=BLUE, linewidth=0.9)
-            axes.set_ylabel(f"{name}\n[{_UNITS.get(name, 'm/s')}]")
+            axes.set_ylabel(f"{name}\n[{unit}]")
         for axes in panels.flat[len(report.names) :]:
             axes.set_axis_off()
         for axes in panels[-1]:

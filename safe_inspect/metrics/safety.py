@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -12,17 +11,10 @@ from safe_inspect.functor import functor_field
 from safe_inspect.metrics.base import Metric, Reduce, TeamMetric, over_both
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.chief_collision import ChiefCollision
+from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.types import FloatArray
-
-#: Unit of the plain safety quantity of each constraint of this package.
-UNITS = MappingProxyType(
-    {
-        "chief_collision": "m", "rel_vel": "m/s", "sun": "rad", "r_max": "m", "PSM": "m", "x_vel": "m/s",
-        "y_vel": "m/s", "z_vel": "m/s", "deputy_collision": "m", "deputy_PSM": "m", "deputy_sun": "rad",
-    }
-)  # fmt: skip
 
 
 class Interventions(Metric):
@@ -65,12 +57,12 @@ class SmallestPhi(Metric):
     @property
     def unit(self) -> str:  # type: ignore[override]
         """Unit of the constraint's quantity."""
-        return UNITS.get(self.constraint.registered_name, "-")  # type: ignore[attr-defined]
+        return str(self.constraint.unit)  # type: ignore[attr-defined]
 
     @property
     def label(self) -> str:
         """Name in tables."""
-        return f"phi {self.constraint.registered_name}"  # type: ignore[attr-defined]
+        return f"phi {name_of(self.constraint)}"  # type: ignore[arg-type]
 
     def __call__(self, step: Step) -> FloatArray:
         """Return phi, shape (R,)."""

@@ -49,6 +49,11 @@ class SafetyGlue(ActionGlue):
         """Return the glues that command a controller."""
         return tuple(leaf for glue in self.wrapped for leaf in glue.leaves())
 
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Unit of what `safety` returns for each constraint; dimensionless where none is given."""
+        return {}
+
     @abstractmethod
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return for each constraint the rows of initial states that it refuses, shape (R,).

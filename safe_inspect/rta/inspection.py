@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from safe_inspect.glues.base import Bounds, Parts
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
-from safe_inspect.rta.constraints.sets import ConstraintEntry
+from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
 from safe_inspect.rta.filters import (
     BackupFilter,
     ContinuousFilter,
@@ -21,6 +21,7 @@ from safe_inspect.rta.filters import (
     SimplexFilter,
     SimplexMemory,
 )
+from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import GUARD, View
 from safe_inspect.simulators.world import World
@@ -35,10 +36,6 @@ from safe_inspect.units import (
     PositiveMass,
     PositiveSpeed,
 )
-
-CONSTRAINTS = ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel")
-#: Constraints between the deputy and the others.
-PAIRS = ("deputy_collision", "deputy_PSM")
 
 #: Fields that are the constraints' and the filters' parameters, by their names there.
 _PARAMETERS = (
@@ -92,7 +89,7 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
     fov: Angle = math.pi / 3
     vel_limit: PositiveSpeed = 1.0
     psm_horizon: PositiveDuration = 100.0
-    constraints: tuple[ConstraintEntry, ...] = CONSTRAINTS
+    constraints: tuple[ConstraintEntry, ...] = NAMES
     deputy_radius: PositiveLength = 5.0
     method: Literal["backup", "continuous", "simplex"] = "backup"
     infeasible: Literal["least_violating", "pass"] = "least_violating"
@@ -126,11 +123,11 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
 
     @property
     def _names(self) -> tuple[str | Constraint, ...]:
-        return tuple(name for name in self.constraints if name not in PAIRS)
+        return tuple(name for name in self.constraints if name not in PAIR_CONSTRAINTS)
 
     @property
     def _pairs(self) -> tuple[str, ...]:
-        return tuple(name for name in self.constraints if name in PAIRS)
+        return tuple(name for name in self.constraints if name in PAIR_CONSTRAINTS)
 
     @cached_property
     def _guard(self) -> BackupFilter:
@@ -185,6 +182,11 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         """Return for each constraint phi, at least 0 where the state is safe, shape (R,)."""
         state = RelativeState(states["position"], states["velocity"], states["sun_angle"])
         return {name: constraint.phi(state) for name, constraint in self._constraints.items()}
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each constraint's phi."""
+        return {name: constraint.unit for name, constraint in self._constraints.items()}
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold in the next step."""

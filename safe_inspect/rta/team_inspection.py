@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from safe_inspect.rta.constraints import Constraint, RelativeState
-from safe_inspect.rta.constraints.sets import ConstraintEntry
+from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
 from safe_inspect.rta.filters import TeamFilter, TeamState
 from safe_inspect.rta.filters.base import differs
 from safe_inspect.rta.team import TeamFiltered, TeamSafety
@@ -29,10 +29,6 @@ from safe_inspect.units import (
     PositiveMass,
     PositiveSpeed,
 )
-
-TEAM_CONSTRAINTS = (
-    "chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel", "deputy_collision",
-)  # fmt: skip
 
 #: Fields that are the constraints' and the filter's parameters, by their names there.
 _PARAMETERS = (
@@ -79,7 +75,7 @@ class RTACWHInspectionTeam(TeamSafety):
     vel_limit: PositiveSpeed = 1.0
     psm_horizon: PositiveDuration = 100.0
     deputy_radius: PositiveLength = 5.0
-    constraints: tuple[ConstraintEntry, ...] = TEAM_CONSTRAINTS
+    constraints: tuple[ConstraintEntry, ...] = (*NAMES, "deputy_collision")
 
     @model_validator(mode="after")
     def _check(self) -> RTACWHInspectionTeam:

@@ -106,6 +106,7 @@ def test_the_figure_is_written(report_of, tmp_path):
         figure = safety_figure(report)
         labels = " ".join(axes.get_ylabel() for axes in figure.axes)
         assert all(name in labels for name in NAMES)
+        assert {"chief_collision\n[m]", "x_vel\n[m/s]", "sun\n[rad]"} <= {axes.get_ylabel() for axes in figure.axes}
         target = tmp_path / f"{index}.png"
         save(figure, target)
         assert target.read_bytes().startswith(b"\x89PNG")

@@ -126,3 +126,15 @@ def test_building_the_constraints_waits_for_no_compiler():
         "sys.exit('numba' in sys.modules or 'scipy' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_constraint_says_the_unit_of_its_phi_and_whether_it_looks_at_two_deputies():
+    units = {
+        "chief_collision": "m", "rel_vel": "m/s", "sun": "rad", "r_max": "m", "PSM": "m", "x_vel": "m/s",
+        "y_vel": "m/s", "z_vel": "m/s", "deputy_collision": "m", "deputy_PSM": "m", "deputy_sun": "rad",
+    }  # fmt: skip
+    for name, unit in units.items():
+        cls = registry.get("constraint", name)
+        assert (cls.unit, cls.pair) == (unit, name.startswith("deputy_")), name
+    for name, cls in registry.items("constraint"):
+        assert name in units or not cls.__module__.startswith("safe_inspect."), f"what is the unit of {name}?"

@@ -10,6 +10,7 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.metrics import SmallestPhi
 from safe_inspect.rta.constraints import NAMES, Constraint, Evaluation, RelativeState, constraint_set
 from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.rta.filters import BackupFilter, SimplexFilter, SimplexMemory, TeamFilter, TeamState
@@ -27,6 +28,8 @@ class Plane(Constraint, name="TestPlane"):
         normal: Any vector n.
         offset: The offset, in units of n . p.
     """
+
+    unit: ClassVar[str] = "m"
 
     name: str = "plane"
     normal: tuple[float, float, float] = (0.6, 0.8, 0.0)
@@ -308,6 +311,9 @@ def test_the_glue_takes_a_constraint_with_its_fields():
     found = glue.safety({**states, "sun_angle": np.zeros(2)})
     assert list(found) == ["r_max", "plane"]
     np.testing.assert_allclose(found["plane"], [3.0, -24.0])
+    assert glue.units == {"r_max": "m", "plane": "m"}
+    metric = SmallestPhi(constraint=glue.constraints[1])
+    assert (metric.label, metric.unit) == ("phi plane", "m")
     again = RTAGlueCWHInspection1v1.model_validate(glue.model_dump(mode="json"))
     assert list(map(name_of, again.constraints)) == ["r_max", "plane"]
     assert again.constraints[1].offset == 30.0

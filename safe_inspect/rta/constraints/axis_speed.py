@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Self
+from typing import ClassVar, Self
 
 from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
 from safe_inspect.rta.constraints.fields import PositiveSpeed
@@ -18,6 +18,8 @@ class AxisSpeed(Constraint):
     Attributes:
         vel_limit: Largest speed v_lim along the axis [m/s].
     """
+
+    unit: ClassVar[str] = "m/s"
 
     vel_limit: PositiveSpeed = DEFAULTS.vel_limit
     alpha_linear: float = 0.1

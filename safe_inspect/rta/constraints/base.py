@@ -110,6 +110,10 @@ class Constraint(Plugin):
     filter keeps states within the half-spaces at every moment, so what holds is what `half_space` says, and it must
     agree with phi. It cannot depend on time or on the sun.
 
+    Class attributes:
+        unit: Unit of phi.
+        pair: True where the state is that of one deputy relative to another, instead of to the chief.
+
     Attributes:
         alpha_linear: Linear coefficient of alpha [1/s].
         alpha_cubic: Cubic coefficient of alpha [1/(s h^2)].
@@ -117,6 +121,8 @@ class Constraint(Plugin):
     """
 
     kind: ClassVar[str] = "constraint"
+    unit: ClassVar[str] = "-"
+    pair: ClassVar[bool] = False
     half_space: ClassVar[HalfSpace | None] = None
 
     alpha_linear: float = 0.01

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
 from safe_inspect.rta.constraints.fields import PositiveAcceleration
@@ -23,6 +23,8 @@ class ChiefCollision(Constraint, name="chief_collision"):
         collision_radius: Smallest allowed range r_c [m].
         max_acceleration: Deceleration a that the thrusters can promise [m/s^2].
     """
+
+    unit: ClassVar[str] = "m"
 
     collision_radius: PositiveLength = DEFAULTS.collision_radius
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Self
+from typing import ClassVar, Self
 
 from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState
 from safe_inspect.rta.constraints.chief_collision import ChiefCollision
@@ -30,6 +30,9 @@ class DeputyCollision(Constraint, name="deputy_collision"):
         deputy_radius: Radius r_d about each deputy [m].
         max_acceleration: Deceleration a that each deputy can promise [m/s^2].
     """
+
+    unit: ClassVar[str] = "m"
+    pair: ClassVar[bool] = True
 
     deputy_radius: PositiveLength = DEPUTY_RADIUS
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration
@@ -56,6 +59,9 @@ class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
         mean_motion: Mean motion n [rad/s].
         horizon: Time of coasting [s].
     """
+
+    unit: ClassVar[str] = "m"
+    pair: ClassVar[bool] = True
 
     deputy_radius: PositiveLength = DEPUTY_RADIUS
     mean_motion: PositiveAngularRate = DEFAULTS.n
@@ -84,6 +90,9 @@ class DeputySunKeepOut(Constraint, name="deputy_sun"):
         max_acceleration: Deceleration a that each deputy can promise [m/s^2].
         mean_motion: Rate n of the sun angle [rad/s].
     """
+
+    unit: ClassVar[str] = "rad"
+    pair: ClassVar[bool] = True
 
     fov: FieldOfView = math.pi / 3.0
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration

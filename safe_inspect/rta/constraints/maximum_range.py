@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
 from safe_inspect.rta.constraints.fields import PositiveAcceleration
@@ -20,6 +20,8 @@ class MaximumRange(Constraint, name="r_max"):
         r_max: Largest allowed range [m].
         max_acceleration: Deceleration a that the thrusters can promise [m/s^2].
     """
+
+    unit: ClassVar[str] = "m"
 
     r_max: PositiveLength = DEFAULTS.r_max
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration

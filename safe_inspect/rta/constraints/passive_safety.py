@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
@@ -27,6 +27,8 @@ class PassivelySafeManoeuvre(Constraint, name="PSM"):
         mean_motion: Mean motion n [rad/s].
         horizon: Time of coasting [s].
     """
+
+    unit: ClassVar[str] = "m"
 
     collision_radius: PositiveLength = DEFAULTS.collision_radius
     mean_motion: PositiveAngularRate = DEFAULTS.n

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import Field
 
@@ -25,6 +25,8 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
         v1: SpeedSlope of the limit over the range [1/s].
         smoothing: What is added under the square roots of h [m^2 or m^2/s^2].
     """
+
+    unit: ClassVar[str] = "m/s"
 
     v0: NonNegativeSpeed = DEFAULTS.v0
     v0_distance: NonNegativeLength = DEFAULTS.speed_distance

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import ClassVar, Self
 
 from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
 from safe_inspect.rta.constraints.fields import FieldOfView, PositiveAcceleration
@@ -39,6 +39,8 @@ class SunKeepOut(Constraint, name="sun"):
         max_acceleration: Deceleration a that the thrusters can promise [m/s^2].
         mean_motion: Rate n of the sun angle theta [rad/s].
     """
+
+    unit: ClassVar[str] = "rad"
 
     fov: FieldOfView = math.pi / 3.0
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration

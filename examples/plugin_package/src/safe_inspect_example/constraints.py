@@ -1,6 +1,6 @@
 """A wall that the deputy must not pass."""
 
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -23,6 +23,8 @@ class Wall(Constraint):
         offset: Largest n . p [m].
         max_acceleration: Deceleration a that the thrusters can promise [m/s^2].
     """
+
+    unit: ClassVar[str] = "m"
 
     normal: tuple[float, float, float] = (0.0, 1.0, 0.0)
     offset: quantity("m") = 60.0

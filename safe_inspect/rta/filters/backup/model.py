@@ -10,10 +10,11 @@ import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.types import FloatArray
 
-#: The constraints that the backup filter knows; the index of a name is its code in the compiled rows.
-KNOWN = ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel")
+#: The constraints that the backup filter has bounds of its own for; the index of a name is its code in compiled rows.
+KNOWN = NAMES
 COLLISION, REL_VEL, SUN, R_MAX, PSM, X_VEL, Y_VEL, Z_VEL = range(8)
 #: Code of the first further constraint; see `half_spaces`.
 FURTHER = len(KNOWN)
