@@ -125,7 +125,7 @@ def _flight(environment: TeamEnvironment, seat: _Seat, first_slot: int) -> Fligh
         observation=group.observation_layout,
         action=group.action_layout,
         step_size=world.step_size,
-        mean_motion=world.mean_motion,
+        mean_motion=world.offers.world.get("mean_motion", 0.0),
         masses=world.masses,
         deputies=np.tile(deputies, count),
     )

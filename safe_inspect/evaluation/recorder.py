@@ -26,8 +26,8 @@ class Recorder:
         self._rows = rows
         self._slot = first_slot
         self._states: dict[str, list[AnyArray]] = {name: [] for name in _KEPT}
-        self._body = next(iter(environment.simulation.world.points), None)
-        points = environment.simulation.world.points
+        points = environment.simulation.world.offers.world.get("points", {})
+        self._body = next(iter(points), None)
         self._points = points[self._body].points if self._body is not None else np.zeros((0, 3))
         self._inspected_at = np.full((rows, len(self._points)), np.inf)
         self._inspector = np.full((rows, len(self._points)), -1, dtype=np.int64)
@@ -40,7 +40,7 @@ class Recorder:
         state = self._environment.state
         deputies = self._environment.simulation.world.num_deputies
         for name, kept in self._states.items():
-            array = getattr(state, name)[: self._rows]
+            array = state.arrays.get(name, np.zeros(state.num_envs))[: self._rows]  # no sun: at the angle 0
             kept.append((array[:, :deputies] if array.ndim > 1 else array).copy())
         if self._body is not None:
             inspector = state.points[self._body].inspector[: self._rows]
@@ -67,7 +67,7 @@ class Recorder:
                     status=DoneStatus(int(status[row])),
                     slot=self._slot + row,
                     deputies=self._environment.simulation.world.platforms,
-                    mean_motion=self._environment.simulation.world.mean_motion,
+                    mean_motion=self._environment.simulation.world.offers.world.get("mean_motion", 0.0),
                 )
             )
         return made

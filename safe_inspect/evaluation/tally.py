@@ -45,7 +45,7 @@ class Tally:
         self.begins: dict[str, FloatArray] = {
             "position": state.position[:, :deputies].copy(),
             "velocity": state.velocity[:, :deputies].copy(),
-            "sun_angle": state.sun_angle.copy(),
+            "sun_angle": state.arrays.get("sun_angle", np.zeros(rows)).copy(),
         }
         if deputies > 1:
             self.whole["closest"] = environment.team().distance.min(axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 #: Values of an episode by name; a path such as ``agents/blue0/delta_v`` stands for nested names.
 Report = dict[str, float]
+
+#: Begins the names of what an info tells of the agent by itself.
+_OWN = "own_"
 
 
 class EpisodeSums:
@@ -33,9 +36,7 @@ class EpisodeSums:
         )
         safety = environment.spec.team_safety
         self._guarded = any(group.guard is not None for group in environment.groups) or bool(safety and safety.enabled)
-        points = environment.simulation.world.points
-        self._points = tuple(points)
-        self._total = sum(model.num_points for model in points.values())
+        self._components = tuple(environment.simulation.components.values())
         self._returns: FloatArray = np.zeros(shape)
         self._lengths: IntArray = np.zeros(shape, dtype=np.int64)
         self._terms: list[dict[str, FloatArray]] = [{} for _ in environment.groups]
@@ -66,7 +67,7 @@ class EpisodeSums:
         ``interventions`` means over the deputies; with several agents ``agents/NAME/...`` holds the same for each.
         """
         rows = np.asarray(rows, dtype=np.int64)
-        state, points = self._environment.state, self._environment.state.points
+        state, team = self._environment.state, self._environment.team()
         outcome = transition.outcome[rows]
         columns: dict[str, AnyArray] = {
             "return": self._returns[rows][:, self._acting].sum(axis=1),
@@ -75,10 +76,8 @@ class EpisodeSums:
             "lost_rate": outcome == DoneStatus.LOSE,
             "delta_v": state.delta_v[rows].mean(axis=1),
         }
-        if self._points:
-            count = sum(points[name].team_count[rows] for name in self._points)
-            columns["inspected_count"] = np.asarray(count, dtype=np.float64)
-            columns["inspected_fraction"] = columns["inspected_count"] / max(self._total, 1)
+        for component in self._components:
+            columns |= {name: value[rows] for name, value in component.team_info(team).items()}
         if self._guarded:
             columns["interventions"] = state.interventions[rows].mean(axis=1)
         for group, terms in zip(self._environment.groups, self._terms, strict=True):
@@ -86,12 +85,24 @@ class EpisodeSums:
                 found = value[rows].sum(axis=1)
                 columns[f"reward/{name}"] = columns[f"reward/{name}"] + found if f"reward/{name}" in columns else found
         if len(self._agents) > 1:
+            own = self._own()
             for index, agent in enumerate(self._agents):
-                columns |= {f"agents/{agent}/{name}": value for name, value in self._of_agent(rows, index).items()}
+                columns |= {f"agents/{agent}/{name}": value for name, value in self._of_agent(rows, index, own).items()}
         values = zip(*(column.astype(np.float64).tolist() for column in columns.values()), strict=True)
         return [dict(zip(columns, row, strict=True)) for row in values]
 
-    def _of_agent(self, rows: IntArray, index: int) -> dict[str, AnyArray]:
+    def _own(self) -> dict[str, AnyArray]:
+        """Return what components tell of each agent by itself, ``own_NAME`` of their infos as NAME, shape (N, D)."""
+        found: dict[str, list[AnyArray]] = {}
+        for index in range(len(self._slices)):
+            view = self._environment.view(index)
+            for component in self._components:
+                for name, value in component.info(view).items():
+                    if name.startswith(_OWN):
+                        found.setdefault(name.removeprefix(_OWN), []).append(value.reshape(len(self._returns), -1))
+        return {name: np.concatenate(values, axis=1) for name, values in found.items()}
+
+    def _of_agent(self, rows: IntArray, index: int, own: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
         state = self._environment.state
         status = state.finished[rows, index]
         columns: dict[str, AnyArray] = {
@@ -101,10 +112,7 @@ class EpisodeSums:
             "lost": status == DoneStatus.LOSE,
             "delta_v": state.delta_v[rows, index],
         }
-        if self._points:
-            columns["inspected_count"] = np.asarray(
-                sum(state.points[name].own_count[rows, index] for name in self._points)
-            )
+        columns |= {name: value[rows, index] for name, value in own.items()}
         if self._guarded:
             columns["interventions"] = state.interventions[rows, index]
         for part, terms in zip(self._slices, self._terms, strict=True):

@@ -23,12 +23,12 @@ from safe_inspect.rewards import InspectionCrashReward, InspectionDeltaVReward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.simulators import (
     ConstantParameter,
-    InspectionSimulator,
     RejectionSamplerInitializer,
     SimAttributeAccessor,
     TruncatedNormalParameter,
     UniformParameter,
 )
+from safe_inspect.tasks import InspectionSimulator
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.testing import check_plugin, sample_spec
 

@@ -41,6 +41,20 @@ def pushes_of(group, action):
     return np.clip(action, -1.0, 1.0).mean(axis=2)
 
 
+class DummyPoints:
+    """A component that tells of points."""
+
+    def __init__(self, team):
+        self._points = lambda: team.state.points["chief"]
+
+    def team_info(self, team):
+        count = self._points().team_count
+        return {"inspected_count": count, "inspected_fraction": count / 99}
+
+    def info(self, group):
+        return {"own_inspected_count": self._points().own_count[:, group.first : group.first + group.size].reshape(-1)}
+
+
 class DummyTeam:
     """Each agent's state is a number that its mean action moves; the reward pays for being near 1, where it ends."""
 
@@ -64,9 +78,11 @@ class DummyTeam:
             first += group.size
         self.groups = self.acting = tuple(self.groups)
         self.spec = SimpleNamespace(team_safety=None)
-        world = SimpleNamespace(points={"chief": SimpleNamespace(num_points=99)})
         self.simulation = SimpleNamespace(
-            world=world, episodes=np.full(num_envs, -1), carried=lambda: self.carried, restore=self.restore
+            episodes=np.full(num_envs, -1),
+            components={"points": DummyPoints(self)},
+            state_dict=lambda: self.carried,
+            load_state_dict=self.restore,
         )
         self.carried = {"scale": np.full(num_envs, -0.1)}
         shape = (num_envs, first)
@@ -80,6 +96,12 @@ class DummyTeam:
 
     def restore(self, carried):
         self.carried = carried
+
+    def team(self):
+        return None
+
+    def view(self, index):
+        return self.groups[index]
 
     def observe(self, rows):
         for group in self.groups:

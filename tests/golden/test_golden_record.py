@@ -33,13 +33,17 @@ def test_a_flight_gives_the_recorded_numbers(flight, compiled):
 def test_a_single_bit_is_noticed(monkeypatch):
     from safe_inspect.simulators import simulation
 
-    advance = simulation.advance
+    advance_kernel = simulation.advance_kernel
 
-    def disturbed(*args):
-        advance(*args)
-        position = args[6]
-        position[0, 0, 0] += abs(position[0, 0, 0]) * 2.3e-16
+    def disturbed_kernel(*args):
+        advance = advance_kernel(*args)
 
-    monkeypatch.setattr(simulation, "advance", disturbed)
+        def disturbed(phi, gamma, position, *others):
+            advance(phi, gamma, position, *others)
+            position[0, 0, 0] += abs(position[0, 0, 0]) * 2.3e-16
+
+        return disturbed
+
+    monkeypatch.setattr(simulation, "advance_kernel", disturbed_kernel)
     hashes, _ = fly("one, continuous thrust", compiled=True)
     assert hashes["state/position"] != RECORD["flights"]["one, continuous thrust"]["hashes"]["state/position"]
