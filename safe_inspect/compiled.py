@@ -5,6 +5,11 @@ A decorated function is a `Kernel`. Importing its module loads no compiler: a co
 Numba recompiles a cached function when its own file has changed, but not when a compiled function that it calls from
 another file has: after an update of a checkout old machine code would go on running. So the cached machine code of the
 whole package is removed when the source of any compiled function has changed.
+
+What a compiled function returns to Python is None, a number, one array, or a tuple of numbers; other results are
+written into arrays that it is given. Ctrl-C during a call is handled as soon as Python code runs again, and Numba runs
+some to return a NamedTuple or a tuple of arrays, without a check for KeyboardInterrupt: the process would end with a
+segmentation fault or a SystemError.
 """
 
 from __future__ import annotations

@@ -8,13 +8,14 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.planning.descent import MOST
 from safe_inspect.planning.flight import Flown, fly
 from safe_inspect.planning.open_loop import Burn, OpenLoopPlan, Plan
 from safe_inspect.planning.record import Entry
-from safe_inspect.planning.search import Effort, Found, search
+from safe_inspect.planning.search import Effort, search
 from safe_inspect.planning.task import Demands, course_of, demands_of, thrust_reach
 from safe_inspect.policies.inspector import NaturalMotionInspector
-from safe_inspect.types import FloatArray
+from safe_inspect.types import FloatArray, IntArray
 
 #: How long is searched, by the name of the effort.
 EFFORTS = MappingProxyType(
@@ -90,26 +91,27 @@ def _search(
     """Return the plan of one episode and what it costs [m/s], infinite when none is found."""
     world, reach = environment.simulation.world, thrust_reach(environment)
     key, hold = int(environment.state.key[row]), 1
+    start, burns = np.zeros(MOST, np.int64), np.zeros((MOST, 3))
     while True:
         course, needed = course_of(environment, row, demands, hold)
         given = guide.looks[row : row + 1, needed] if guide.success[row] else np.zeros((0, len(needed)), np.int64)
         random = np.array([(key ^ _MIX) & _WORD], np.uint64)
-        found = search(course, np.ascontiguousarray(given), random, effort)
-        if not np.isfinite(found.delta_v):
-            return (), float(found.delta_v)
-        if _within(found, hold, reach) or hold >= _LONGEST:
+        delta_v, count = search(course, np.ascontiguousarray(given), random, effort, start, burns)
+        if not np.isfinite(delta_v):
+            return (), delta_v
+        if _within(start[:count], burns[:count], hold, reach) or hold >= _LONGEST:
             break
         hold *= 2  # longer burns, each of less thrust
     force = world.masses[0] / (hold * world.step_size)
-    burns = zip(found.start.tolist(), (found.burns * force).tolist(), strict=True)
-    return tuple(Burn(step=start, steps=hold, thrust=tuple(thrust)) for start, thrust in burns), float(found.delta_v)
+    rows = zip(start[:count].tolist(), (burns[:count] * force).tolist(), strict=True)
+    return tuple(Burn(step=step, steps=hold, thrust=tuple(thrust)) for step, thrust in rows), delta_v
 
 
-def _within(found: Found, hold: int, reach: FloatArray) -> bool:
+def _within(start: IntArray, burns: FloatArray, hold: int, reach: FloatArray) -> bool:
     """Return whether the burns, which may overlap, keep within what a step can give."""
-    steps = np.zeros((int(found.start.max(initial=0)) + hold, 3))
-    for start, burn in zip(found.start, found.burns, strict=True):
-        steps[start : start + hold] += burn / hold
+    steps = np.zeros((int(start.max(initial=0)) + hold, 3))
+    for step, burn in zip(start, burns, strict=True):
+        steps[step : step + hold] += burn / hold
     return bool((np.abs(steps) <= reach * (1.0 + 1e-12)).all())
 
 

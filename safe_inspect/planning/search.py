@@ -43,24 +43,10 @@ class Effort(NamedTuple):
     temperature: float
 
 
-class Found(NamedTuple):
-    """The cheapest plan that was found.
-
-    Attributes:
-        delta_v: Velocity change [m/s], infinite when no plan was found.
-        start: First step of each burn, shape (K,).
-        burns: Velocity change of each burn [m/s], Hill frame, shape (K, 3).
-        solved: How many linear programmes were solved.
-    """
-
-    delta_v: float
-    start: IntArray
-    burns: FloatArray
-    solved: int
-
-
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def search(course: Course, given: IntArray, seed: Seed, effort: Effort) -> Found:
+def search(
+    course: Course, given: IntArray, seed: Seed, effort: Effort, start: IntArray, burns: FloatArray
+) -> tuple[float, int]:
     """Search the cheapest plan of an episode.
 
     Args:
@@ -68,39 +54,44 @@ def search(course: Course, given: IntArray, seed: Seed, effort: Effort) -> Found
         given: Looks to begin with, of G plans, shape (G, P).
         seed: State of the random numbers, shape (1,); read and written.
         effort: How long is searched.
+        start: First step of each burn, shape (`MOST`,); written.
+        burns: Velocity change of each burn [m/s], Hill frame, shape (`MOST`, 3); written.
+
+    Returns:
+        The velocity change of the plan [m/s], infinite when none was found, and its number of burns K: the first K
+        rows of `start` and `burns` are the plan.
     """
     points = course.normals.shape[0]
     bench = desk(course, np.arange(0, course.coast.shape[0] - 1, BURN_STEP), LOOK_STEP)
     cost = np.full(effort.chains, math.inf)
     looks = np.zeros((effort.chains, points), np.int64)
-    look, solved = np.zeros(points, np.int64), 0
+    look = np.zeros(points, np.int64)
     for number in range(given.shape[0] + effort.beginnings):
         if number < given.shape[0]:
             look[:] = given[number]
         else:
             _begin(course, bench, seed, number > given.shape[0], look)
         bar = max(3.0 * cost[0], 0.3)
-        reached, _, used = descend(course, bench, look, bar, math.inf, _ROUNDS)
-        solved += used
+        reached, _, _ = descend(course, bench, look, bar, math.inf, _ROUNDS)
         _keep(cost, looks, reached, look)
         if reached == 0.0:
             break
-    best, best_start, best_burns = math.inf, np.zeros(0, np.int64), np.zeros((0, 3))
+    best, count = math.inf, 0
     for chain in range(effort.chains):
         if best == 0.0 or not cost[chain] < math.inf:
             break
-        solved += _hop(course, bench, seed, effort, looks[chain])
-        reached, start, burns, used = _refine(course, bench, looks[chain])
-        solved += used
+        _hop(course, bench, seed, effort, looks[chain])
+        reached, found_start, found_burns = _refine(course, bench, looks[chain])
         if reached < best:
-            best, best_start, best_burns = reached, start, burns
+            best, count = reached, found_start.shape[0]
+            start[:count], burns[:count] = found_start, found_burns
     for number in range(given.shape[0]):
         if best > 0.0:  # a given plan is never spoilt by the coarse looks
-            reached, start, burns, used = _refine(course, bench, given[number])
-            solved += used
+            reached, found_start, found_burns = _refine(course, bench, given[number])
             if reached < best:
-                best, best_start, best_burns = reached, start, burns
-    return Found(best, best_start, best_burns, solved)
+                best, count = reached, found_start.shape[0]
+                start[:count], burns[:count] = found_start, found_burns
+    return best, count
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -136,8 +127,8 @@ def _keep(cost: FloatArray, looks: IntArray, reached: float, look: IntArray) -> 
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _hop(course: Course, bench: Desk, seed: Seed, effort: Effort, best: IntArray) -> int:
-    """Better looks by hops: change some, descend, and keep what is not much worse; return programmes solved."""
+def _hop(course: Course, bench: Desk, seed: Seed, effort: Effort, best: IntArray) -> None:
+    """Better looks by hops: change some, descend, and keep what is not much worse."""
     points = best.shape[0]
     now, look = best.copy(), best.copy()
     start, delta_v, count = np.zeros(MOST + 1, np.int64), np.zeros((MOST + 1, 3)), 0
@@ -175,28 +166,26 @@ def _hop(course: Course, bench: Desk, seed: Seed, effort: Effort, best: IntArray
             if reached < lowest:
                 lowest = reached
                 best[:] = look
-    return spent
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _refine(course: Course, coarse: Desk, look: IntArray) -> tuple[float, IntArray, FloatArray, int]:
+def _refine(course: Course, coarse: Desk, look: IntArray) -> tuple[float, IntArray, FloatArray]:
     """Solve once more with a look at every step, and with burns at any step about those that are used.
 
     Returns:
-        The velocity change [m/s], infinite for none; the burns, as in `Found`; how many programmes were solved.
+        The velocity change [m/s], infinite for none; first step and velocity change of each burn, as in `search`.
     """
     steps = course.coast.shape[0] - 1
     wanted = np.zeros(steps, np.bool_)
     wanted[coarse.work.begin] = True
     wanted[: 2 * BURN_STEP] = True
-    best, start, burns, solved = math.inf, np.zeros(0, np.int64), np.zeros((0, 3)), 0
+    best, start, burns = math.inf, np.zeros(0, np.int64), np.zeros((0, 3))
     now = look.copy()
     for _ in range(_REFINEMENTS):
         bench = desk(course, np.flatnonzero(wanted), 1)
-        cost, _, used = descend(course, bench, now, math.inf, math.inf, _ROUNDS)
+        cost, _, _ = descend(course, bench, now, math.inf, math.inf, _ROUNDS)
         if cost < math.inf:
             cost, size = cheapest(course, bench, now, math.inf)
-        solved += used + 1
         if not cost < best:
             break
         gain, best = best - cost, cost
@@ -208,4 +197,4 @@ def _refine(course: Course, coarse: Desk, look: IntArray) -> tuple[float, IntArr
             for away in (-4, -2, -1, 1, 2, 4):
                 if 0 <= start[k] + away < steps:
                     wanted[start[k] + away] = True
-    return best, start, burns, solved
+    return best, start, burns

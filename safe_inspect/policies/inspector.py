@@ -145,11 +145,11 @@ class NaturalMotionInspector(ScriptedPolicy):
         begin = np.maximum(start - now, 0)
         mixed = int(view.per_environment(view.state.key)[row]) + _MIX_DEPUTY * (deputy + 1) + _MIX_STEP * now
         seed = np.array([mixed & _WORD], np.uint64)
-        outcome = revise(course, state, begin, delta_v, seed, self.restarts, self.iterations, self.stride)
+        left, end = revise(course, state, begin, delta_v, seed, self.restarts, self.iterations, self.stride)
         start[:] = now + begin
         # Alone the future is known up to the end; in company it changes whenever another deputy burns.
-        alone = world.num_deputies == 1 and outcome.left == 0
-        review[row] = now + (outcome.end + 1 if alone else self.review)
+        alone = world.num_deputies == 1 and left == 0
+        review[row] = now + (end + 1 if alone else self.review)
 
     def _course(self, view: View, row: int, now: int, reach: FloatArray) -> Course:
         """Return what one row plans for."""

@@ -188,8 +188,14 @@ def revise(
     restarts: int,
     iterations: int,
     stride: int,
-) -> Outcome:
-    """Look at a plan: keep it, better what is left of it before its next burn, or make a new one. As `improve`."""
+) -> tuple[int, int]:
+    """Look at a plan: keep it, better what is left of it before its next burn, or make a new one.
+
+    The arguments are those of `improve`.
+
+    Returns:
+        `Outcome.left` and `Outcome.end` of the plan.
+    """
     settle(course, start, delta_v)
     left, lack = np.empty(course.needed.shape[0], np.int64), np.empty(course.needed.shape[0])
     outcome = evaluate(course, state, start, delta_v, 1, left, lack)
@@ -199,4 +205,4 @@ def revise(
             begins = max(begins, 1)
     if begins > 0:
         outcome = improve(course, state, start, delta_v, seed, begins, iterations, stride)
-    return outcome
+    return outcome.left, outcome.end
