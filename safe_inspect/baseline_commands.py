@@ -11,7 +11,6 @@ from safe_inspect.errors import SafeInspectError, did_you_mean
 
 #: The task that is flown unless another is given.
 _DEFAULT_CFG = "safe_inspect/TranslationalInspection-v0"
-_INTERRUPTED = 130
 
 
 def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,10 +69,10 @@ def run_baseline(arguments: argparse.Namespace) -> int:
         record = complete(
             spec, asked, arguments.episodes, path=arguments.output, force=arguments.force, progress=bar.show
         )
-    except KeyboardInterrupt:
-        kept = "" if arguments.output is None else "; the same command goes on from there"
-        print(f"\nstopped{kept}", file=sys.stderr)
-        return _INTERRUPTED
+    except KeyboardInterrupt as stop:
+        if arguments.output is not None:
+            stop.add_note("the same command goes on from there")
+        raise
     finally:
         bar.close()
     print(baseline_table(record))

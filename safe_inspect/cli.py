@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from safe_inspect.baseline_commands import add_baseline_arguments, run_baseline
@@ -28,6 +30,8 @@ from safe_inspect.figure_commands import (
     run_film,
     run_view,
 )
+from safe_inspect.interrupts import Interrupted, handled
+from safe_inspect.outputs import NO_SPACE, cannot_write
 from safe_inspect.safety_commands import add_acceptance_arguments, add_safety_arguments, run_acceptance, run_safety
 from safe_inspect.version import __version__
 
@@ -118,14 +122,41 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, *, positional: boo
 
 
 def guarded(command: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
-    """Run a command; print a mistake of the user's without a traceback."""
+    """Run a command; return its exit code, which is 128 and the number of the signal that has stopped it.
+
+    A mistake of the user's, a full disk and an interruption are printed without a traceback.
+    """
     try:
-        return command(arguments)
+        with handled():
+            code = command(arguments)
+            sys.stdout.flush()
+            return code
     except SafeInspectError as error:
-        print(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}", file=sys.stderr)
+        _print_error(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}")
         return USER_ERROR
-    except BrokenPipeError:
+    except KeyboardInterrupt as stop:
+        _print_error("; ".join(["interrupted", *getattr(stop, "__notes__", ())]))
+        return 128 + (stop.number if isinstance(stop, Interrupted) else signal.SIGINT)
+    except BrokenPipeError:  # of `| head`
+        _discard_output()
         return 0
+    except OSError as error:
+        if error.errno not in NO_SPACE:
+            raise
+        _discard_output()
+        _print_error(f"error: {cannot_write(error.filename or 'standard output', error, 'write elsewhere')}")
+        return USER_ERROR
+
+
+def _print_error(text: str) -> None:
+    with suppress(OSError):  # nobody may be there to read it
+        print(text, file=sys.stderr)
+
+
+def _discard_output() -> None:
+    """Let what is still to be printed go nowhere: Python writes it at its end, and would complain."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _list(arguments: argparse.Namespace) -> int:
@@ -151,7 +182,8 @@ def _validate(arguments: argparse.Namespace) -> int:
 
 def _schema(arguments: argparse.Namespace) -> int:
     from safe_inspect.config.file_schemas import FILES, file_schema
-    from safe_inspect.errors import ConfigError, OutputError, did_you_mean
+    from safe_inspect.errors import ConfigError, did_you_mean
+    from safe_inspect.outputs import new_file
 
     if arguments.file not in FILES:
         raise ConfigError(f"no kind of file is called {arguments.file!r}; {did_you_mean(arguments.file, FILES)}")
@@ -159,10 +191,8 @@ def _schema(arguments: argparse.Namespace) -> int:
     if arguments.output is None:
         print(text)
         return 0
-    try:
-        arguments.output.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{arguments.output}: cannot be written ({error.strerror}); give another file") from None
+    with new_file(arguments.output) as work:
+        work.write_text(text + "\n", encoding="utf-8")
     return 0
 
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from safe_inspect.metrics import BaseMetric
     from safe_inspect.types import FloatArray
 
-INTERRUPTED = 130
-
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the evaluation."""
@@ -83,8 +81,8 @@ def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_evaluate(arguments: argparse.Namespace) -> int:
     """Fly every source and print its table."""
-    from safe_inspect.evaluation.folder import check_writable, new_folder, write_evaluation, write_json
-    from safe_inspect.evaluation.tables import evaluation_table, pooled_table
+    from safe_inspect.evaluation.folder import new_evaluation, write_evaluation, write_json
+    from safe_inspect.outputs import check_writable
 
     sources = _sources(arguments)
     if not sources:
@@ -98,22 +96,22 @@ def run_evaluate(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         check_writable(arguments.json)
     candidates, metrics, reference = _prepared(arguments, sources, None)
-    with ExitStack() as stack:
-        folder = None
-        if arguments.output is not None:
-            folder = stack.enter_context(new_folder(arguments.output, force=arguments.force))
-        try:
-            found = [_fly(arguments, candidate, metrics, reference) for candidate in candidates]
-        except KeyboardInterrupt:
-            print("interrupted; nothing is written", file=sys.stderr)
-            raise SystemExit(INTERRUPTED) from None
-        for item in found if folder is not None else ():
-            assert folder is not None
-            write_evaluation(item, folder if len(found) == 1 else folder / _file_name(item.label))
-    print("\n\n".join(evaluation_table(item) for item in found))
-    trained = all(item.record["source"]["kind"] != "scripted" for item in found)
-    if len(found) > 1 and trained and len({frozenset(item.team.figures) for item in found}) == 1:
-        print(f"\n{pooled_table(found)}")
+    found: list[Evaluation] = []
+    try:
+        with ExitStack() as stack:
+            folder = None
+            if arguments.output is not None:
+                folder = stack.enter_context(new_evaluation(arguments.output, force=arguments.force))
+            try:
+                found += [_fly(arguments, candidate, metrics, reference) for candidate in candidates]
+            except KeyboardInterrupt as stop:
+                stop.add_note("nothing is written")
+                raise
+            for item in found if folder is not None else ():
+                assert folder is not None
+                write_evaluation(item, folder if len(found) == 1 else folder / _file_name(item.label))
+    finally:  # a full disk does not lose what was flown
+        _print_tables(found)
     if arguments.json is not None:
         told = [{**item.record, "label": item.label, **item.as_dict()} for item in found]
         write_json(arguments.json, told[0] if len(told) == 1 else told)
@@ -122,10 +120,22 @@ def run_evaluate(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _print_tables(found: Sequence[Evaluation]) -> None:
+    """Print the table of each evaluation, and of all together where they are trainings of one recipe."""
+    from safe_inspect.evaluation.tables import evaluation_table, pooled_table
+
+    if found:
+        print("\n\n".join(evaluation_table(item) for item in found))
+    trained = all(item.record["source"]["kind"] != "scripted" for item in found)
+    if len(found) > 1 and trained and len({frozenset(item.team.figures) for item in found}) == 1:
+        print(f"\n{pooled_table(found)}")
+
+
 def run_compare(arguments: argparse.Namespace) -> int:
     """Print evaluations of the same episodes side by side."""
     from safe_inspect.evaluation.comparison import compare
-    from safe_inspect.evaluation.folder import check_writable, is_evaluation, read_evaluation, write_json
+    from safe_inspect.evaluation.folder import is_evaluation, read_evaluation, write_json
+    from safe_inspect.outputs import check_writable
 
     sources = _sources(arguments)
     if len(sources) < 2:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from safe_inspect.arguments import positive, seed
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.outputs import check_writable
 
 if TYPE_CHECKING:
     from safe_inspect.evaluation.trajectory import Trajectory
@@ -194,12 +195,6 @@ def _check_output(path: Path, endings: tuple[str, ...], what: str) -> None:
         raise OutputError(
             f"{path}: the name of the {what} ends in {', '.join(endings)}; give such a file with --output"
         )
-    from safe_inspect.evaluation.folder import check_writable
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: the folder cannot be made ({error.strerror}); give another with --output") from None
     check_writable(path)
 
 

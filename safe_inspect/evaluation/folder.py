@@ -1,15 +1,10 @@
-"""The folder of an evaluation: `evaluation.json`, `episodes.parquet` and `trajectories.parquet`.
-
-It is written beside its place and moved there when it is complete, so that a killed process leaves the old one or none.
-"""
+"""The folder of an evaluation: `evaluation.json`, `episodes.parquet` and `trajectories.parquet`."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +15,7 @@ import numpy as np
 from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.results import Evaluation, EvaluationError
 from safe_inspect.evaluation.trajectory_table import trajectory_table
+from safe_inspect.outputs import new_file, new_folder
 from safe_inspect.types import AnyArray
 
 FORMAT = 1
@@ -32,7 +28,7 @@ def is_evaluation(path: str | os.PathLike[str]) -> bool:
 
 
 @contextmanager
-def new_folder(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+def new_evaluation(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
     """Give a folder to write into, which takes the place of `path` when the block ends well, and is removed otherwise.
 
     Args:
@@ -45,36 +41,8 @@ def new_folder(path: str | os.PathLike[str], *, force: bool = False) -> Iterator
     target = Path(path).expanduser().absolute()
     if os.path.lexists(target):
         _check_replaceable(target, force)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".new", dir=target.parent))
-        os.chmod(work, 0o777 & ~_umask())
-    except OSError as error:
-        raise OutputError(
-            f"{target}: the folder cannot be written ({error.strerror}); give another with --output"
-        ) from None
-    try:
+    with new_folder(path) as work:
         yield work
-        _put(work, target)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-
-
-def _put(work: Path, target: Path) -> None:
-    """Move a complete folder to its place; what stands there goes when the new one is in it."""
-    old = work.with_suffix(".old")
-    try:
-        if os.path.lexists(target):
-            os.replace(target, old)
-        try:
-            os.replace(work, target)
-        except OSError:
-            if old.exists():
-                os.replace(old, target)
-            raise
-    except OSError as error:
-        raise OutputError(f"{target}: the folder cannot be put in its place ({error.strerror})") from None
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _check_replaceable(target: Path, force: bool) -> None:
@@ -93,7 +61,7 @@ def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
     """Write an evaluation into a folder.
 
     Raises:
-        OutputError: It cannot be written.
+        OSError: It cannot be written.
     """
     import pyarrow  # type: ignore[import-untyped]
     from pyarrow import parquet
@@ -105,17 +73,12 @@ def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
         "units": dict(evaluation.units),
         **evaluation.as_dict(),
     }
-    try:
-        folder.mkdir(exist_ok=True)
-        table = pyarrow.table({name: pyarrow.array(values) for name, values in evaluation.columns().items()})
-        parquet.write_table(table, folder / EPISODES, compression="zstd")
-        if evaluation.trajectories:
-            parquet.write_table(trajectory_table(evaluation.trajectories), folder / TRAJECTORIES, compression="zstd")
-        content["files"] = {
-            name: sha256(folder / name) for name in (EPISODES, TRAJECTORIES) if (folder / name).exists()
-        }
-    except OSError as error:
-        raise OutputError(f"{folder}: the results cannot be written ({error.strerror or error})") from None
+    folder.mkdir(exist_ok=True)
+    table = pyarrow.table({name: pyarrow.array(values) for name, values in evaluation.columns().items()})
+    parquet.write_table(table, folder / EPISODES, compression="zstd")
+    if evaluation.trajectories:
+        parquet.write_table(trajectory_table(evaluation.trajectories), folder / TRAJECTORIES, compression="zstd")
+    content["files"] = {name: sha256(folder / name) for name in (EPISODES, TRAJECTORIES) if (folder / name).exists()}
     write_json(folder / RECORD, content)
 
 
@@ -176,39 +139,10 @@ def sha256(path: Path) -> str:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file at once.
+    """Write a JSON file.
 
     Raises:
         OutputError: It cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        temporary.write_text(json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8")
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise OutputError(f"{path}: the file cannot be written ({error.strerror}); give another") from None
-
-
-def check_writable(path: Path) -> None:
-    """Check that a file can be written, before there is anything to write.
-
-    Raises:
-        OutputError: It cannot.
-    """
-    if path.is_dir():
-        raise OutputError(f"{path}: the file cannot be written (it is a folder); give a file")
-    try:
-        with tempfile.NamedTemporaryFile(dir=path.expanduser().absolute().parent, prefix=f".{path.name}."):
-            pass
-        if path.exists() and not os.access(path, os.W_OK):
-            raise PermissionError(13, "Permission denied")
-    except OSError as error:
-        raise OutputError(f"{path}: the file cannot be written ({error.strerror}); give another") from None
-
-
-def _umask() -> int:
-    """Return the mask of new files, which can only be read by setting it."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    with new_file(path) as work:
+        work.write_text(json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8")

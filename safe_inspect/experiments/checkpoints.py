@@ -16,6 +16,7 @@ from typing import Any
 
 from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.experiments.trial_parameters import PARAMETERS, parameters_text, read_parameters
+from safe_inspect.outputs import new_file
 
 SEAL = "safe_inspect.json"
 
@@ -65,9 +66,8 @@ class Found:
 def seal_checkpoint(checkpoint: Checkpoint) -> None:
     """Mark a checkpoint as complete."""
     content = {**asdict(checkpoint), "path": None, "files": _sums(checkpoint.path)}
-    temporary = checkpoint.path / f"{SEAL}.new"
-    temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
-    os.replace(temporary, checkpoint.path / SEAL)
+    with new_file(checkpoint.path / SEAL) as work:
+        work.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:

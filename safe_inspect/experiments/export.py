@@ -11,7 +11,7 @@ from typing import Any
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec
-from safe_inspect.errors import CheckpointError, OutputError, did_you_mean
+from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.onnx_policy import load_onnx
 from safe_inspect.evaluation.policy_file import PolicyInfo, seal
 from safe_inspect.evaluation.trained_layout import check_layout
@@ -22,6 +22,7 @@ from safe_inspect.experiments.policy import load_policy
 from safe_inspect.experiments.policy_facts import policy_info
 from safe_inspect.experiments.run_folder import RunFolder
 from safe_inspect.experiments.sources import configuration_of
+from safe_inspect.outputs import new_file
 
 _RANDOM_ROWS = 4096
 
@@ -93,10 +94,9 @@ def export_policy(
         training=training_facts(checkpoint),
     )
     path = Path(output).expanduser()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        temporary.write_bytes(seal(build_file(module, info, title)))
-        written = load_onnx(temporary)
+    with new_file(path, "give another --output") as work:
+        work.write_bytes(seal(build_file(module, info, title)))
+        written = load_onnx(work)
         flown = flown_readings(written, experiment.spec)
         random = random_readings(agents[0], _RANDOM_ROWS)
         difference = worst(*(compare(written, module, agents[0], readings) for readings in (random, flown)))
@@ -105,11 +105,6 @@ def export_policy(
                 f"{title}: the exported policy is not the checkpoint's: it differs by {difference.action:.1e} of the "
                 f"action's range and by {difference.inputs:.1e} of the net's outputs; no file is left. Please report it"
             )
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError(f"{path}: the file cannot be written ({error.strerror}); give another --output") from None
-    finally:
-        temporary.unlink(missing_ok=True)
     return Exported(path, info, difference, len(flown))
 
 

@@ -29,9 +29,11 @@ from typing import Any
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.keys import PLACE_KEYS
 from safe_inspect.experiments.policies import PolicySettings
+from safe_inspect.outputs import new_file
 from safe_inspect.version import __version__
 
 _MISSING = "nothing"
+_HINT = "give another folder with --output"
 
 #: Keys of an experiment that do not decide what is learnt, or are compared apart.
 _APART = frozenset({"rllib_configs", "tune_config", "ray_config", "output_path", "TrialName"})
@@ -127,22 +129,20 @@ def write_record(folder: RunFolder, *, text: str, seed: int, configuration: Mapp
         seed: The seed of the run.
         configuration: What a resumed run must have again, from `learning_configuration`.
     """
-    try:
-        folder.configuration.write_text(text, encoding="utf-8")
-        _write_json(
-            folder.record,
-            {
-                "safe_inspect": __version__,
-                "git_commit": git_commit(),
-                "python": platform.python_version(),
-                "seed": seed,
-                "digest": digest(configuration),
-                "attempts": [],
-                "configuration": configuration,
-            },
-        )
-    except OSError as error:
-        raise OutputError(f"{folder.path}: the run folder cannot be written ({error.strerror})") from error
+    with new_file(folder.configuration, _HINT) as work:
+        work.write_text(text, encoding="utf-8")
+    _write_json(
+        folder.record,
+        {
+            "safe_inspect": __version__,
+            "git_commit": git_commit(),
+            "python": platform.python_version(),
+            "seed": seed,
+            "digest": digest(configuration),
+            "attempts": [],
+            "configuration": configuration,
+        },
+    )
 
 
 def read_record(folder: RunFolder) -> dict[str, Any]:
@@ -289,10 +289,8 @@ def git_commit() -> str | None:
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Replace a file at once, so that a killed process leaves the old one or the new one."""
-    temporary = path.with_suffix(".new")
-    temporary.write_text(json.dumps(content, indent=2, default=str) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
+    with new_file(path, _HINT) as work:
+        work.write_text(json.dumps(content, indent=2, default=str) + "\n", encoding="utf-8")
 
 
 def _file_name(name: str) -> str:

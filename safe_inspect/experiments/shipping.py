@@ -7,7 +7,6 @@ import os
 import platform
 import re
 import shutil
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import date
@@ -30,6 +29,7 @@ from safe_inspect.experiments.export import Exported, export_policy, newest_chec
 from safe_inspect.experiments.export import training_facts as facts_of
 from safe_inspect.experiments.model_card import CardFacts, model_card
 from safe_inspect.experiments.sources import configuration_of
+from safe_inspect.outputs import new_folder
 from safe_inspect.version import __version__
 
 _PACKAGES = ("ray", "torch", "numpy", "onnx", "onnxruntime")
@@ -76,12 +76,7 @@ def ship(
     if target.exists() and not replace_old:
         raise OutputError(f"{target}: the folder is there already; remove it, or replace it on purpose")
     reports = {heading: _read_evaluation(path) for heading, path in (evaluations or {}).items()}
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{name}.", dir=target.parent))
-    except OSError as error:
-        raise OutputError(f"{target}: the folder cannot be written ({error.strerror})") from None
-    try:
+    with new_folder(target, "give another folder") as work:
         _copy_configuration(configuration, work / CONFIGURATION)
         _copy_weights(source, work / CHECKPOINT)
         flying = {agent.policy for agent in load_experiment(configuration).spec.agents} | {SINGLE}
@@ -108,16 +103,6 @@ def ship(
             limits=limits,
         )
         (work / CARD).write_text(_card(facts), encoding="utf-8")
-        work.chmod(0o755)
-        if target.exists():
-            shutil.rmtree(target)
-        work.rename(target)
-    except OSError as error:
-        if isinstance(error, OutputError):
-            raise
-        raise OutputError(f"{target}: the folder cannot be written ({error.strerror})") from None
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
     return shipped_policy(name, Path(root))
 
 

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from safe_inspect.experiments.progress import row_of
+from safe_inspect.outputs import new_file
 
 _HIDDEN = ("timestamp", "pid", "seed", "iterations_since_restore", "time_since_restore")
 
@@ -67,12 +68,10 @@ class TrainingLog:
     def _write_rows(self) -> None:
         if not self._columns:
             return
-        temporary = self._csv.with_suffix(".new")
-        with temporary.open("w", newline="", encoding="utf-8") as file:
+        with new_file(self._csv) as work, work.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, self._columns)
             writer.writeheader()
             writer.writerows(_cells(row) for row in self._rows)
-        temporary.replace(self._csv)
 
 
 def read_progress(path: Path) -> list[dict[str, float]]:
@@ -98,4 +97,5 @@ def _keep_lines(path: Path, iteration: int) -> None:
                 kept.append(line + "\n")
         except (ValueError, KeyError):
             continue  # cut short by a kill
-    path.write_text("".join(kept), encoding="utf-8")
+    with new_file(path) as work:
+        work.write_text("".join(kept), encoding="utf-8")

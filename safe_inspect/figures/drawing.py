@@ -6,10 +6,10 @@ Figures are made without pyplot, so that none stays in memory and no display is 
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.outputs import new_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -91,8 +91,7 @@ def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 150) -> None:
         OutputError: The file cannot be written, or the format is unknown.
     """
     try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        with style():
-            figure.savefig(path, dpi=dpi)
-    except (OSError, ValueError) as error:
-        raise OutputError(f"cannot write the figure {os.fspath(path)!r}: {error}") from None
+        with new_file(path) as work, style():
+            figure.savefig(work, dpi=dpi)
+    except ValueError as error:  # of the format
+        raise OutputError(f"{os.fspath(path)}: the file cannot be written ({error}); give another file") from None

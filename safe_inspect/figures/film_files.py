@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,7 @@ import numpy as np
 
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.figures.film import Film
+from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
 
 #: Told the number of drawn pictures and of all of them.
@@ -42,12 +46,9 @@ def save_film(film: Film, path: str | os.PathLike[str], fps: float = 25.0, progr
         raise ValueError(f"a film has 1 to 100 pictures a second, not {fps:g}")
     if target.suffix.lower() == ".mp4":
         find_ffmpeg()  # before the pictures are drawn
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.touch()  # likewise
-        writers[target.suffix.lower()](_told(film, progress), film.size, target, fps)
-    except OSError as error:
-        raise OutputError(f"cannot write the film {os.fspath(path)!r}: {error}") from None
+    with new_file(path) as work:
+        work.touch()  # likewise
+        writers[target.suffix.lower()](_told(film, progress), film.size, work, fps)
 
 
 def _told(film: Film, progress: Progress | None) -> Iterable[AnyArray]:
@@ -104,19 +105,24 @@ def _write_mp4(pictures: Iterable[AnyArray], size: tuple[int, int], path: Path, 
         "-r", f"{fps:g}", "-i", "-", "-an", "-c:v", "libx264", "-preset", "slow", "-crf", "20", "-pix_fmt", "yuv420p",
         "-movflags", "+faststart", str(path),
     ]  # fmt: skip
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdin is not None
-    assert process.stderr is not None
-    told = b""
-    try:
-        for picture in pictures:
-            process.stdin.write(np.ascontiguousarray(picture).tobytes())
-        process.stdin.close()
-        told = process.stderr.read()
-    except BrokenPipeError:
-        told = process.stderr.read()
-    finally:
-        code = process.wait()
+    with tempfile.TemporaryFile() as messages:  # not a pipe, which could fill up
+        # In a session of its own, so that Ctrl-C in the terminal goes to this process alone, which ends ffmpeg.
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=messages, start_new_session=True)
+        assert process.stdin is not None
+        try:
+            with suppress(BrokenPipeError):  # ffmpeg has ended, and says why
+                for picture in pictures:
+                    process.stdin.write(np.ascontiguousarray(picture).tobytes())
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            with suppress(BrokenPipeError):
+                process.stdin.close()
+            code = process.wait()
+        messages.seek(0)
+        reason = messages.read().decode(errors="replace").strip().splitlines()
+    if any(os.strerror(errno.ENOSPC) in line for line in reason):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     if code:
-        reason = told.decode(errors="replace").strip().splitlines()
-        raise OutputError(f"cannot write the film {str(path)!r}: ffmpeg says: {reason[-1] if reason else code}")
+        raise OutputError(f"the film cannot be written; ffmpeg says: {reason[-1] if reason else code}")

@@ -21,6 +21,7 @@ from safe_inspect.figures.chief_figure import clock, ending, radius_of, reach_of
 from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, VERMILION, deputy_line
 from safe_inspect.figures.scene import FEW_BURNS, burns_of, ring_radii, stroke
 from safe_inspect.figures.time_panels import speed_limit
+from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray, FloatArray
 
 _AXES = (("x", VERMILION), ("y", BLUE), ("z", GREEN))
@@ -58,11 +59,8 @@ def save_page(text: str, path: str | os.PathLike[str]) -> None:
     target = Path(path)
     if target.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"cannot write the page {os.fspath(path)!r}: its name ends in .html")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write the page {os.fspath(path)!r}: {error}") from None
+    with new_file(path) as work:
+        work.write_text(text, encoding="utf-8")
 
 
 def episode_data(episode: Trajectory) -> dict[str, Any]:

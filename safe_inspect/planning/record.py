@@ -11,7 +11,8 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.outputs import new_file
 from safe_inspect.planning.open_loop import Plan
 
 FORMAT = 1
@@ -140,16 +141,10 @@ _COLUMNS = ("success", "steps", "inspected", "burns", "planned", "inspector", "o
 
 
 def write_record(record: Record, path: Path) -> None:
-    """Write a record; a process that is killed meanwhile leaves the old file.
+    """Write a record.
 
     Raises:
         OutputError: The file cannot be written.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_text(json.dumps(record.as_dict(), allow_nan=False) + "\n", encoding="utf-8")
-        os.replace(beside, path)
-    except OSError as error:
-        if beside.parent.is_dir():
-            beside.unlink(missing_ok=True)
-        raise OutputError(f"{path}: the result cannot be written there ({error.strerror}); give another file") from None
+    with new_file(path) as work:
+        work.write_text(json.dumps(record.as_dict(), allow_nan=False) + "\n", encoding="utf-8")

@@ -173,11 +173,11 @@ def test_the_schema_of_nothing_or_into_nothing(typed):
     code, _, err = typed("schema", "agnet")
     assert code == 2
     assert "did you mean `agent`?" in err
-    for target in ("missing/schema.json", "configs"):
+    for target in ("setup.cfg/schema.json", "configs"):
         code, out, err = typed("schema", "--output", target)
         assert code == 2
         assert out == ""
-        assert f"{target}: cannot be written" in err
+        assert f"{target}: the file cannot be written" in err
 
 
 @pytest.mark.parametrize(

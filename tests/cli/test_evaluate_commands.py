@@ -252,7 +252,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         ),
         (("random", "--output", "file.txt"), "file.txt: this is no folder"),
         (("random", "--output", "file.txt/out"), "the folder cannot be written"),
-        (("random", "--json", "none/figures.json"), "none/figures.json: the file cannot be written"),
+        (("random", "--json", "file.txt/figures.json"), "file.txt/figures.json: the file cannot be written"),
         (("random", "--json", "folder"), "folder: the file cannot be written (it is a folder)"),
         (("./checkpoint_000001",), "./checkpoint_000001: there is no such checkpoint or ONNX file"),
         (("folder",), "neither a checkpoint nor the folder of a training run"),

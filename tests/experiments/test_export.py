@@ -262,13 +262,12 @@ class TestRefusals:
     def test_a_place_that_cannot_be_written(self, run, tmp_path):
         from safe_inspect.experiments.export import export_policy
 
-        with pytest.raises(
-            OutputError, match=r"nowhere/p.onnx: the file cannot be written \(No such file or directory\)"
-        ):
-            export_policy(run[1], tmp_path / "nowhere" / "p.onnx")
+        (tmp_path / "file").write_text("")
+        with pytest.raises(OutputError, match=r"file/p.onnx: the file cannot be written \(Not a directory\)"):
+            export_policy(run[1], tmp_path / "file" / "p.onnx")
         with pytest.raises(OutputError, match=r"cannot be written \(Is a directory\)"):
             export_policy(run[1], tmp_path)
-        assert not list(tmp_path.iterdir())
+        assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
     def test_a_missing_package_is_named_with_its_extra(self, run, tmp_path, monkeypatch):
         import sys

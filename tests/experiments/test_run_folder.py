@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pytest
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments import run_folder
+from safe_inspect.experiments.train import TrainingRun, train
 
 CONFIGURATION = {"experiment": {"radius": 10.0, "points": [1, 2]}, "rllib_configs": {"lr": 1e-4}}
 
@@ -98,3 +100,13 @@ def test_two_processes_cannot_train_in_one_folder(tmp_path):
 
 def test_the_lists_of_two_lengths_differ():
     assert list(run_folder.differences({"a": [1]}, {"a": [1, 2]})) == [("a", [1], [1, 2])]
+
+
+def test_a_run_whose_record_cannot_be_written_leaves_no_folder(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OutputError("run.json: the file cannot be written (No space left on device)")
+
+    monkeypatch.setattr(run_folder, "write_record", full)
+    with pytest.raises(OutputError, match="No space left"):
+        train(TrainingRun({}, output=tmp_path), io.StringIO())
+    assert not list(tmp_path.iterdir())

@@ -144,7 +144,7 @@ def test_figures_leave_no_state_behind(flown, tmp_path):
 def test_a_figure_that_cannot_be_written_is_one_message(flown, tmp_path):
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "file" / "a.png", tmp_path / "a.nonsense"):
-        with pytest.raises(OutputError, match="cannot write the figure"):
+        with pytest.raises(OutputError, match="the file cannot be written"):
             save(trajectory_figure(flown), path)
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 
 import numpy as np
 import pytest
@@ -86,7 +87,7 @@ def test_the_chief_hides_what_is_behind_it():
 
 def test_a_film_that_cannot_be_written_is_one_message(film, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot write the film"):
+    with pytest.raises(OutputError, match="the file cannot be written"):
         save_film(film, tmp_path / "file" / "a.gif")
     with pytest.raises(OutputError, match=r"ends in \.gif or \.mp4"):
         save_film(film, tmp_path / "a.avi")
@@ -117,6 +118,45 @@ def test_what_ffmpeg_says_is_told(film, tmp_path, monkeypatch):
     monkeypatch.setattr(film_files, "find_ffmpeg", lambda: str(program))
     with pytest.raises(OutputError, match="ffmpeg says: no such codec"):
         save_film(film, tmp_path / "a.mp4")
+
+
+def test_a_film_that_is_stopped_ends_ffmpeg_and_leaves_the_former_one(film, tmp_path, monkeypatch):
+    program = tmp_path / "ffmpeg"
+    program.write_text('#!/bin/sh\nfor last; do :; done\nexec cat > "$last"\n')
+    program.chmod(0o755)
+    monkeypatch.setattr(film_files, "find_ffmpeg", lambda: str(program))
+    (tmp_path / "a.mp4").write_text("old")
+
+    def stop(done, wanted):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    def late(number, frame):
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(20)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            save_film(film, tmp_path / "a.mp4", progress=stop)
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    assert (tmp_path / "a.mp4").read_text() == "old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "ffmpeg"]
+
+
+def test_a_full_disk_is_told_once(film, tmp_path, monkeypatch):
+    program = tmp_path / "ffmpeg"
+    program.write_text(
+        "#!/bin/sh\necho av_interleaved_write_frame: No space left on device >&2\necho failed >&2\nexit 1\n"
+    )
+    program.chmod(0o755)
+    monkeypatch.setattr(film_files, "find_ffmpeg", lambda: str(program))
+    with pytest.raises(OutputError) as caught:
+        save_film(film, tmp_path / "a.mp4")
+    reason = "the file cannot be written (No space left on device); free some space, or give another file"
+    assert str(caught.value) == f"{tmp_path / 'a.mp4'}: {reason}"
 
 
 def test_numbers_out_of_range_are_refused(flown, film, tmp_path):

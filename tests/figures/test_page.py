@@ -93,7 +93,7 @@ def test_a_name_cannot_end_the_script(flown):
 
 def test_a_page_that_cannot_be_written_is_one_message(page, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot write the page"):
+    with pytest.raises(OutputError, match="the file cannot be written"):
         save_page(page, tmp_path / "file" / "a.html")
     with pytest.raises(OutputError, match=r"ends in \.html"):
         save_page(page, tmp_path / "a.pdf")

@@ -1,0 +1,159 @@
+"""Commands that are stopped, or find the disk full, as a user sees them: one line, an exit code, and no lost work."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from safe_inspect.cli import main
+
+CFG = "safe_inspect/TranslationalInspection-v0"
+
+#: Runs the command line, with the inspector's search made long and announced.
+_LONG_SEARCH = """
+import sys
+from safe_inspect.cli import main
+from safe_inspect.policies import search
+revise = search.revise
+def announced(course, state, start, delta_v, seed, restarts, iterations, stride):
+    print("searching", flush=True)
+    return revise(course, state, start, delta_v, seed, restarts, 1000 * iterations, stride)
+search.revise = announced
+sys.exit(main(sys.argv[1:]))
+"""
+_COMMAND = "import sys; from safe_inspect.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+def start(code, *words):
+    command = [sys.executable, "-c", code, *map(str, words)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (signal.SIGINT, ("evaluate", "inspector", "--output", "out")),
+        pytest.param(signal.SIGTERM, ("evaluate", "inspector", "--output", "out"), marks=pytest.mark.slow),
+        pytest.param(signal.SIGHUP, ("evaluate", "inspector", "--output", "out"), marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, ("baseline", "inspector"), marks=pytest.mark.slow),
+    ],
+)
+def test_a_search_in_compiled_code_is_stopped_and_leaves_nothing(here, number, words):
+    process = start(_LONG_SEARCH, *words, "--cfg", CFG, "--episodes", 3)
+    assert process.stdout.readline() == "searching\n"
+    os.killpg(process.pid, number)
+    _, told = process.communicate(timeout=120)
+    assert process.returncode == 128 + number, told
+    assert told == ("interrupted; nothing is written\n" if words[0] == "evaluate" else "interrupted\n")
+    assert not list(here.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["film.gif", "film.mp4"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_film_that_is_stopped_leaves_the_former_one(here, name, number):
+    (here / name).write_text("old")
+    code = _COMMAND.replace(
+        "sys.exit(",
+        "import safe_inspect.figures.film as film; picture = film.Film.picture\n"
+        "film.Film.picture = lambda self, index: (print(index, flush=True), picture(self, index))[1]\n"
+        "sys.exit(",
+        1,
+    )
+    process = start(code, "film", "random", "--cfg", CFG, "--frames", 500, "--width", 320, "--output", name)
+    while process.stdout.readline() != "3\n":
+        assert process.poll() is None, process.stderr.read()
+    process.send_signal(number)  # to Python alone: ffmpeg waits for more
+    _, told = process.communicate(timeout=60)
+    assert (process.returncode, told) == (128 + number, "interrupted\n")
+    assert [path.name for path in here.iterdir()] == [name]
+    assert (here / name).read_text() == "old"
+
+
+@contextmanager
+def small_files():
+    """Let files grow to 1,000 bytes only: what a user's quota does, and much like a full disk."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("schema",), "s.json"),
+        (("view", "random", "--cfg", CFG), "v.html"),
+        (("draw", "random", "--cfg", CFG), "d.png"),
+        (("draw", "random", "--cfg", CFG), "d.svg"),
+        (("film", "random", "--cfg", CFG, "--frames", "3", "--width", "320"), "f.gif"),
+        (("baseline", "random", "--episodes", "9", "horizon=25"), "b.json"),
+    ],
+)
+def test_a_full_disk_leaves_the_former_file_and_is_one_message(here, capsys, words, name):
+    assert main([*words, "--output", name]) == 0  # compiles what has to be
+    (here / name).write_text("old")
+    capsys.readouterr()
+    with small_files():
+        code = main([*words, "--output", name, *(["--force"] if words[0] == "baseline" else [])])
+    told = capsys.readouterr().err.splitlines()
+    assert code == 2
+    assert len(told) == 1
+    assert told[0].startswith(f"error: {name}")
+    assert "the file cannot be written (File too large); free some space" in told[0]
+    assert (here / name).read_text() == "old"
+    assert [path.name for path in here.iterdir()] == [name]
+
+
+def test_an_evaluation_whose_disk_is_full_prints_its_table(here, capsys):
+    words = ["evaluate", "random", "--cfg", CFG, "--episodes", "9", "horizon=25"]
+    assert main(words) == 0
+    table = capsys.readouterr().out
+    for option, what in (("--output", "folder"), ("--json", "file")):
+        with small_files():
+            code = main([*words, option, "out"])
+        out, err = capsys.readouterr()
+        assert (code, out) == (2, table)
+        assert err.startswith(f"error: out: the {what} cannot be written (File too large); free some space")
+        assert not list(here.iterdir())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has it")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_output_that_nobody_can_hold_is_one_message(unbuffered):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", _COMMAND, "list"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+            check=False,
+        )
+    assert done.returncode == 2
+    message = "error: standard output: the file cannot be written (No space left on device); free some space"
+    assert done.stderr == f"{message}, or write elsewhere\n"
+
+
+def test_a_reader_that_leaves_is_no_error():
+    process = start(_COMMAND, "list")
+    process.stdout.close()
+    assert process.wait(60) == 0
+    assert process.stderr.read() == ""
+    process.stderr.close()
