@@ -6,6 +6,7 @@ import math
 import os
 import secrets
 import shutil
+import signal
 import socket
 import sys
 import tempfile
@@ -16,6 +17,8 @@ from typing import Any
 
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.experiments.run_folder import RunFolder
+from safe_inspect.interrupts import STOPPING, Interrupted, deferred, handled
+from safe_inspect.outputs import is_full
 
 #: Ray makes sockets in its folder, whose paths the system limits to 107 bytes; its own part takes up to 67.
 LONGEST_FOLDER = 40
@@ -29,6 +32,9 @@ _ENVIRONMENT = {
     "TUNE_DISABLE_SIGINT_HANDLER": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
 }
+
+#: How the names of those logs begin that a failed training keeps.
+_LOGS = ("worker-", "raylet", "python-core-driver")
 
 _token = ""
 
@@ -76,22 +82,44 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
     local = {key: settings[key] for key in names if settings.get(key) is not None}
     try:
         with _inherited(_for_processes()):
-            ray.init(
-                address="local",
-                num_cpus=int(available),
-                object_store_memory=settings.get("object_store_memory") or 256 * 2**20,
-                _temp_dir=str(temporary),
-                **local,
-                **common,
-            )
+            with _outliving_signals():
+                ray.init(
+                    address="local",
+                    num_cpus=int(available),
+                    object_store_memory=settings.get("object_store_memory") or 256 * 2**20,
+                    _temp_dir=str(temporary),
+                    **local,
+                    **common,
+                )
             yield
-    except BaseException:
-        _keep_logs(temporary, folder.path / "ray_logs")
+    except Exception:
+        if not is_full(folder.path):
+            _keep_logs(temporary, folder.path / "ray_logs")
         raise
     finally:
-        ray.shutdown()
-        shutil.rmtree(temporary, ignore_errors=True)
-        folder.ray_note.unlink(missing_ok=True)
+        with handled(lambda _: None):  # it ends already
+            ray.shutdown()
+            shutil.rmtree(temporary, ignore_errors=True)
+            folder.ray_note.unlink(missing_ok=True)
+
+
+@contextmanager
+def _outliving_signals() -> Iterator[None]:
+    """Start processes that only end with this one: SIGTERM and SIGHUP are blocked in them and in what they start.
+
+    Terminals, `timeout`, batch schedulers and systemd send the signals to all processes of the group or of the job.
+    Ray's have to live until the last checkpoint is saved. Ray itself blocks SIGINT in them, in the same way.
+    """
+    blocked = [number for number in STOPPING if number != signal.SIGINT] if os.name == "posix" else []
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, blocked) if blocked else None
+    try:
+        with deferred():  # Ray cannot be interrupted while it starts, and sets a handler of its own for SIGTERM
+            yield
+    except SystemExit:  # that handler's
+        raise Interrupted(signal.SIGTERM) from None
+    finally:
+        if before is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[None]:
@@ -190,7 +218,11 @@ def _remove_leftovers(folder: RunFolder) -> None:
 
 
 def _keep_logs(temporary: Path, target: Path) -> None:
-    for path in (temporary / "session_latest" / "logs").glob("*"):
-        if path.is_file() and path.stat().st_size and path.name.startswith(("worker-", "raylet", "python-core-driver")):
-            target.mkdir(exist_ok=True)
-            shutil.copyfile(path, target / path.name)
+    """Copy Ray's logs; where that fails they are left out, so that the error of the training is the one to be seen."""
+    try:
+        for path in (temporary / "session_latest" / "logs").glob("*"):
+            if path.is_file() and path.stat().st_size and path.name.startswith(_LOGS):
+                target.mkdir(exist_ok=True)
+                shutil.copyfile(path, target / path.name)
+    except OSError:
+        shutil.rmtree(target, ignore_errors=True)

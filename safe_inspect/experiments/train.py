@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import shutil
 import sys
 import time
@@ -10,20 +12,22 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, TextIO, cast
 
 from safe_inspect import errors
 from safe_inspect.config.spec import Policy
-from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
+from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
 from safe_inspect.experiments import cluster, run_folder
-from safe_inspect.experiments.checkpoints import Checkpoint, find_newest
+from safe_inspect.experiments.checkpoints import SEAL, Checkpoint, find_newest
 from safe_inspect.experiments.environment import DEFAULT_MAKER
 from safe_inspect.experiments.policies import PolicySettings, read_policies
+from safe_inspect.experiments.progress import Messages
 from safe_inspect.experiments.run_folder import RunFolder
 from safe_inspect.experiments.search import Trial, trials_of
 from safe_inspect.experiments.translation import Translation, translate_ray, translate_rllib, translate_tune
 from safe_inspect.experiments.trials import TrialResult, check_trials, read_trials, write_trials
 from safe_inspect.experiments.values import is_searched
+from safe_inspect.outputs import is_full
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         OutputError: The run folder cannot be written.
         SafeInspectError: A user's error in an environment or a plugin.
     """
-    stream = stream or sys.stderr
+    stream = cast(TextIO, Messages(stream or sys.stderr))
     settings = read_settings(run.rllib, run.tune, run.ray, run.policies)
     if settings.problems:
         raise ConfigError(settings.problems)
@@ -177,6 +181,21 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
             if run.resume is None:  # nothing has been trained, so nothing is left
                 shutil.rmtree(folder.path, ignore_errors=True)
             raise
+        except KeyboardInterrupt as stop:
+            if _has_checkpoint(folder):
+                stop.add_note(f"the checkpoints are whole; go on with --resume {folder.path}")
+            elif not folder.progress.exists() and run.resume is None:
+                shutil.rmtree(folder.path, ignore_errors=True)
+            raise
+        except SafeInspectError:
+            raise
+        except Exception:  # of Ray, Tune and PyArrow, which name a full disk by many errors or by none
+            if not is_full(folder.path):
+                raise
+            hint = f"go on with --resume {folder.path}"
+            hint = hint if _has_checkpoint(folder) else "start again, as there is no checkpoint yet"
+            what = f"{folder.path}: the disk is full ({os.strerror(errno.ENOSPC)})"
+            raise OutputError(f"{what}; free some space and {hint}") from None
     trials = read_trials(folder)
     newest = None if trials else find_newest(folder.path).newest
     iteration = int(monitor.last.get("training_iteration", start.iteration if start else 0))
@@ -194,6 +213,11 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
     )
 
 
+def _has_checkpoint(folder: RunFolder) -> bool:
+    """Return whether a run has a complete checkpoint, of any of its trials."""
+    return any(folder.path.glob(f"**/checkpoint_*/{SEAL}"))
+
+
 def _open(
     run: TrainingRun, settings: Settings, learning: Mapping[str, Any], stack: ExitStack, stream: TextIO
 ) -> tuple[RunFolder, Checkpoint | None]:
@@ -202,9 +226,13 @@ def _open(
         folder = run_folder.create_run_folder(run.output, run.name)
         stack.enter_context(run_folder.locked(folder))
         seed = settings.trials[0].seed or 0
-        run_folder.write_record(folder, text=run.text, seed=seed, configuration=learning)
-        if not settings.single:
-            write_trials(folder, run, settings)
+        try:
+            run_folder.write_record(folder, text=run.text, seed=seed, configuration=learning)
+            if not settings.single:
+                write_trials(folder, run, settings)
+        except OutputError:
+            shutil.rmtree(folder.path, ignore_errors=True)
+            raise
         return folder, None
     folder = run_folder.open_run_folder(run.resume)
     stack.enter_context(run_folder.locked(folder))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import signal
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from safe_inspect.experiments.progress import Progress, flatten
 from safe_inspect.experiments.run_folder import RunFolder, copy_attempt, read_record
 from safe_inspect.experiments.training_log import TrainingLog
 from safe_inspect.experiments.trial_parameters import parameters_text, read_parameters
+from safe_inspect.interrupts import Interrupted, handled
 
 _monitor: Monitor | None = None
 
@@ -100,10 +100,12 @@ class Monitor:
         flat = flatten(result)
         return self.interrupted or any(flat.get(key, float("-inf")) >= limit for key, limit in self.stop.items())
 
-    def interrupt(self, *_: Any) -> None:
-        """End after this iteration with a checkpoint; at once when asked again."""
+    def interrupt(self, number: int) -> None:
+        """End after this iteration with a checkpoint; at once when asked again, which a closed terminal does not."""
         if self.interrupted:
-            raise KeyboardInterrupt
+            if number in (signal.SIGINT, signal.SIGTERM):
+                raise Interrupted(number)
+            return
         self.interrupted = True
         for line in self._lines.values():
             line.close()
@@ -121,19 +123,15 @@ class Monitor:
 
 @contextmanager
 def monitored(monitor: Monitor) -> Iterator[None]:
-    """Make a monitor the one to which Tune's hooks speak, and let Ctrl-C and SIGTERM end the training in order."""
+    """Make a monitor the one to which Tune's hooks speak, and let signals end the training in order."""
     global _monitor
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        before = {number: signal.signal(number, monitor.interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     _monitor = monitor
     try:
-        yield
+        with handled(monitor.interrupt):
+            yield
     finally:
         _monitor = None
         monitor.close()
-        for number, handler in before.items():
-            signal.signal(number, handler or signal.SIG_DFL)
 
 
 class RunCallback(tune.Callback):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import subprocess
@@ -45,6 +46,21 @@ def test_a_training_that_would_wait_for_ever_is_refused():
     cluster.check_size(4.0, 4.0)
     with pytest.raises(ConfigError, match=r"claims 4\.5 processors, and Ray has 4; lower `num_env_runners`"):
         cluster.check_size(4.5, 4.0)
+
+
+def test_logs_that_cannot_be_copied_do_not_hide_the_error(tmp_path, monkeypatch):
+    logs = tmp_path / "ray" / "session_latest" / "logs"
+    logs.mkdir(parents=True)
+    (logs / "raylet.out").write_text("told")
+    cluster._keep_logs(tmp_path / "ray", tmp_path / "kept")
+    assert (tmp_path / "kept" / "raylet.out").read_text() == "told"
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(cluster.shutil, "copyfile", full)
+    cluster._keep_logs(tmp_path / "ray", tmp_path / "kept")
+    assert not (tmp_path / "kept").exists()
 
 
 _CLUSTER = """

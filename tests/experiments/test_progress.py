@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from safe_inspect.experiments.progress import Progress, clock, flatten, row_of, time_left
+from safe_inspect.experiments.progress import Messages, Progress, clock, flatten, row_of, time_left
 from safe_inspect.experiments.training_log import TrainingLog, read_progress
 
 
@@ -131,3 +131,17 @@ def test_tensorboard_counts_environment_steps(tmp_path):
     events.Reload()
     found = [(event.step, event.value) for event in events.Scalars("env_runners/success_rate")]
     assert found == [(4000, 0.25), (8000, 0.5)]
+
+
+def test_a_stream_that_fails_does_not_end_a_training():
+    class Closed(io.StringIO):
+        def write(self, text):
+            raise OSError(5, "Input/output error")
+
+        def flush(self):
+            raise BrokenPipeError
+
+    messages = Messages(Closed())
+    print("text", file=messages, flush=True)
+    Progress({}, messages).show(result(1))
+    assert not messages.isatty()

@@ -26,7 +26,8 @@ def start(*arguments):
     command = [sys.executable, str(HERE / "train_dummy.py"), *map(str, arguments)]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
     environment["PYTHONPATH"] = str(HERE)
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, env=environment, text=True, start_new_session=True, **pipes)
 
 
 def wait_for(process, text):
@@ -44,8 +45,8 @@ def finish(*arguments):
 
 
 def processes(folder):
-    """Return the titles of the processes that hold files in Ray's folder open: all of Ray's write their logs there."""
-    found = []
+    """Return numbers and titles of the processes that hold files in Ray's folder open: Ray's write their logs there."""
+    found = {}
     for path in Path("/proc").glob("[0-9]*"):
         try:
             files = [os.readlink(file) for file in (path / "fd").iterdir()]
@@ -53,7 +54,7 @@ def processes(folder):
         except OSError:
             continue
         if any(file.startswith(folder) for file in files):
-            found.append(title[:80])
+            found[int(path.name)] = title[:80]
     return found
 
 
@@ -123,24 +124,62 @@ def test_a_run_without_any_good_checkpoint_says_so(killed, tmp_path):
     assert "has no complete checkpoint of this configuration" in progress
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_training_saves_a_checkpoint_and_leaves_nothing(tmp_path, number):
+def signal_group(process, _, number):
+    """Send a signal as a terminal and `timeout` do."""
+    os.killpg(process.pid, number)
+
+
+def signal_all(process, temporary, number):
+    """Send a signal to every process of the training, as systemd and batch schedulers do."""
+    workers = list(processes(temporary))
+    assert len(workers) > 4
+    for found in {process.pid, *workers}:
+        os.kill(found, number)
+
+
+@pytest.mark.parametrize(
+    ("send", "number"),
+    [
+        (signal_group, signal.SIGINT),
+        (signal_group, signal.SIGTERM),
+        (signal_group, signal.SIGHUP),
+        (signal_all, signal.SIGTERM),
+    ],
+)
+def test_a_stopped_training_saves_a_checkpoint_and_leaves_nothing(tmp_path, send, number):
     process = start(tmp_path, 1000)
     wait_for(process, "iteration    2/")
     (run,) = tmp_path.iterdir()
     temporary = (run / ".ray").read_text()
-    assert any("PPO" in title for title in processes(temporary))
-    process.send_signal(number)
-    printed, progress = process.communicate(timeout=60)
+    assert any("PPO" in title for title in processes(temporary).values())
+    send(process, temporary, number)
+    printed, progress = process.communicate(timeout=50)  # Ray would look for a lost cluster for a minute
     iteration, interrupted = printed.split()
     assert interrupted == "True"
     assert "with a checkpoint" in progress
     assert find_newest(run / "tune").newest.iteration == int(iteration)
     assert not Path(temporary).exists()
-    deadline = time.monotonic() + 75
+    deadline = time.monotonic() + 5
     while processes(temporary) and time.monotonic() < deadline:
-        time.sleep(1)
-    assert processes(temporary) == []
+        time.sleep(0.2)
+    assert not processes(temporary)
+
+
+def test_a_training_that_is_stopped_while_ray_starts_leaves_nothing(tmp_path):
+    process = start(tmp_path, 1000)
+    wait_for(process, "Ray takes some seconds to begin")
+    (run,) = tmp_path.iterdir()
+    while not (run / ".ray").exists():
+        time.sleep(0.01)
+    temporary = (run / ".ray").read_text()
+    while not processes(temporary):
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert "KeyboardInterrupt" in told.splitlines()[-1]
+    assert not list(tmp_path.iterdir())
+    assert not Path(temporary).exists()
+    assert not processes(temporary)
 
 
 def test_a_killed_training_leaves_no_process(killed):
@@ -148,4 +187,4 @@ def test_a_killed_training_leaves_no_process(killed):
     deadline = time.monotonic() + 75  # two of Ray's agents look for their cluster for a minute
     while processes(temporary) and time.monotonic() < deadline:
         time.sleep(1)
-    assert processes(temporary) == []
+    assert not processes(temporary)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from safe_inspect.errors import CheckpointError, ConfigError, OutputError, Plugi
 from safe_inspect.experiments.checkpoints import MODULES, find_newest
 from safe_inspect.experiments.search import sample_seed
 from safe_inspect.experiments.train import TrainingRun, train
-from safe_inspect.experiments.training_log import read_progress
+from safe_inspect.experiments.training_log import TrainingLog, read_progress
 
 pytestmark = pytest.mark.ray
 
@@ -206,3 +208,22 @@ def test_what_does_not_fit_is_refused_and_leaves_no_folder(ray_session, tmp_path
     with pytest.raises(ConfigError, match="claims 10 processors, and Ray has 4"):
         train(run)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_one_message_that_says_how_to_go_on(ray_session, tmp_path, monkeypatch):
+    add = TrainingLog.add
+
+    def full(log, flat):
+        add(log, flat)
+        if flat["training_iteration"] == 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(TrainingLog, "add", full)
+    monkeypatch.setattr("safe_inspect.experiments.train.is_full", lambda folder: True)
+    tune = {"stop": {"training_iteration": 9}, "checkpoint_frequency": 1}
+    with pytest.raises(OutputError) as caught:
+        train(TrainingRun({}, rllib=QUICK, tune=tune, output=tmp_path, maker=MAKER), io.StringIO())
+    (run,) = tmp_path.iterdir()
+    wanted = f"{run}: the disk is full (No space left on device); free some space and go on with --resume {run}"
+    assert str(caught.value) == wanted
+    assert find_newest(run / "tune").newest.iteration == 2
