@@ -14,6 +14,7 @@ import pytest
 
 from safe_inspect import train_rl
 from safe_inspect.cli import main
+from safe_inspect.registry import registry
 from safe_inspect.version import __version__
 
 EXPERIMENT = "configs/translational-inspection/experiment-seed.yml"
@@ -270,6 +271,26 @@ def test_a_plot_that_cannot_be_written_is_a_mistake_of_the_users(typed):
     code, _, err = typed("acceptance", EXPERIMENT, "--draws", "50", "--plot", f"{EXPERIMENT}/drawn.png")
     assert code == 2
     assert "drawn.png" in err or EXPERIMENT in err
+
+
+def test_a_dry_run_names_the_plugin_that_writes_into_the_state(typed, here, monkeypatch):
+    lines = [
+        "from safe_inspect.rewards import Reward",
+        "class TeleportReward(Reward):",
+        "    def __call__(self, step):",
+        "        step.after.position[:] = 0",
+        "        return step.after.time",
+    ]
+    (here / "teleport.py").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(here)
+    before = dict(registry.items("reward"))
+    reward = "agent_config.0.config.config.rewards.1={functor: teleport.TeleportReward}"
+    code, _, err = typed("--cfg", EXPERIMENT, "--dry-run", reward, command=train_rl.main)
+    registry._classes["reward"] = before
+    assert code == 2
+    assert "the reward TeleportReward writes into an array that is read-only" in err
+    assert "teleport.py:4: step.after.position[:] = 0)" in err
+    assert "Traceback" not in err
 
 
 @pytest.mark.parametrize("through", ["train_rl", "safe-inspect train"])

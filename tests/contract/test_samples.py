@@ -106,8 +106,8 @@ def test_taken_rows_are_copies() -> None:
     kept = step.after.position.copy()
     taken = take_rows(step, np.array([4, 4, 1]))
     np.testing.assert_array_equal(taken.after.position, kept[[4, 4, 1]])
-    taken.after.position[:] = 0.0
-    taken.control[:] = 9.0
+    taken.after.writable.position[:] = 0.0
+    taken.writable_control[:] = 9.0
     np.testing.assert_array_equal(step.after.position, kept)
     assert not (step.control == 9.0).any()
 
