@@ -243,11 +243,14 @@ class TeamEnvironment:
             shape = (self.num_envs, group.size)
             values, flags = judged.values.reshape(-1, *shape), judged.flags.reshape(-1, *shape)
             mine = slice(group.first, group.first + group.size)
-            for index, named in enumerate(group.dones if self.spec.shared_dones else ()):
-                if shape == active.shape:
-                    fired[named.name] = flags[2 + index]
-                else:
-                    fired.setdefault(named.name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = flags[2 + index]
+            if self.spec.shared_dones:
+                said = flags[2:]
+                said.setflags(write=False)
+                for index, named in enumerate(group.dones):
+                    if shape == active.shape:
+                        fired[named.name] = said[index]
+                    else:
+                        fired.setdefault(named.name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = said[index]
             ended |= judged.ended
             transitions.append(
                 Transition(
@@ -285,8 +288,8 @@ class TeamEnvironment:
         world = self.simulation.world
         before, after = TeamView(self.simulation.before, world), TeamView(self.simulation.state, world)
         own = self._statuses(transitions)
-        for array in fired.values():
-            array.flags.writeable = False
+        for array in fired.values() if len(transitions) > 1 else ():
+            array.setflags(write=False)
         step = TeamStep(before, after, fired, read_only(own), world.step_size, self._has)
         shared = np.zeros(self.num_envs, dtype=np.int8)
         for named in self.spec.shared_dones:

@@ -79,6 +79,7 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
         from safe_inspect.geometry.looking import cluster_candidates
 
         state, group, model = view.writable, view.group, view.world.points[self.inspection_entity_name]
+        memory = state.memory
         cluster_candidates(
             state.position,
             model.body,
@@ -89,14 +90,14 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
             model.radius,
             model.light,
             state.points[self.inspection_entity_name].inspector,
-            view.memory(name, "centres"),
-            view.memory(name, "count"),
+            memory[group.name, name, "centres"],
+            memory[group.name, name, "count"],
             state.key,
             state.step,
             self.points_per_cluster,
             self.max_iterations,
-            view.memory(name, "candidates"),
-            view.memory(name, "settled"),
+            memory[group.name, name, "candidates"],
+            memory[group.name, name, "settled"],
         )
 
     def _remember_with_sklearn(self, view: View, name: str) -> None:

@@ -15,7 +15,7 @@ Array = TypeVar("Array", bound=NDArray[Any])
 def read_only(array: Array) -> Array:
     """Return the same numbers as an array that cannot be written."""
     shown = array.view()
-    shown.flags.writeable = False
+    shown.setflags(write=False)
     return shown
 
 

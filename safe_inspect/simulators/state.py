@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -47,8 +48,6 @@ class State:
         wholes: The same memory as numbers of int64.
         memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
     """
-
-    _read_only: State | None = None
 
     def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None = None) -> None:
         block = np.zeros(sum(_padded(num_envs, spec) for spec in specs.values() if not spec.constant), dtype=np.uint8)
@@ -123,15 +122,13 @@ class State:
         """Return an array by its name."""
         return self.arrays[name]
 
-    @property
+    @cached_property
     def read_only(self) -> State:
         """The same state with arrays that cannot be written; plugins are given this one."""
-        shown = self._read_only
-        if shown is None:
-            shown = self._read_only = object.__new__(State)
-            shown.__dict__ |= {
-                name: value if name.startswith("_") else _read_only(value) for name, value in self.__dict__.items()
-            }
+        shown = object.__new__(State)
+        shown.__dict__ |= {
+            name: value if name.startswith("_") else _read_only(value) for name, value in self.__dict__.items()
+        }
         return shown
 
     def start(self, name: str) -> int:

@@ -91,7 +91,7 @@ class TeamView:
         deputies = self.world.num_deputies
         found = np.empty((self.num_envs, deputies * (deputies - 1) // 2))
         pair_distances(self.writable.position, deputies, found)
-        found.flags.writeable = False
+        found.setflags(write=False)
         return found
 
     @property

@@ -77,6 +77,10 @@ class View:
         self._ranges: dict[str | None, FloatArray] = {}
         self.derived: dict[Any, Any] = {}
 
+    def __reduce__(self) -> Any:
+        """Copy the view without what has been computed, which holds arrays of the state at hand."""
+        return View, (self.writable, self.world, self.group)
+
     def __getattr__(self, name: str) -> Any:
         """Return what a component of the task offers, such as ``sun_direction``."""
         offered = self.__dict__["world"].offers.view if "world" in self.__dict__ else {}
@@ -198,7 +202,7 @@ class View:
             offset = self.position if position_sensor is None else self.position - self.reading(position_sensor)
             square = offset * offset
             found = np.sqrt(square[:, 0] + square[:, 1] + square[:, 2])
-            found.flags.writeable = False
+            found.setflags(write=False)
             self._ranges[position_sensor] = found
         return found
 
@@ -282,7 +286,7 @@ class Step:
         found = self._first
         if found is None:
             found = self._first = np.asarray(self.before.step == 0)
-            found.flags.writeable = False
+            found.setflags(write=False)
         return found
 
     @property
@@ -292,7 +296,7 @@ class Step:
         if found is None:
             size = np.abs(self.writable_control)
             found = self._total_thrust = np.asarray(size[:, 0] + size[:, 1] + size[:, 2])
-            found.flags.writeable = False
+            found.setflags(write=False)
         return found
 
     @property
