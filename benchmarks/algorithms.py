@@ -15,9 +15,9 @@ TEAM = configs_root() / "multiagent-translational-inspection" / "experiment-seed
 
 def configure(cfg: Any, overrides: list[str] | tuple[str, ...] = (), **rllib: Any) -> Any:
     """Return the configuration of the algorithm of an experiment; keyword arguments are further RLlib keys."""
-    from safe_inspect.experiments import environment
-    from safe_inspect.experiments.algorithm import build_config, environment_settings
-    from safe_inspect.experiments.train import read_settings
+    from safe_inspect.experiments.adapters import environment
+    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+    from safe_inspect.experiments.runs.train import read_settings
 
     experiment = load_experiment(cfg, overrides)
     task = experiment.config.config.config

@@ -18,7 +18,8 @@ from typing import Any
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation import BASELINES, Summary, baseline, rollout, summarise
+from safe_inspect.evaluation import BASELINES, Summary, baseline, summarise
+from safe_inspect.evaluation.rollouts import rollout
 
 CONFIGURATION = "configs/translational-inspection/experiment.yml"
 EVALUATION_SEED = 20_000
@@ -27,7 +28,7 @@ COLUMNS = ("return", "inspected fraction", "delta-v", "delta-v per deputy", "len
 
 def train_for(experiment: Experiment, steps: int, output: Path) -> tuple[Path | None, dict[str, Any]]:
     """Train for so many steps; return the checkpoint, and the steps and seconds that it took."""
-    from safe_inspect.experiments.train import TrainingRun, train
+    from safe_inspect.experiments.runs.train import TrainingRun, train
 
     task = experiment.config.config.config
     result = train(
@@ -86,7 +87,7 @@ def main(argv: list[str] | None = None) -> int:
         if checkpoint is None:
             print("the training left no checkpoint", file=sys.stderr)
             return 1
-        from safe_inspect.experiments.policy import load_policy, untrained_policy
+        from safe_inspect.experiments.modules.policy import load_policy, untrained_policy
 
         fliers = {name: baseline(name) for name in arguments.baselines}
         fliers["untrained"] = pilots(experiment, lambda policy: untrained_policy(checkpoint, policy=policy))

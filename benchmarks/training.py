@@ -174,9 +174,9 @@ class RLlibTraining:
     """
 
     def __init__(self, experiment: Experiment, **more: Any) -> None:
-        from safe_inspect.experiments import environment
-        from safe_inspect.experiments.algorithm import build_config, environment_settings
-        from safe_inspect.experiments.translation import translate_rllib
+        from safe_inspect.experiments.adapters import environment
+        from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+        from safe_inspect.experiments.settings.translation import translate_rllib
 
         rllib = translate_rllib({**experiment.rllib, **more})
         environment.register()
@@ -297,7 +297,7 @@ def main(argv: list[str] | None = None) -> int:
     except SafeInspectError as error:
         print(error, file=sys.stderr)
         return 2
-    from safe_inspect.experiments import cluster
+    from safe_inspect.experiments.runs import cluster
 
     cluster.set_environment()
     import ray

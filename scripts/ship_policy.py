@@ -36,7 +36,7 @@ def main() -> int:
     if any(not equals for _, equals, _ in pairs):
         parser.error("write --evaluation as TITLE=FILE")
 
-    from safe_inspect.experiments.shipping import ship
+    from safe_inspect.experiments.export.shipping import ship
 
     try:
         shipped = ship(

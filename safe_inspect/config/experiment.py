@@ -11,17 +11,17 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from safe_inspect.config.assemble import assemble
-from safe_inspect.config.loader import load, load_if_path
-from safe_inspect.config.located import LocatedDict, LocatedList, locate, path_text, plain
-from safe_inspect.config.merge import merge
-from safe_inspect.config.models import ExperimentConfig
-from safe_inspect.config.overrides import apply_overrides
-from safe_inspect.config.policies import policies_of
-from safe_inspect.config.references import expand_references
-from safe_inspect.config.report import problems_of
+from safe_inspect.config.building.assemble import assemble
+from safe_inspect.config.building.policies import policies_of
+from safe_inspect.config.loading.loader import load, load_if_path
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text, plain
+from safe_inspect.config.loading.merge import merge
+from safe_inspect.config.loading.overrides import apply_overrides
+from safe_inspect.config.loading.references import expand_references
+from safe_inspect.config.loading.templates import expand_templates
+from safe_inspect.config.messages.report import problems_of
+from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.spec import EnvironmentSpec, Policy
-from safe_inspect.config.templates import expand_templates
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.version import __version__

@@ -8,13 +8,13 @@ from typing import Any
 
 from safe_inspect.dones.base import DoneFunction
 from safe_inspect.dones.shared import SharedDoneFunction
-from safe_inspect.functor import Named
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.platforms.base import Part, Platform, Sensor
+from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rewards.base import Reward
 from safe_inspect.rta.team import TeamSafety
-from safe_inspect.simulators.reset import ResetPlan
+from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.simulator import Simulator
 
 

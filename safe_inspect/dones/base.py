@@ -6,7 +6,7 @@ from abc import abstractmethod
 from enum import IntEnum
 from typing import ClassVar
 
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import BoolArray
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from safe_inspect.dones.base import DoneFunction, DoneStatus
-from safe_inspect.plugin import SensorName
+from safe_inspect.plugins.plugin import SensorName
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import BoolArray
 from safe_inspect.units import PositiveLength

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import PluginValueError
-from safe_inspect.plugin import DoneName, Plugin
+from safe_inspect.plugins.plugin import DoneName, Plugin
 from safe_inspect.simulators.team import TeamStep
 from safe_inspect.types import AnyArray, BoolArray
 from safe_inspect.units import PositiveLength

@@ -6,9 +6,8 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from safe_inspect.compiled import Kernel
-from safe_inspect.generated import generate
-from safe_inspect.plugin import Plugin
+from safe_inspect.compiling import Kernel, generate
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.types import ArraySpec
 
 

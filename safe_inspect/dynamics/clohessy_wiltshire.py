@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from safe_inspect.compiled import Kernel, njit
+from safe_inspect.compiling import Kernel, njit
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.cwh_row import cwh_row

@@ -6,12 +6,12 @@ J. Aerospace Sciences 27, 1960) for what its callers need, in an order of operat
 
 from __future__ import annotations
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.types import FloatArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def coast(p: FloatArray, v: FloatArray, t: float, s: float, c: float, n: float) -> tuple[float, ...]:
     """Return position, velocity, range squared, half its first and half its second derivative at time t."""
     x = (4.0 - 3.0 * c) * p[0] + (s * v[0] + 2.0 * (1.0 - c) * v[1]) / n
@@ -26,7 +26,7 @@ def coast(p: FloatArray, v: FloatArray, t: float, s: float, c: float, n: float) 
     return x, y, z, vx, vy, vz, x * x + y * y + z * z, first, second
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")
 def coasting_position(n: float, x: RowState, angle: float, cos: float, sin: float) -> tuple[float, float, float]:
     """Return the position [m] after coasting through that angle n t, whose cosine and sine are given."""
     u, v, w = x[3] / n, x[4] / n, x[5] / n
@@ -37,7 +37,7 @@ def coasting_position(n: float, x: RowState, angle: float, cos: float, sin: floa
     )
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")
 def closed_motion_state(n: float, x: RowState, cos: float, sin: float) -> RowState:
     """Return the state of the drift-free motion from x, v_y = -2 n x, after the angle n t of that cosine and sine."""
     px = cos * x[0] + sin * x[3] / n

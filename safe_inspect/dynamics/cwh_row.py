@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
 #: Position [m] and velocity [m/s], Hill frame.
 RowState = tuple[float, float, float, float, float, float]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")
 def cwh_row(phi: FloatArray, gamma: FloatArray, x: RowState, ax: float, ay: float, az: float) -> RowState:
     """Return ``phi x + gamma [ax, ay, az]``, without the elements of the two matrices that are always zero.
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import cwh_row
 from safe_inspect.types import FloatArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def propagate(
     position: FloatArray,
     velocity: FloatArray,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from safe_inspect.environments.core import BatchedEnvironment
-from safe_inspect.environments.multi_vector import MultiAgentVectorEnv
+from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
+from safe_inspect.environments.facades.single import InspectionEnv
+from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.registration import (
     build_spec,
     load_spec,
@@ -14,13 +16,11 @@ from safe_inspect.environments.registration import (
     make_parallel_vec,
     make_vec,
 )
-from safe_inspect.environments.single import InspectionEnv
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition, Transition
-from safe_inspect.environments.vector import InspectionVectorEnv
 
 if TYPE_CHECKING:
-    from safe_inspect.environments.parallel import InspectionParallelEnv
+    from safe_inspect.environments.facades.parallel import InspectionParallelEnv
 
 __all__ = [
     "BatchedEnvironment",
@@ -43,6 +43,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name != "InspectionParallelEnv":
         raise AttributeError(f"module 'safe_inspect.environments' has no attribute {name!r}")
-    from safe_inspect.environments.parallel import InspectionParallelEnv  # PettingZoo takes half a second to import
+    from safe_inspect.environments.facades.parallel import (
+        InspectionParallelEnv,  # PettingZoo takes half a second to import
+    )
 
     return InspectionParallelEnv

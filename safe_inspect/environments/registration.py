@@ -11,13 +11,13 @@ from gymnasium.vector import AutoresetMode
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.environments.multi_vector import MultiAgentVectorEnv
-from safe_inspect.environments.single import InspectionEnv
-from safe_inspect.environments.vector import InspectionVectorEnv
+from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
+from safe_inspect.environments.facades.single import InspectionEnv
+from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 if TYPE_CHECKING:
-    from safe_inspect.environments.parallel import InspectionParallelEnv
+    from safe_inspect.environments.facades.parallel import InspectionParallelEnv
 
 
 def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> EnvironmentSpec:
@@ -59,7 +59,7 @@ def make_vec(
 
 def make_parallel(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionParallelEnv:
     """Make one environment of any number of agents for PettingZoo; see `InspectionParallelEnv`."""
-    from safe_inspect.environments.parallel import InspectionParallelEnv  # the only one that needs PettingZoo
+    from safe_inspect.environments.facades.parallel import InspectionParallelEnv  # the only one that needs PettingZoo
 
     return InspectionParallelEnv(load_spec(cfg, overrides), **kwargs)
 

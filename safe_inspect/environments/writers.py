@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 from safe_inspect.errors import PluginValueError
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")

@@ -1,10 +1,10 @@
 """Evaluation: rollouts, baselines and summaries."""
 
-from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.policies import BASELINES, Flight, Policy, baseline, with_scripted
-from safe_inspect.evaluation.rollout import rollout
-from safe_inspect.evaluation.summary import AgentSummary, Statistic, Summary, summarise
-from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.results.summary import AgentSummary, Statistic, Summary, summarise
+from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 
 __all__ = [
     "BASELINES",

@@ -14,9 +14,9 @@ from pydantic_core import PydanticCustomError
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.layout import Layout
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.functor import build
+from safe_inspect.plugins.functor import build
+from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.base import ScriptedPolicy
-from safe_inspect.registry import registry
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 Observation: TypeAlias = NDArray[np.float32]

@@ -12,8 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.results import FIGURES
-from safe_inspect.functor import build, describe
+from safe_inspect.evaluation.results.results import FIGURES
 from safe_inspect.metrics import (
     BaseMetric,
     DeltaVAfterLastPoint,
@@ -24,6 +23,7 @@ from safe_inspect.metrics import (
     SmallestRange,
     TimeToCoverage,
 )
+from safe_inspect.plugins.functor import build, describe
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import constraint_set

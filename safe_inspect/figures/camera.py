@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.figures.chief_figure import picture_axes
 from safe_inspect.types import BoolArray, FloatArray
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from safe_inspect.evaluation.team_safety import TeamReport
+from safe_inspect.evaluation.safety.team_safety import TeamReport
 from safe_inspect.figures.drawing import BLACK, BLUE, GREY, ORANGE, VERMILION, style
 
 if TYPE_CHECKING:

@@ -8,15 +8,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.geometry.nearest import nearest_centre
-from safe_inspect.geometry.picking import pick_below
+from safe_inspect.random.integers import pick_below
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["cluster", "cluster_sklearn", "max_clusters", "nearest_centre", "start_centres"]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def max_clusters(num_points: int, points_per_cluster: int) -> int:
     """Return ceil(num_points / points_per_cluster), the length K of an array of centres."""
     if points_per_cluster < 1:
@@ -24,7 +24,7 @@ def max_clusters(num_points: int, points_per_cluster: int) -> int:
     return (num_points + points_per_cluster - 1) // points_per_cluster
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _gather(points: FloatArray, candidates: BoolArray, chosen: IntArray) -> int:
     """Write the indices of a row's candidates, in order, and return how many there are."""
     total = 0
@@ -34,7 +34,7 @@ def _gather(points: FloatArray, candidates: BoolArray, chosen: IntArray) -> int:
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _start(
     points: FloatArray, chosen: IntArray, centres: FloatArray, have: int, want: int, key: np.uint64, step: int
 ) -> None:
@@ -53,7 +53,7 @@ def _start(
             centres[have + pick, k] = points[deck[pick], k]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def start_centres(
     points: FloatArray,
     candidates: BoolArray,
@@ -91,7 +91,7 @@ def start_centres(
         count[row] = want
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _fill_empty(
     own: FloatArray, label: IntArray, distance: FloatArray, total: int, sums: FloatArray, weight: IntArray, k: int
 ) -> None:
@@ -120,7 +120,7 @@ def _fill_empty(
         weight[new] = 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _assign(own: FloatArray, total: int, centres: FloatArray, k: int, label: IntArray, distance: FloatArray) -> None:
     """Write each point's nearest centre (the first of equals) and its squared distance."""
     x, y, z = own[0], own[1], own[2]
@@ -133,7 +133,7 @@ def _assign(own: FloatArray, total: int, centres: FloatArray, k: int, label: Int
             label[m] = j if nearer else label[m]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _average(own: FloatArray, total: int, label: IntArray, distance: FloatArray, centres: FloatArray, k: int) -> bool:
     """Move each centre to the mean of its points; return whether a cluster was empty."""
     sums, weight = np.zeros((k, 3)), np.zeros(k, dtype=np.int64)
@@ -159,7 +159,7 @@ def _average(own: FloatArray, total: int, label: IntArray, distance: FloatArray,
     return vacant
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _lloyd(own: FloatArray, total: int, centres: FloatArray, k: int, max_iterations: int) -> bool:
     """Run Lloyd's iterations on one row; return whether the centres are a fixed point."""
     label, before = np.empty(total, dtype=np.int64), np.full(total, -1)
@@ -180,7 +180,7 @@ def _lloyd(own: FloatArray, total: int, centres: FloatArray, k: int, max_iterati
     return False
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _unchanged(candidates: BoolArray, previous: BoolArray) -> bool:
     """Whether a row's candidates are those of its last call."""
     different = False
@@ -189,7 +189,7 @@ def _unchanged(candidates: BoolArray, previous: BoolArray) -> bool:
     return not different
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def cluster(
     points: FloatArray,
     candidates: BoolArray,
@@ -240,7 +240,7 @@ def cluster(
             previous[row] = candidates[row]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def cluster_row(
     points: FloatArray,
     candidates: BoolArray,

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.geometry.clusters import cluster_row, max_clusters
 from safe_inspect.geometry.light import Light
 from safe_inspect.geometry.visibility import inspect_points, light_row, point_axes
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def inspect_body(
     position: FloatArray,
     body: int,
@@ -50,7 +50,7 @@ def inspect_body(
     inspect_points(viewer, sun, points, radius, cos_half_fov, light, active, inspector, team_count, own_count)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def cluster_candidates(
     position: FloatArray,
     body: int,

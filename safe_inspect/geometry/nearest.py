@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray, IntArray
 
 # A centre nearer to the origin [m] is only rounding away from it and has no direction.
 _AT_ORIGIN = 1e-9
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def direction_to_nearest(
     px: float, py: float, pz: float, centres: FloatArray, start: int, count: int
 ) -> tuple[float, float, float]:  # fmt: skip
@@ -34,7 +34,7 @@ def direction_to_nearest(
     return 0.0, 0.0, 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def nearest_centre(position: FloatArray, centres: FloatArray, count: IntArray) -> FloatArray:
     """Return the direction from the chief's centre to the cluster that is nearest to a viewer.
 

@@ -10,14 +10,14 @@ import math
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray, IntArray
 
 # A position nearer to the origin [m] is only rounding away from it and has no direction.
 _AT_ORIGIN = 1e-9
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _squared_distance(position: FloatArray, env: int, one: int, other: int) -> float:
     x = position[env, other, 0] - position[env, one, 0]
     y = position[env, other, 1] - position[env, one, 1]
@@ -25,7 +25,7 @@ def _squared_distance(position: FloatArray, env: int, one: int, other: int) -> f
     return float(x * x + y * y + z * z)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def nearest_deputies(
     position: FloatArray, deputies: int, first: int, size: int, count: int, max_range: float
 ) -> IntArray:  # fmt: skip
@@ -51,7 +51,7 @@ def nearest_deputies(
     return found
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def nearest_to(
     position: FloatArray, deputies: int, env: int, own: int, max_range: float, found: IntArray, least: FloatArray
 ) -> None:
@@ -77,7 +77,7 @@ def nearest_to(
         found[place] = other
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def differences(values: FloatArray, index: IntArray, first: int, size: int) -> FloatArray:
     """Return what others' vectors are beyond the own: v_other - v_own, zeros where there is no other.
 
@@ -102,7 +102,7 @@ def differences(values: FloatArray, index: IntArray, first: int, size: int) -> F
     return found
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def outwards(own: FloatArray, distance: float) -> tuple[float, float, float]:
     """Return a vector of a length, from the origin towards a position, shape (3,); +x at the origin itself."""
     length = math.sqrt(own[0] * own[0] + own[1] * own[1] + own[2] * own[2])
@@ -111,7 +111,7 @@ def outwards(own: FloatArray, distance: float) -> tuple[float, float, float]:
     return distance, 0.0, 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def pad_outwards(
     relative: FloatArray, index: IntArray, position: FloatArray, first: int, size: int, distance: float
 ) -> None:  # fmt: skip
@@ -136,7 +136,7 @@ def pad_outwards(
                 relative[row, place, 0], relative[row, place, 1], relative[row, place, 2] = x, y, z
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def scan_deputies(
     position: FloatArray, deputies: int, first: int, size: int, directions: FloatArray, max_range: float
 ) -> FloatArray:
@@ -183,7 +183,7 @@ def scan_deputies(
     return ranges
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def pair_distances(position: FloatArray, deputies: int, distance: FloatArray) -> None:
     """Write the distance of every pair of the first bodies: 0-1, 0-2, ..., 1-2, ... [m].
 

@@ -10,12 +10,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.geometry.light import Light
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def point_axes(points: FloatArray) -> FloatArray:
     """Return the points as shape (3, P), each axis contiguous: the loops over points are three times as fast."""
     axes = np.empty((3, points.shape[0]))
@@ -25,14 +25,14 @@ def point_axes(points: FloatArray) -> FloatArray:
     return axes
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _sees_whole_cap(range_squared: float, radius: float, cos_half_fov: float) -> bool:
     """Whether a field of view about the direction to the centre takes in the sphere's whole outline."""
     # The outline lies at asin(R/r) from the boresight: no point needs its own test when that is inside.
     return cos_half_fov <= -1.0 or cos_half_fov <= math.sqrt(max(0.0, 1.0 - radius * radius / range_squared))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _in_field(vx: float, vy: float, vz: float, qx: float, qy: float, qz: float, cos_half_fov: float) -> bool:
     """Whether the angle at the viewer v between the point q and the centre is at most the half field of view."""
     dx, dy, dz = qx - vx, qy - vy, qz - vz
@@ -41,7 +41,7 @@ def _in_field(vx: float, vy: float, vz: float, qx: float, qy: float, qz: float, 
     return along >= cos_half_fov * lengths
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _well_lit(
     nx: float,
     ny: float,
@@ -74,7 +74,7 @@ def _well_lit(
     return red >= light.dark and not (red > light.bright and green > light.bright and blue > light.bright)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def visible(viewer: FloatArray, points: FloatArray, radius: float, cos_half_fov: float) -> BoolArray:
     """Return which points each viewer sees, lit or not.
 
@@ -110,7 +110,7 @@ def visible(viewer: FloatArray, points: FloatArray, radius: float, cos_half_fov:
     return seen
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light) -> BoolArray:
     """Return which points are lit well enough for each viewer, in its view or not; see `Light` for the rule.
 
@@ -132,7 +132,7 @@ def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, 
     return bright
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def light_row(
     viewer: FloatArray, sun: FloatArray, axes: FloatArray, radius: float, light: Light, bright: BoolArray
 ) -> None:
@@ -150,7 +150,7 @@ def light_row(
             bright[p] = _well_lit(nx, ny, nz, cosine, viewer, sun, radius, light)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def lit_and_uninspected(
     viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light, inspector: NDArray[np.int8]
 ) -> BoolArray:
@@ -171,7 +171,7 @@ def lit_and_uninspected(
     return found
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def inspect_points(
     viewer: FloatArray,
     sun: FloatArray,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from safe_inspect.platforms.base import Controller, Part, Sensor
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
 

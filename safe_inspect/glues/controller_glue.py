@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from safe_inspect.glues.base import ActionGlue, Bounds, Parts, controller_of
 from safe_inspect.glues.normalization import Normalization
-from safe_inspect.plugin import ControllerName
+from safe_inspect.plugins.plugin import ControllerName
 from safe_inspect.types import FloatArray
 
 

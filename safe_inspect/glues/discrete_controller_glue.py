@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from safe_inspect.glues.base import ActionGlue, Bounds, Parts, controller_of
-from safe_inspect.plugin import ControllerName
+from safe_inspect.plugins.plugin import ControllerName
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Force
 

@@ -8,8 +8,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.functor import build
 from safe_inspect.glues.normalizers import Normalizer
+from safe_inspect.plugins.functor import build
 
 
 class Normalization(BaseModel):

@@ -11,7 +11,7 @@ from safe_inspect.glues.base import Bounds, ObservationGlue, Parts, sensor_of
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.normalizers import Normalizer
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.plugin import SensorName
+from safe_inspect.plugins.plugin import SensorName
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import factor, unit

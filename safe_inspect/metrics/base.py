@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.team import TeamStep
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import BoolArray, FloatArray

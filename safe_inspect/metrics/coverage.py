@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.metrics.base import Metric, Reduce, TeamMetric
-from safe_inspect.plugin import PointsName
+from safe_inspect.plugins.plugin import PointsName
 from safe_inspect.simulators.team import TeamStep
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import FloatArray

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from safe_inspect.metrics.base import Metric, Reduce, over_both
-from safe_inspect.plugin import EntityName
+from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveForce

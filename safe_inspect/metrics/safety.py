@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.functor import functor_field
 from safe_inspect.metrics.base import Metric, Reduce, TeamMetric, over_both
+from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.chief_collision import ChiefCollision
 from safe_inspect.rta.constraints.sets import name_of

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
@@ -40,7 +40,7 @@ class Course(NamedTuple):
     far: float
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def answers(gamma: FloatArray, phi: FloatArray, step_size: float, steps: int, hold: int) -> FloatArray:
     """Return `Course.answer`, shape (steps + 1, 3, 3).
 
@@ -63,7 +63,7 @@ def answers(gamma: FloatArray, phi: FloatArray, step_size: float, steps: int, ho
     return answer
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def levers(answer: FloatArray) -> FloatArray:
     """Return `Course.lever`, shape (J + 1, 2)."""
     lever = np.zeros((answer.shape[0], 2))
@@ -75,7 +75,7 @@ def levers(answer: FloatArray) -> FloatArray:
     return lever
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def track(course: Course, start: IntArray, delta_v: FloatArray, count: int, stride: int, position: FloatArray) -> None:
     """Write the position after 0, `stride`, 2 `stride`, ... steps [m], shape (J + 1, 3); the other rows stay.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.planning.course import Course, track
 from safe_inspect.planning.programme import Programme, programme, set_row, solve
 from safe_inspect.types import FloatArray, IntArray
@@ -49,7 +49,7 @@ class Desk(NamedTuple):
     score: FloatArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def desk(course: Course, begin: IntArray, stride: int) -> Desk:
     """Return room to work in; `begin` and `stride` as in `Programme` and `Desk`."""
     points = course.normals.shape[0]
@@ -63,7 +63,7 @@ def desk(course: Course, begin: IntArray, stride: int) -> Desk:
     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def burns_of(work: Programme, size: int, start: IntArray, delta_v: FloatArray) -> int:
     """Write the burns of a solved programme in order of time; return how many there are."""
     count, columns = 0, work.cost.shape[0] // 3
@@ -87,7 +87,7 @@ def burns_of(work: Programme, size: int, start: IntArray, delta_v: FloatArray) -
     return count
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def choose(
     course: Course, position: FloatArray, stride: int, score: FloatArray, look: IntArray, bounded: bool = True
 ) -> int:
@@ -132,7 +132,7 @@ def choose(
     return end
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _limit_rows(course: Course, bench: Desk, rows: int, end: int) -> int:
     """Add rows for the places where a path breaks the limits of range worst; return the number of rows."""
     work, position = bench.work, bench.position
@@ -159,7 +159,7 @@ def _limit_rows(course: Course, bench: Desk, rows: int, end: int) -> int:
     return rows
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def cheapest(course: Course, bench: Desk, look: IntArray, bar: float) -> tuple[float, int]:
     """Find the burns of least fuel for given looks within the limits of range.
 
@@ -195,7 +195,7 @@ def cheapest(course: Course, bench: Desk, look: IntArray, bar: float) -> tuple[f
     return math.inf, 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def descend(
     course: Course, bench: Desk, look: IntArray, first_bar: float, bar: float, rounds: int
 ) -> tuple[float, int, int]:

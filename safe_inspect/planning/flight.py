@@ -39,7 +39,7 @@ class Flown:
 
 
 def fly(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed: int, first_slot: int) -> Flown:
-    """Fly the first episode of each of some slots, as `safe_inspect.evaluation.rollout` does.
+    """Fly the first episode of each of some slots, as `safe_inspect.evaluation.rollouts.rollout` does.
 
     Args:
         spec: The task.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
 #: A pivot smaller than this is none.
 _SINGULAR = 1e-9
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def invert(matrix: FloatArray, inverse: FloatArray, size: int) -> bool:
     """Write the inverse of a matrix by Gauss's and Jordan's method with partial pivoting; return whether it has one.
 

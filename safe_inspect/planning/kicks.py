@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.planning.course import Course, track
 from safe_inspect.policies.search import draw
 from safe_inspect.types import FloatArray, IntArray
@@ -20,7 +20,7 @@ _EARLY = 0.7
 _TRIES = 20
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def kick(
     course: Course, seed: Seed, smallest: float, largest: float, start: IntArray, delta_v: FloatArray, k: int
 ) -> None:
@@ -31,7 +31,7 @@ def kick(
         delta_v[k, axis] = size * (2.0 * draw(seed) - 1.0) if draw(seed) < 0.6 else 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def vary(
     course: Course, seed: Seed, start: IntArray, delta_v: FloatArray, count: int, stride: int, position: FloatArray
 ) -> None:
@@ -66,7 +66,7 @@ def vary(
         delta_v[k, axis] = burn[axis]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def other_looks(course: Course, seed: Seed, stride: int, tight: IntArray, tights: int, look: IntArray) -> None:
     """Move the looks at one or two of the points that cost fuel to any step at which they are lit.
 

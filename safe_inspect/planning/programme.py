@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.planning.course import Course
 from safe_inspect.planning.inverse import invert
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -75,7 +75,7 @@ class Solution(NamedTuple):
     size: int
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def programme(begin: IntArray, rows: int, most: int) -> Programme:
     """Return an empty programme.
 
@@ -104,7 +104,7 @@ def programme(begin: IntArray, rows: int, most: int) -> Programme:
     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def set_row(course: Course, work: Programme, row: int, direction: FloatArray, time: int, least: float) -> None:
     """Ask that the position after `time` steps, along a unit vector, is at least `least` [m]."""
     before = 0.0
@@ -116,7 +116,7 @@ def set_row(course: Course, work: Programme, row: int, direction: FloatArray, ti
     work.known[row] = False
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _coefficients(course: Course, work: Programme, row: int) -> FloatArray:
     """Return the coefficients of a row, computed once."""
     a: FloatArray = work.matrix[row]
@@ -136,7 +136,7 @@ def _coefficients(course: Course, work: Programme, row: int) -> FloatArray:
     return a
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _gain(course: Course, work: Programme, row: int, size: int) -> float:
     """Return what the columns that are used add to a row [m]."""
     count, gain = work.cost.shape[0] // 3, 0.0
@@ -152,7 +152,7 @@ def _gain(course: Course, work: Programme, row: int, size: int) -> float:
     return gain
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _refresh(course: Course, work: Programme, size: int, room: FloatArray, inverse: FloatArray) -> bool:
     """Compute values and prices of the present basis; return whether it is sound."""
     for i in range(size):
@@ -170,7 +170,7 @@ def _refresh(course: Course, work: Programme, size: int, room: FloatArray, inver
     return True
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _worst(course: Course, work: Programme, rows: int, size: int) -> tuple[int, int]:
     """Return the row and the column that are violated most, one of them -1; both for none."""
     worst, row, column = _TOLERANCE, -1, -1
@@ -191,7 +191,7 @@ def _worst(course: Course, work: Programme, rows: int, size: int) -> tuple[int, 
     return row, column
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def solve(course: Course, work: Programme, rows: int, size: int, bar: float, pivots: int = 300) -> Solution:
     """Solve a programme by the dual simplex method; `work` then holds the columns that are used.
 

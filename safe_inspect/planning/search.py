@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.planning.course import Course, track
 from safe_inspect.planning.descent import MOST, Desk, burns_of, cheapest, choose, descend, desk
 from safe_inspect.planning.kicks import kick, other_looks, vary
@@ -43,7 +43,7 @@ class Effort(NamedTuple):
     temperature: float
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def search(
     course: Course, given: IntArray, seed: Seed, effort: Effort, start: IntArray, burns: FloatArray
 ) -> tuple[float, int]:
@@ -94,7 +94,7 @@ def search(
     return best, count
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _begin(course: Course, bench: Desk, seed: Seed, burning: bool, look: IntArray) -> None:
     """Write the looks of a path with one or two burns at random, or of none."""
     start, delta_v, count = np.zeros(2, np.int64), np.zeros((2, 3)), 0
@@ -106,7 +106,7 @@ def _begin(course: Course, bench: Desk, seed: Seed, burning: bool, look: IntArra
     choose(course, bench.position, bench.stride, bench.score, look, False)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _keep(cost: FloatArray, looks: IntArray, reached: float, look: IntArray) -> None:
     """Keep the looks if they are among the best of their kind; the arrays stay in order of cost."""
     place = cost.shape[0] - 1
@@ -126,7 +126,7 @@ def _keep(cost: FloatArray, looks: IntArray, reached: float, look: IntArray) -> 
     looks[place] = look
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _hop(course: Course, bench: Desk, seed: Seed, effort: Effort, best: IntArray) -> None:
     """Better looks by hops: change some, descend, and keep what is not much worse."""
     points = best.shape[0]
@@ -168,7 +168,7 @@ def _hop(course: Course, bench: Desk, seed: Seed, effort: Effort, best: IntArray
                 best[:] = look
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _refine(course: Course, coarse: Desk, look: IntArray) -> tuple[float, IntArray, FloatArray]:
     """Solve once more with a look at every step, and with burns at any step about those that are used.
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World

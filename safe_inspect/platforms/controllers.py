@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.platforms.base import Controller, Property
-from safe_inspect.registry import registry
+from safe_inspect.plugins.registry import registry
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Force, unit
 

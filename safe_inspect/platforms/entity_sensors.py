@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.plugin import EntityName
+from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
 

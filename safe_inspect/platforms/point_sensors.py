@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.plugin import PlatformName, PointsName
+from safe_inspect.plugins.plugin import PlatformName, PointsName
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.cwh_row import cwh_row
 from safe_inspect.types import BoolArray, FloatArray
@@ -31,7 +31,7 @@ def step_maps(mean_motion: float, step_size: float, steps: int) -> tuple[FloatAr
     return phi, gamma
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def fly(
     phi: FloatArray, gamma: FloatArray, steps: int, state: FloatArray, acceleration: FloatArray, after: FloatArray
 ) -> None:
@@ -51,7 +51,7 @@ def fly(
         after[i] = row[i]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def coast_of_others(
     phi: FloatArray,
     gamma: FloatArray,

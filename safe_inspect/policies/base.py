@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import PILOT, View
 from safe_inspect.simulators.world import World

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_inspect.compiled import njit
-from safe_inspect.philox import philox4x32
+from safe_inspect.compiling import njit
+from safe_inspect.random.philox import philox4x32
 from safe_inspect.types import FloatArray, IntArray
 
 _WORD = np.uint64(0xFFFFFFFF)
@@ -15,7 +15,7 @@ _DROP = np.uint64(11)  # of 64 bits: a double holds 53
 _PURPOSE = np.uint64(0x5C217ED)  # keeps these draws apart from others with the episode's key
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def uniform(key: NDArray[np.uint64], step: IntArray, deputy: IntArray, count: int) -> FloatArray:
     """Return uniform numbers in [0, 1), each a pure function of its row's key, step and deputy, shape (R, count).
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.plugin import PointsName
+from safe_inspect.plugins.plugin import PointsName
 from safe_inspect.policies.base import PILOT, ScriptedPolicy, ThrustLimits
 from safe_inspect.policies.fields import FieldOfView, KeepOutAngle, NonNegativeAcceleration
 from safe_inspect.simulators.arrays import for_kernel

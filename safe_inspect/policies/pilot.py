@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.policies.arcs import fly
 from safe_inspect.policies.plan import burn_steps
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -13,7 +13,7 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 _ASTRAY, _ASTRAY_SPEED = 1e-4, 1e-7
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def who_plans(
     step: IntArray,
     turn: IntArray,
@@ -72,7 +72,7 @@ def who_plans(
     return due
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def follow(
     step: IntArray,
     position: FloatArray,

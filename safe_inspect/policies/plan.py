@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.policies.arcs import fly
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -92,7 +92,7 @@ class Outcome(NamedTuple):
     breaches: int
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def burn_steps(delta_v: FloatArray, reach: FloatArray) -> int:
     """Return how many steps a burn lasts, 0 for none; the thrust is the same in each."""
     steps = 0
@@ -103,7 +103,7 @@ def burn_steps(delta_v: FloatArray, reach: FloatArray) -> int:
     return steps
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _encounters(others: FloatArray, clearance: float, j: int, after: FloatArray, half: float) -> tuple[float, int]:
     """Return the price of being too near to other deputies [m/s], and whether it is.
 
@@ -126,7 +126,7 @@ def _encounters(others: FloatArray, clearance: float, j: int, after: FloatArray,
     return price, broken
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _limits(
     after: FloatArray, r: float, sx: float, sy: float, near: float, far: float, speed: float, slope: float, glare: float
 ) -> tuple[float, int]:
@@ -152,7 +152,7 @@ def _limits(
     return price, broken
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def evaluate(
     course: Course,
     state: FloatArray,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.policies.plan import Course, Outcome, burn_steps, evaluate
 from safe_inspect.types import FloatArray, IntArray
 
@@ -23,7 +23,7 @@ _TEMPERATURE = 0.01
 _PATIENCE = 2
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def draw(seed: Seed) -> float:
     """Return the next uniform number in [0, 1) of a generator with one word of state (splitmix64), shape (1,)."""
     seed[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -34,7 +34,7 @@ def draw(seed: Seed) -> float:
     return float(z >> np.uint64(11)) * 2.0**-53
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def settle(course: Course, start: IntArray, delta_v: FloatArray) -> None:
     """Put burns in order, each at a step where the deputy may begin one, and none before the last has ended."""
     horizon = course.lit.shape[0] - 1
@@ -58,7 +58,7 @@ def settle(course: Course, start: IntArray, delta_v: FloatArray) -> None:
         free = start[k] + burn_steps(delta_v[k], course.reach)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _vary(course: Course, seed: Seed, start: IntArray, delta_v: FloatArray) -> None:
     """Change a plan a little, or much, at random."""
     count = start.shape[0]
@@ -87,7 +87,7 @@ def _vary(course: Course, seed: Seed, start: IntArray, delta_v: FloatArray) -> N
         delta_v[other, axis] += moved
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _begin(course: Course, seed: Seed, state: FloatArray, round_: int, start: IntArray, delta_v: FloatArray) -> None:
     """Write a plan to begin with: a first burn that takes away most of the drift along the track, or none."""
     horizon = course.lit.shape[0] - 1
@@ -111,7 +111,7 @@ def _begin(course: Course, seed: Seed, state: FloatArray, round_: int, start: In
         start[1] = int(_BACK_AFTER * draw(seed))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def improve(
     course: Course,
     state: FloatArray,
@@ -178,7 +178,7 @@ def improve(
     return best
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def revise(
     course: Course,
     state: FloatArray,

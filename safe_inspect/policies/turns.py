@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.policies.arcs import fly
 from safe_inspect.types import FloatArray, IntArray
 
@@ -12,7 +12,7 @@ from safe_inspect.types import FloatArray, IntArray
 _ROUNDS = 3
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _first_conflict(
     position: FloatArray, velocity: FloatArray, phi: FloatArray, gamma: FloatArray, clearance: float, steps: int
 ) -> IntArray:
@@ -34,7 +34,7 @@ def _first_conflict(
     return found
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def take_turns(
     turn: IntArray,
     deputy: IntArray,

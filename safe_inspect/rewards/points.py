@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.plugin import PointsName
+from safe_inspect.plugins.plugin import PointsName
 from safe_inspect.rewards.base import Reward
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import FloatArray

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from safe_inspect.functor import functor_field
 from safe_inspect.glues.base import ActionGlue
+from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rta.filters.base import FilterResult
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View

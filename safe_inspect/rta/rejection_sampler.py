@@ -11,10 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import InitialStateError, did_you_mean
-from safe_inspect.functor import build, functor_field
+from safe_inspect.plugins.functor import build, functor_field
 from safe_inspect.rta.base import SafetyGlue
-from safe_inspect.simulators.initializers import Initializer
-from safe_inspect.simulators.parameters import Draw, Parameter, Value
+from safe_inspect.simulators.resets.initializers import Initializer
+from safe_inspect.simulators.resets.parameters import Draw, Parameter, Value
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Under this name and a slash stand the statistics of a sampler beside its states.

@@ -1,13 +1,13 @@
 """Simulators: state, step, points, initialisers and reset parameters. Importing it registers their plugins."""
 
 from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.initializers import (
+from safe_inspect.simulators.resets.initializers import (
     CWH3DRadialWithSunInitializer,
     Initializer,
     PositionVelocityInitializer,
     RejectionSamplerInitializer,
 )
-from safe_inspect.simulators.parameters import (
+from safe_inspect.simulators.resets.parameters import (
     ConstantParameter,
     Draw,
     Parameter,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import AnyArray, IntArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def copy_rows(
     target: AnyArray,
     target_starts: IntArray,

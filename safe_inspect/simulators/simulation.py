@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from safe_inspect.dynamics.base import Dynamics, advance_kernel
-from safe_inspect.randomness import Streams
+from safe_inspect.random.streams import Streams
 from safe_inspect.simulators.ahead import DEEP, Ahead
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.offers import Offers
-from safe_inspect.simulators.reset import ResetPlan
+from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TEAM, TEAM_GUARD
 from safe_inspect.simulators.view import GUARD, PILOT, Group, View

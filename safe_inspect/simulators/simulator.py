@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.dynamics.base import Dynamics
-from safe_inspect.functor import functor_field
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.component import Component
-from safe_inspect.simulators.reset import ResetPlan
+from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.simulation import Simulation
 from safe_inspect.simulators.view import Group
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from pydantic import ValidationError
 
-from safe_inspect.functor import errors_of
 from safe_inspect.platforms.base import Part
-from safe_inspect.plugin import Plugin
-from safe_inspect.registry import registry
+from safe_inspect.plugins.functor import errors_of
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.registry import registry
 from safe_inspect.testing.declaration import check_declaration, check_names
 from safe_inspect.testing.kinds import check_behaviour
 from safe_inspect.testing.report import ContractError, Report
@@ -55,7 +55,7 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     cls = plugin if isinstance(plugin, type) else type(plugin)
     if not issubclass(cls, Plugin):
         raise TypeError(
-            f"{plugin!r} is no plugin: neither a subclass of safe_inspect.plugin.Plugin nor one of its objects"
+            f"{plugin!r} is no plugin: neither a subclass of safe_inspect.plugins.plugin.Plugin nor one of its objects"
         )
     name = cls.registered_name or cls.__name__
     report = Report()

@@ -13,9 +13,9 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import did_you_mean
-from safe_inspect.functor import build, describe
 from safe_inspect.platforms.base import Controller, Sensor
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.functor import build, describe
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.testing.report import Report
 
 _UNKNOWN = "no_such_field"

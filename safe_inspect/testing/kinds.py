@@ -11,7 +11,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.glues.normalizers import Normalizer
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rewards.base import Reward
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
 from safe_inspect.testing.constraints import check_constraint

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from safe_inspect.platforms.base import Part
-from safe_inspect.randomness import Streams
-from safe_inspect.simulators.initializers import Initializer
-from safe_inspect.simulators.parameters import Draw, Parameter
+from safe_inspect.random.streams import Streams
+from safe_inspect.simulators.resets.initializers import Initializer
+from safe_inspect.simulators.resets.parameters import Draw, Parameter
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
 from safe_inspect.testing.flights import fly_twice

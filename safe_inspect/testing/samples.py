@@ -20,7 +20,7 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.state import State

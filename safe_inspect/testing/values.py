@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.platforms.base import Part
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.testing.calls import Call, Inputs, Shape
 from safe_inspect.testing.flights import take_rows

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from safe_inspect import train_rl
-from safe_inspect.cli import main
-from safe_inspect.registry import registry
+from safe_inspect.cli.main import main
+from safe_inspect.plugins.registry import registry
 from safe_inspect.version import __version__
 
 EXPERIMENT = "configs/translational-inspection/experiment-seed.yml"
@@ -98,7 +98,7 @@ def test_validating_the_shipped_experiment_is_quick():
 
 def test_validating_loads_neither_ray_nor_torch():
     code = (
-        "import sys; from safe_inspect.cli import main; "
+        "import sys; from safe_inspect.cli.main import main; "
         f"code = main(['validate', {EXPERIMENT!r}]); print(sorted({{'ray', 'torch'}} & set(sys.modules))); "
         "sys.exit(code)"
     )

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_inspect.cli import main
+from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
-from safe_inspect.evaluation import baseline, rollout
-from safe_inspect.evaluation.folder import read_evaluation
-from safe_inspect.evaluation.statistics import interquartile_mean
-from safe_inspect.evaluation.trajectory_table import read_trajectories
+from safe_inspect.evaluation import baseline
+from safe_inspect.evaluation.results.folder import read_evaluation
+from safe_inspect.evaluation.results.statistics import interquartile_mean
+from safe_inspect.evaluation.results.trajectory_table import read_trajectories
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.version import __version__
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
@@ -226,7 +227,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys.modules["safe_inspect.evaluation.rollout"], "rollout", fail)
+    monkeypatch.setattr(sys.modules["safe_inspect.evaluation.rollouts.rollout"], "rollout", fail)
     code, out, err = typed("evaluate", "zero-thrust", *SHORT, "--output", "out")
     assert (code, out, err) == (130, "", "interrupted; nothing is written\n")
     assert list(here.iterdir()) == []
@@ -262,7 +263,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     ],
 )
 def test_mistakes_are_told_before_an_episode_is_flown(typed, here, monkeypatch, words, told):
-    module = sys.modules["safe_inspect.evaluation.rollout"]
+    module = sys.modules["safe_inspect.evaluation.rollouts.rollout"]
     monkeypatch.setattr(module, "rollout", lambda *_, **__: pytest.fail("an episode was flown"))
     (here / "file.txt").write_text("text")
     (here / "folder").mkdir()
@@ -310,7 +311,7 @@ def test_an_onnx_file_and_a_shipped_policy_fly_as_their_checkpoint(typed, runs, 
     shutil.copy("policy.onnx", shipped)
     shutil.copy(runs / "plain" / "experiment.resolved.yml", shipped)
     (shipped / "policy.json").write_text(json.dumps({"agents": {"blue0_ctrl": "policy.onnx"}}))
-    monkeypatch.setattr("safe_inspect.evaluation.shipped._ROOT", here / "trained")
+    monkeypatch.setattr("safe_inspect.evaluation.policy_files.shipped._ROOT", here / "trained")
     written = (runs / "plain",), ("policy.onnx",), ("--policy", "flier"), ("flier",)
     for name, words in zip("abcd", written, strict=True):
         assert typed("evaluate", *words, "--episodes", "3", "--output", name)[0] == 0
@@ -428,7 +429,7 @@ def test_damaged_evaluations_are_told(typed, evaluations, here, file, content, t
 
 
 def test_damaged_trajectories_are_told(evaluations, here):
-    from safe_inspect.evaluation.results import EvaluationError
+    from safe_inspect.evaluation.results.results import EvaluationError
 
     shutil.copytree(evaluations / "random", here / "bad")
     with pytest.raises(EvaluationError, match="there are no recorded episodes; evaluate with --record"):

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.cli import main
+from safe_inspect.cli.main import main
 
 CFG = "safe_inspect/TranslationalInspection-v0"
 
 #: Runs the command line, with the inspector's search made long and announced.
 _LONG_SEARCH = """
 import sys
-from safe_inspect.cli import main
+from safe_inspect.cli.main import main
 from safe_inspect.policies import search
 revise = search.revise
 def announced(course, state, start, delta_v, seed, restarts, iterations, stride):
@@ -27,7 +27,7 @@ def announced(course, state, start, delta_v, seed, restarts, iterations, stride)
 search.revise = announced
 sys.exit(main(sys.argv[1:]))
 """
-_COMMAND = "import sys; from safe_inspect.cli import main; sys.exit(main(sys.argv[1:]))"
+_COMMAND = "import sys; from safe_inspect.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
 
 def start(code, *words):

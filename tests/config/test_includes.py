@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from safe_inspect.config.data import configs_root
-from safe_inspect.config.loader import load, load_if_path
-from safe_inspect.config.located import locate
+from safe_inspect.config.loading.loader import load, load_if_path
+from safe_inspect.config.loading.located import locate
 from safe_inspect.errors import ConfigError, Location
 
 
@@ -56,7 +56,7 @@ def test_the_data_of_the_package_come_last(write, monkeypatch):
             "work/a.yml": "p: !include configs/task/ppo.yml\nq: !include task/ppo.yml\n",
         }
     )
-    monkeypatch.setattr("safe_inspect.config.includes.configs_root", lambda: root / "data")
+    monkeypatch.setattr("safe_inspect.config.loading.includes.configs_root", lambda: root / "data")
     monkeypatch.chdir(root / "work")
     assert load("a.yml") == {"p": {"lr": 1e-4}, "q": {"lr": 1e-4}}
     assert load("configs/task/ppo.yml") == {"lr": 1e-4}

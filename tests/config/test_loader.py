@@ -9,9 +9,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_inspect.config.loader import load
-from safe_inspect.config.located import locate
-from safe_inspect.config.syntax import FLOAT
+from safe_inspect.config.loading.loader import load
+from safe_inspect.config.loading.located import locate
+from safe_inspect.config.loading.syntax import FLOAT
 from safe_inspect.errors import ConfigError, Location
 
 FLOW = """\

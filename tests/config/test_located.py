@@ -3,7 +3,7 @@ from __future__ import annotations
 import copy
 import pickle
 
-from safe_inspect.config.located import LocatedDict, LocatedList, locate, path_text, plain
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text, plain
 from safe_inspect.errors import Location
 
 

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_inspect.config.loader import load
-from safe_inspect.config.located import locate
-from safe_inspect.config.merge import merge
+from safe_inspect.config.loading.loader import load
+from safe_inspect.config.loading.located import locate
+from safe_inspect.config.loading.merge import merge
 from safe_inspect.errors import ConfigError
 
 keys = st.sampled_from("abc")

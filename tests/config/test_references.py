@@ -4,9 +4,9 @@ import copy
 
 import pytest
 
-from safe_inspect.config.loader import load
-from safe_inspect.config.located import locate
-from safe_inspect.config.references import expand_references
+from safe_inspect.config.loading.loader import load
+from safe_inspect.config.loading.located import locate
+from safe_inspect.config.loading.references import expand_references
 from safe_inspect.errors import ConfigError
 
 AGENT = """\

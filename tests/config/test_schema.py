@@ -5,9 +5,9 @@ from typing import ClassVar
 
 from pydantic import BaseModel
 
-from safe_inspect.config.schema import functor_schemas
-from safe_inspect.functor import functor_field
-from safe_inspect.plugin import Plugin
+from safe_inspect.config.messages.schema import functor_schemas
+from safe_inspect.plugins import Plugin
+from safe_inspect.plugins.functor import functor_field
 from safe_inspect.units import PositiveLength
 
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safe_inspect.config.loader import parse
-from safe_inspect.config.templates import MOST, expand_templates
+from safe_inspect.config.loading.loader import parse
+from safe_inspect.config.loading.templates import MOST, expand_templates
 from safe_inspect.errors import Location
 
 HERE = Location("command line", 0, text="a test")

@@ -9,7 +9,7 @@ import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
-from safe_inspect.config.loader import load
+from safe_inspect.config.loading.loader import load
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.task_ids import TASKS, TEAM_TASKS
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from safe_inspect.registry import registry
+from safe_inspect.plugins.registry import registry
 
 
 @pytest.fixture

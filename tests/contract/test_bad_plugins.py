@@ -11,11 +11,11 @@ import pytest
 from pydantic import BaseModel, ConfigDict
 
 from safe_inspect.dones import DoneFunction, DoneStatus
-from safe_inspect.functor import functor_field
 from safe_inspect.glues import ActionGlue, Normalizer, ObservationGlue
 from safe_inspect.platforms import Controller, Sensor
-from safe_inspect.plugin import Plugin, SensorName
-from safe_inspect.registry import registry
+from safe_inspect.plugins import Plugin, SensorName
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.constraints import Constraint, Evaluation
 from safe_inspect.simulators import Initializer, Parameter

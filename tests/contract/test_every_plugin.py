@@ -17,8 +17,8 @@ from safe_inspect.platforms import (
     SunAngleSensor,
     UninspectedPointsSensor,
 )
-from safe_inspect.plugin import Plugin
-from safe_inspect.registry import registry
+from safe_inspect.plugins import Plugin
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rewards import InspectionCrashReward, InspectionDeltaVReward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.simulators import (

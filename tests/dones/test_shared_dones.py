@@ -16,7 +16,7 @@ from safe_inspect.dones import (
 )
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.errors import PluginValueError
-from safe_inspect.functor import build
+from safe_inspect.plugins.functor import build
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.world import World

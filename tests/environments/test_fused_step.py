@@ -15,7 +15,7 @@ from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.platforms import Sensor
-from safe_inspect.registry import registry
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rewards import Reward
 from safe_inspect.types import FloatArray
 

@@ -13,7 +13,7 @@ from safe_inspect.dones import DoneFunction, DoneStatus
 from safe_inspect.environments import BatchedEnvironment, make, make_vec
 from safe_inspect.errors import PluginValueError
 from safe_inspect.platforms import Controller, Sensor
-from safe_inspect.registry import registry
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rewards import Reward
 from safe_inspect.simulators import Initializer
 

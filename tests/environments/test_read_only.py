@@ -13,14 +13,14 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dones import DoneFunction, DoneStatus, SharedDoneFunction
 from safe_inspect.environments import TeamEnvironment, load_spec, make
 from safe_inspect.errors import PluginValueError
-from safe_inspect.evaluation.rollout import rollout
-from safe_inspect.functor import Named
+from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.glues import ObservationGlue
 from safe_inspect.metrics.base import Metric
 from safe_inspect.platforms import Sensor
+from safe_inspect.plugins.functor import Named
+from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.base import PILOT, ScriptedPolicy
 from safe_inspect.policies.blind import ZeroThrust
-from safe_inspect.registry import registry
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.constraints import Constraint, Evaluation
 from safe_inspect.simulators.state import ArraySpec

@@ -17,15 +17,15 @@ from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, team
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import PluginValueError
-from safe_inspect.functor import Named
 from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 from safe_inspect.policies.inspector import NaturalMotionInspector
-from safe_inspect.randomness import Streams
+from safe_inspect.random.streams import Streams
 from safe_inspect.rewards import InspectionDeltaVReward, ObservedPointsReward
-from safe_inspect.simulators.initializers import PositionVelocityInitializer
-from safe_inspect.simulators.parameters import ConstantParameter
-from safe_inspect.simulators.reset import BodyReset, EnvironmentDraw
+from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer
+from safe_inspect.simulators.resets.parameters import ConstantParameter
+from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw
 
 RUNNING, WIN, LOSE, DRAW = DoneStatus
 SEED = 20231029

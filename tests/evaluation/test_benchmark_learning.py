@@ -8,7 +8,8 @@ import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.evaluation import rollout, summarise
+from safe_inspect.evaluation import summarise
+from safe_inspect.evaluation.rollouts import rollout
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "learning.py"
 

@@ -20,17 +20,17 @@ from random_checkpoint import TEAM, discrete, experiment_of, make_module, save_r
 
 from safe_inspect.environments import TeamEnvironment  # noqa: E402
 from safe_inspect.errors import CheckpointError, SafeInspectError  # noqa: E402
-from safe_inspect.evaluation import rollout  # noqa: E402
-from safe_inspect.evaluation.onnx_policy import load_onnx  # noqa: E402
-from safe_inspect.evaluation.policy_draws import choices, gaussian  # noqa: E402
-from safe_inspect.evaluation.policy_file import seal  # noqa: E402
+from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx  # noqa: E402
+from safe_inspect.evaluation.policy_files.policy_draws import choices, gaussian  # noqa: E402
+from safe_inspect.evaluation.policy_files.policy_file import seal  # noqa: E402
+from safe_inspect.evaluation.rollouts import rollout  # noqa: E402
 
 onnx = pytest.importorskip("onnx")
 
 
 def export(folder, experiment):
     """Return a checkpoint of a single agent and its file."""
-    from safe_inspect.experiments.export import export_policy
+    from safe_inspect.experiments.export.export import export_policy
 
     checkpoint = single_run(folder / "run", experiment)
     return checkpoint, export_policy(checkpoint, folder / "p.onnx").path
@@ -49,7 +49,7 @@ def exported(tmp_path_factory):
 @pytest.mark.parametrize("name", ["plain", "scaled", "discrete"])
 @pytest.mark.parametrize("sampled", [False, True])
 def test_a_rollout_is_that_of_the_checkpoint(exported, name, sampled):
-    from safe_inspect.experiments.policy import load_policy
+    from safe_inspect.experiments.modules.policy import load_policy
 
     experiment, checkpoint, file = exported[name]
     policy = load_onnx(file, sampled, seed=5)
@@ -90,8 +90,8 @@ def test_a_row_does_not_depend_on_its_neighbours(exported):
 
 
 def test_a_team_is_flown_by_its_files(tmp_path):
-    from safe_inspect.experiments.export import export_policy
-    from safe_inspect.experiments.policy import load_policy
+    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.modules.policy import load_policy
 
     experiment = experiment_of(path=TEAM, overrides=("horizon=30",))
     agents = experiment.spec.agents
@@ -114,8 +114,8 @@ def test_a_team_is_flown_by_its_files(tmp_path):
 
 @pytest.mark.parametrize("deputy", [0, 2])
 def test_draws_are_those_of_the_training(deputy):
-    from safe_inspect.experiments.categorical import draw_choices
-    from safe_inspect.experiments.gaussian import draw_actions
+    from safe_inspect.experiments.sampling.categorical import draw_choices
+    from safe_inspect.experiments.sampling.gaussian import draw_actions
 
     generator = np.random.default_rng(0)
     slots, deputies = np.arange(500) * 7, np.full(500, deputy)
@@ -243,7 +243,7 @@ class TestRefusals:
 def test_a_file_is_flown_without_ray_and_torch(exported):
     code = (
         "import sys, json; from safe_inspect.evaluation import rollout\n"
-        "from safe_inspect.evaluation.onnx_policy import load_onnx\n"
+        "from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx\n"
         f"policy = load_onnx({str(exported['plain'][2])!r})\n"
         "rollout(policy.prepare(policy.task()), policy, 1)\n"
         "print(json.dumps([name for name in ('ray', 'torch', 'onnx') if name in sys.modules]))"
@@ -266,7 +266,7 @@ def test_onnxruntime_writes_nothing_into_the_home_folder(exported, tmp_path):
     assert files["load"] == []
 
 
-LOAD = "from safe_inspect.evaluation.onnx_policy import load_onnx\nload_onnx({!r})"
+LOAD = "from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx\nload_onnx({!r})"
 
 
 def example():

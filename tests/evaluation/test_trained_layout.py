@@ -15,15 +15,15 @@ if str(EXPERIMENTS) not in sys.path:
 
 from random_checkpoint import TEAM, discrete, experiment_of, make_module, save_run, scaled, single_run  # noqa: E402
 
-from safe_inspect.cli import main  # noqa: E402
+from safe_inspect.cli.main import main  # noqa: E402
 from safe_inspect.errors import CheckpointError  # noqa: E402
-from safe_inspect.evaluation.policy_file import PolicyInfo  # noqa: E402
-from safe_inspect.evaluation.trained_layout import check_layout  # noqa: E402
-from safe_inspect.experiments.policy_facts import policy_info  # noqa: E402
-from safe_inspect.experiments.sources import open_source  # noqa: E402
+from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo  # noqa: E402
+from safe_inspect.evaluation.policy_files.trained_layout import check_layout  # noqa: E402
+from safe_inspect.experiments.modules.policy_facts import policy_info  # noqa: E402
+from safe_inspect.experiments.modules.sources import open_source  # noqa: E402
 from safe_inspect.glues.base import ActionGlue, ObservationGlue  # noqa: E402
 from safe_inspect.glues.normalizers import Normalizer  # noqa: E402
-from safe_inspect.registry import registry  # noqa: E402
+from safe_inspect.plugins.registry import registry  # noqa: E402
 
 pytest.importorskip("onnx")
 

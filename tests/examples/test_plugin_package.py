@@ -15,7 +15,7 @@ import pytest
 import safe_inspect
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.registry import ENTRY_POINT_GROUP
+from safe_inspect.plugins.registry import ENTRY_POINT_GROUP
 
 _PACKAGE = Path(__file__).parents[2] / "examples" / "plugin_package"
 _EXPERIMENT = _PACKAGE / "configs" / "speed-limit" / "experiment.yml"
@@ -99,16 +99,16 @@ def test_an_installed_package_is_found_by_its_entry_point(tmp_path: Path) -> Non
     (info / "entry_points.txt").write_text(f"[{ENTRY_POINT_GROUP}]\n{entries}\n")
     shutil.copytree(_PACKAGE / "src" / "safe_inspect_example", tmp_path / "safe_inspect_example")
 
-    listed = python("-m", "safe_inspect.cli", "list", "reward", "SpeedLimitReward", path=tmp_path)
+    listed = python("-m", "safe_inspect.cli.main", "list", "reward", "SpeedLimitReward", path=tmp_path)
     assert "limit" in listed
     assert "[m/s]" in listed
-    assert "is valid" in python("-m", "safe_inspect.cli", "validate", str(_EXPERIMENT), path=tmp_path)
+    assert "is valid" in python("-m", "safe_inspect.cli.main", "validate", str(_EXPERIMENT), path=tmp_path)
 
 
 @pytest.mark.parametrize("steps", [6_000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_the_default_filter_keeps_the_deputy_off_the_wall(steps: int) -> None:
     told = python(
-        "-m", "safe_inspect.cli", "safety", str(_WALL), _BY_PATH, "--steps", str(steps), "--num-envs", "256",
+        "-m", "safe_inspect.cli.main", "safety", str(_WALL), _BY_PATH, "--steps", str(steps), "--num-envs", "256",
         path=_PACKAGE / "src",
     )  # fmt: skip
     (wall,) = (line.split() for line in told.splitlines() if line.startswith("Wall"))

@@ -7,8 +7,8 @@ from dummy_environment import ONE
 from training_values import MAKER, QUICK
 
 from safe_inspect.config.spec import Policy
-from safe_inspect.experiments.policies import read_policies
-from safe_inspect.experiments.translation import translate_rllib
+from safe_inspect.experiments.settings.policies import read_policies
+from safe_inspect.experiments.settings.translation import translate_rllib
 
 
 def policies_of(team):
@@ -22,8 +22,8 @@ def policies_of(team):
 
 def build(experiment, maker=MAKER, policies=(), **more):
     """Return a configuration of RLlib."""
-    from safe_inspect.experiments import environment
-    from safe_inspect.experiments.algorithm import build_config, environment_settings
+    from safe_inspect.experiments.adapters import environment
+    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
 
     settings = translate_rllib({**QUICK, **more})
     assert not settings.problems

@@ -21,7 +21,7 @@ from training_values import MAKER, QUICK  # noqa: E402
 @pytest.fixture(scope="session")
 def ray_session():
     """Start one Ray for all the tests that do not need to kill it."""
-    from safe_inspect.experiments import cluster
+    from safe_inspect.experiments.runs import cluster
 
     cluster.set_environment()
     import ray

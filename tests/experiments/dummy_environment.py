@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.errors import PluginValueError
-from safe_inspect.randomness import Streams
+from safe_inspect.random.streams import Streams
 
 ONE = [{"agents": ["pilot"], "policies": ["pilot"], "size": 11}]
 #: One agent that chooses among a few levels of each of its elements.

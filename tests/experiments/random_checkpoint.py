@@ -60,9 +60,9 @@ def make_module(agent, seed=0, module_class=None, **model):
     import torch
     from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
+    from safe_inspect.environments.facades.spaces import action_space, box
     from safe_inspect.environments.layout import action_layout, observation_layout
-    from safe_inspect.environments.spaces import action_space, box
-    from safe_inspect.experiments.fresh_policy import FreshPolicy
+    from safe_inspect.experiments.modules.fresh_policy import FreshPolicy
 
     torch.manual_seed(seed)
     settings = {"fcnet_hiddens": [32, 32], "fcnet_activation": "tanh", "vf_share_layers": False, **model}
@@ -79,9 +79,9 @@ def make_module(agent, seed=0, module_class=None, **model):
 
 def save_run(folder, experiment, modules):
     """Write a run's folder with one checkpoint of these modules, by the names of their policies; return that."""
-    from safe_inspect.experiments.checkpoints import Checkpoint, seal_checkpoint
-    from safe_inspect.experiments.policy_facts import policy_info
-    from safe_inspect.experiments.weights_file import INFO
+    from safe_inspect.experiments.modules.policy_facts import policy_info
+    from safe_inspect.experiments.modules.weights_file import INFO
+    from safe_inspect.experiments.runs.checkpoints import Checkpoint, seal_checkpoint
 
     outside = [agent for agent in experiment.spec.agents if agent.pilot is None]
     checkpoint = folder / "tune" / "000" / "trial_00000" / "checkpoint_000003"

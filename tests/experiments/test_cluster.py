@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments import cluster
-from safe_inspect.experiments.run_folder import RunFolder
+from safe_inspect.experiments.runs import cluster
+from safe_inspect.experiments.runs.run_folder import RunFolder
 
 HERE = Path(__file__).parent
 
@@ -76,7 +76,7 @@ import sys, io
 from pathlib import Path
 from training_values import MAKER, QUICK
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.train import TrainingRun, train
+from safe_inspect.experiments.runs.train import TrainingRun, train
 run = dict(rllib=QUICK, tune={"stop": {"training_iteration": 1}}, output=Path(sys.argv[2]), maker=MAKER)
 print(train(TrainingRun({}, ray={"address": sys.argv[1]}, **run), io.StringIO()).iteration)
 """
@@ -113,7 +113,7 @@ def test_a_cluster_that_is_not_there_is_one_message(tmp_path):
     code = (
         "import sys; from pathlib import Path\n"
         "from safe_inspect.errors import ConfigError\n"
-        "from safe_inspect.experiments.train import TrainingRun, train\n"
+        "from safe_inspect.experiments.runs.train import TrainingRun, train\n"
         "try: train(TrainingRun({}, ray={'address': sys.argv[2]}, output=Path(sys.argv[1])))\n"
         "except ConfigError as error: print(error)"
     )
@@ -132,9 +132,9 @@ def test_starting_ray_writes_nothing_into_the_home_folder(tmp_path):
     run.mkdir()
     code = (
         "import sys, os; from pathlib import Path\n"
-        "from safe_inspect.experiments.cluster import ray_cluster, set_environment\n"
-        "from safe_inspect.experiments.run_folder import RunFolder\n"
-        "from safe_inspect.experiments.translation import translate_ray\n"
+        "from safe_inspect.experiments.runs.cluster import ray_cluster, set_environment\n"
+        "from safe_inspect.experiments.runs.run_folder import RunFolder\n"
+        "from safe_inspect.experiments.settings.translation import translate_ray\n"
         "set_environment()\n"
         "import ray\n"
         "for _ in range(2):\n"

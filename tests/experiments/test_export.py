@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from random_checkpoint import LEVELS, TEAM, discrete, experiment_of, make_module, save_run, scaled, single_run
 
+from safe_inspect.cli.export import add_export_arguments, run_export
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
-from safe_inspect.evaluation.onnx_policy import load_onnx
-from safe_inspect.export_commands import add_export_arguments, run_export
+from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
 from safe_inspect.glues import Normalizer
-from safe_inspect.registry import registry
+from safe_inspect.plugins.registry import registry
 
 onnx = pytest.importorskip("onnx")
 logging.getLogger("ray").setLevel(logging.ERROR)
@@ -66,7 +66,7 @@ NETS = [
 
 @pytest.mark.parametrize("model", NETS)
 def test_the_file_gives_what_the_checkpoint_gives(tmp_path, model):
-    from safe_inspect.experiments.export import export_policy
+    from safe_inspect.experiments.export.export import export_policy
 
     experiment = experiment_of()
     checkpoint = single_run(tmp_path / "run", experiment, **model)
@@ -83,7 +83,7 @@ def test_the_file_gives_what_the_checkpoint_gives(tmp_path, model):
 
 
 def test_units_normalisers_and_limits_stand_in_the_file(tmp_path):
-    from safe_inspect.experiments.export import export_policy
+    from safe_inspect.experiments.export.export import export_policy
 
     experiment = experiment_of(scaled)
     policy = load_onnx(export_policy(single_run(tmp_path / "run", experiment), tmp_path / "p.onnx").path)
@@ -97,7 +97,7 @@ def test_units_normalisers_and_limits_stand_in_the_file(tmp_path):
 
 
 def test_a_policy_that_chooses_among_levels_gives_them_in_newtons(tmp_path):
-    from safe_inspect.experiments.export import export_policy
+    from safe_inspect.experiments.export.export import export_policy
 
     experiment = experiment_of(discrete)
     done = export_policy(single_run(tmp_path / "run", experiment), tmp_path / "p.onnx")
@@ -114,7 +114,7 @@ def test_a_policy_that_chooses_among_levels_gives_them_in_newtons(tmp_path):
 
 
 def test_the_metadata_tell_what_the_file_is(tmp_path):
-    from safe_inspect.experiments.export import export_policy
+    from safe_inspect.experiments.export.export import export_policy
 
     experiment = experiment_of()
     done = export_policy(single_run(tmp_path / "run", experiment), tmp_path / "p.onnx")
@@ -145,7 +145,7 @@ def test_the_metadata_tell_what_the_file_is(tmp_path):
 
 
 def test_each_policy_of_a_team_has_its_own_file(tmp_path):
-    from safe_inspect.experiments.export import export_policy, policies_in
+    from safe_inspect.experiments.export.export import export_policy, policies_in
 
     experiment = experiment_of(path=TEAM)
     agents = experiment.spec.agents
@@ -165,7 +165,7 @@ class TestRefusals:
     """One clear message each, and no file."""
 
     def test_a_foreign_normaliser_is_named_with_its_glue(self, tmp_path, classes):
-        from safe_inspect.experiments.export import export_policy
+        from safe_inspect.experiments.export.export import export_policy
 
         class CubicNormalizer(Normalizer):
             """x^3."""
@@ -192,7 +192,7 @@ class TestRefusals:
         ],
     )
     def test_layers_that_no_file_can_hold(self, tmp_path, model, message):
-        from safe_inspect.experiments.export import export_policy
+        from safe_inspect.experiments.export.export import export_policy
 
         checkpoint = single_run(tmp_path / "run", experiment_of(), **model)
         with pytest.raises(CheckpointError, match=message):
@@ -202,7 +202,7 @@ class TestRefusals:
     def test_a_module_of_its_own_kind(self, run):
         from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 
-        from safe_inspect.experiments.onnx_graph import check_module
+        from safe_inspect.experiments.export.onnx_graph import check_module
 
         class Halved(DefaultPPOTorchRLModule):
             def _forward(self, batch, **kwargs):
@@ -222,7 +222,7 @@ class TestRefusals:
         ],
     )
     def test_an_experiment_of_another_task(self, run, tmp_path, change, message):
-        from safe_inspect.experiments.export import export_policy
+        from safe_inspect.experiments.export.export import export_policy
 
         with pytest.raises(CheckpointError, match=message):
             export_policy(run[1], tmp_path / "p.onnx", experiment=experiment_of(change))
@@ -231,7 +231,7 @@ class TestRefusals:
     def test_a_checkpoint_outside_a_run_wants_an_experiment(self, run, tmp_path):
         import shutil
 
-        from safe_inspect.experiments.export import export_policy
+        from safe_inspect.experiments.export.export import export_policy
 
         alone = tmp_path / "checkpoint_000003"
         shutil.copytree(run[1], alone)
@@ -240,7 +240,7 @@ class TestRefusals:
         assert export_policy(alone, tmp_path / "p.onnx", experiment=run[0]).info.training["steps"] == 28_000
 
     def test_a_file_that_differs_from_the_checkpoint_is_not_left(self, run, tmp_path, monkeypatch):
-        from safe_inspect.experiments import export
+        from safe_inspect.experiments.export.export import export
 
         def spoilt(module, info, title):
             import torch
@@ -260,7 +260,7 @@ class TestRefusals:
         assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("p.onnx", "old")]
 
     def test_a_place_that_cannot_be_written(self, run, tmp_path):
-        from safe_inspect.experiments.export import export_policy
+        from safe_inspect.experiments.export.export import export_policy
 
         (tmp_path / "file").write_text("")
         with pytest.raises(OutputError, match=r"file/p.onnx: the file cannot be written \(Not a directory\)"):
@@ -272,7 +272,7 @@ class TestRefusals:
     def test_a_missing_package_is_named_with_its_extra(self, run, tmp_path, monkeypatch):
         import sys
 
-        from safe_inspect.experiments.export import export_policy
+        from safe_inspect.experiments.export.export import export_policy
 
         monkeypatch.setitem(sys.modules, "onnx", None)
         with pytest.raises(SafeInspectError, match=r"pip install 'safe_inspect\[onnx\]'"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from dummy_environment import CHOOSING, ONE, TEAM
 
-from safe_inspect.experiments.translation import translate_rllib
+from safe_inspect.experiments.settings.translation import translate_rllib
 
 pytestmark = pytest.mark.ray
 NET = {"fcnet_hiddens": [16, 16], "orthogonal": True}
@@ -71,7 +71,7 @@ def test_a_checkpoint_keeps_what_of_the_task_lives_through_resets(algorithm, tea
 
 def saved(algo, folder):
     """Save an algorithm as a run does, sealed."""
-    from safe_inspect.experiments.checkpoints import Checkpoint, seal_checkpoint
+    from safe_inspect.experiments.runs.checkpoints import Checkpoint, seal_checkpoint
 
     algo.save_to_path(str(folder))
     seal_checkpoint(Checkpoint(folder, 1, 100, 1.0))
@@ -95,7 +95,7 @@ def test_a_team_begins_with_what_one_has_learned(algorithm, tmp_path):
     assert learning_module(team, "own").get_ctor_args_and_kwargs()[1]["model_config"]["initial_weights"] is None
     later = saved(team, tmp_path / "later")
     (tmp_path / "checkpoint").rename(tmp_path / "gone")
-    from safe_inspect.experiments.policy import load_policy
+    from safe_inspect.experiments.modules.policy import load_policy
 
     assert load_policy(later, "own")(np.zeros((2, 11), np.float32)).shape == (2, 3)
 

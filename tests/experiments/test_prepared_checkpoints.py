@@ -15,12 +15,12 @@ import yaml
 from dummy_environment import ONE, TEAM
 from random_checkpoint import discrete, experiment_of, make_module, save_run, single_run
 
-from safe_inspect.cli import main
+from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.spec import Policy
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.checkpoints import MODULES, WEIGHTS, Checkpoint, find_newest, seal_checkpoint
-from safe_inspect.experiments.policies import PolicySettings
+from safe_inspect.experiments.runs.checkpoints import MODULES, WEIGHTS, Checkpoint, find_newest, seal_checkpoint
+from safe_inspect.experiments.settings.policies import PolicySettings
 
 MIXED = configs_root() / "multiagent-translational-inspection" / "experiment-mixed.yml"
 
@@ -129,10 +129,10 @@ def no_pickle(monkeypatch):
 
 def open_all(folder):
     """Open the policy of a run in every way that there is."""
-    from safe_inspect.experiments.fresh_policy import policy_spec
-    from safe_inspect.experiments.frozen import FrozenPolicy, frozen_spec
-    from safe_inspect.experiments.policy import load_policy, untrained_policy
-    from safe_inspect.experiments.sources import open_source
+    from safe_inspect.experiments.modules.fresh_policy import policy_spec
+    from safe_inspect.experiments.modules.frozen import FrozenPolicy, frozen_spec
+    from safe_inspect.experiments.modules.policy import load_policy, untrained_policy
+    from safe_inspect.experiments.modules.sources import open_source
 
     checkpoint = find_newest(folder).newest.path
     spec, policies = open_source(folder)
@@ -169,7 +169,7 @@ def test_a_checkpoint_with_pickles_alone_is_refused(prepared, capsys):
 
 
 def test_weights_of_another_version_or_none_are_refused(prepared):
-    from safe_inspect.experiments.policy import load_policy
+    from safe_inspect.experiments.modules.policy import load_policy
 
     checkpoint = find_newest(prepared[0]).newest
     path = checkpoint.path / MODULES / "default_policy" / WEIGHTS
@@ -236,7 +236,7 @@ def test_a_training_as_a_user_types_it(tmp_path):
     assert done.returncode == 0, done.stderr
     assert not marker.exists()
     (run,) = (tmp_path / "out").iterdir()
-    from safe_inspect.experiments.policy import load_policy
+    from safe_inspect.experiments.modules.policy import load_policy
 
     frozen = load_policy(find_newest(run).newest.path, "red_ctrl").module.state_dict()
     for name, value in module.state_dict().items():

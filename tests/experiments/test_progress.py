@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from safe_inspect.experiments.progress import Messages, Progress, clock, flatten, row_of, time_left
-from safe_inspect.experiments.training_log import TrainingLog, read_progress
+from safe_inspect.experiments.runs.progress import Messages, Progress, clock, flatten, row_of, time_left
+from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
 
 
 def result(iteration, **runners):

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.experiments.checkpoints import find_newest
-from safe_inspect.experiments.training_log import read_progress
+from safe_inspect.experiments.runs.checkpoints import find_newest
+from safe_inspect.experiments.runs.training_log import read_progress
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 

@@ -23,7 +23,7 @@ class Net:
 
 
 def sampler(team=TEAM, num_envs=5, first_slot=0, seed=3, **experiment):
-    from safe_inspect.experiments.sampler import Sampler, seats_of
+    from safe_inspect.experiments.sampling.sampler import Sampler, seats_of
 
     environment = DummyTeam({"team": team, **experiment}, num_envs, seed, first_slot)
     sizes = {policy: entry["size"] for entry in team for policy in entry["policies"]}
@@ -162,7 +162,7 @@ def test_actions_are_gaussian_and_their_densities_rllibs():
     import torch
     from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussian
 
-    from safe_inspect.experiments.gaussian import draw_actions
+    from safe_inspect.experiments.sampling.gaussian import draw_actions
 
     rows = 4000
     inputs = np.random.default_rng(0).normal(0.0, 0.5, (rows, 6)).astype(np.float32)

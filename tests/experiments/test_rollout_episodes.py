@@ -11,8 +11,8 @@ import pytest
 from ray.rllib.env.multi_agent_episode import MultiAgentEpisode
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
-from safe_inspect.experiments.ppo_batch import batches_of
-from safe_inspect.experiments.rollout_episodes import Part, RolloutEpisode, RolloutTeamEpisode, part_of_episode
+from safe_inspect.experiments.learning.ppo_batch import batches_of
+from safe_inspect.experiments.sampling.rollout_episodes import Part, RolloutEpisode, RolloutTeamEpisode, part_of_episode
 
 SPACES = (
     gymnasium.spaces.Box(np.full(4, -9.0, np.float32), np.full(4, 9.0, np.float32)),

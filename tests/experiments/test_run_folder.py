@@ -10,8 +10,8 @@ import sys
 import pytest
 
 from safe_inspect.errors import CheckpointError, OutputError
-from safe_inspect.experiments import run_folder
-from safe_inspect.experiments.train import TrainingRun, train
+from safe_inspect.experiments.runs import run_folder
+from safe_inspect.experiments.runs.train import TrainingRun, train
 
 CONFIGURATION = {"experiment": {"radius": 10.0, "points": [1, 2]}, "rllib_configs": {"lr": 1e-4}}
 
@@ -87,7 +87,7 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path):
 def test_two_processes_cannot_train_in_one_folder(tmp_path):
     folder = run_folder.create_run_folder(tmp_path, "x")
     code = (
-        "import sys; from pathlib import Path; from safe_inspect.experiments.run_folder import RunFolder, locked\n"
+        "import sys; from pathlib import Path; from safe_inspect.experiments.runs.run_folder import RunFolder, locked\n"
         "with locked(RunFolder(Path(sys.argv[1]))): pass"
     )
     command = [sys.executable, "-c", code, str(folder.path)]

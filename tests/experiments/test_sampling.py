@@ -10,8 +10,8 @@ from algorithms import build, parts_of, targets
 from dummy_environment import CHOOSING, ONE, TEAM, THREE
 from training_values import QUICK
 
-from safe_inspect.experiments.environment import DEFAULT_MAKER
-from safe_inspect.experiments.translation import translate_rllib
+from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
+from safe_inspect.experiments.settings.translation import translate_rllib
 
 pytestmark = pytest.mark.ray
 
@@ -236,7 +236,7 @@ def test_a_piece_of_several_agents_can_be_sliced(algorithm):
 
 
 def test_a_row_of_a_net_does_not_depend_on_the_others(algorithm):
-    from safe_inspect.experiments.policy_net import PolicyNet
+    from safe_inspect.experiments.sampling.policy_net import PolicyNet
 
     algo = algorithm({}, model_config={"fcnet_hiddens": [256, 256]})
     module = algo.env_runner.module
@@ -260,7 +260,7 @@ def test_what_the_batched_runner_cannot_do_the_stock_one_does(algorithm):
     from ray.rllib.callbacks.callbacks import RLlibCallback
     from ray.rllib.connectors.env_to_module import FlattenObservations
 
-    from safe_inspect.experiments.stock import why_stock
+    from safe_inspect.experiments.sampling.stock import why_stock
 
     class Watching(RLlibCallback):
         def on_episode_step(self, **kwargs):

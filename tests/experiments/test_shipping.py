@@ -12,9 +12,9 @@ import pytest
 from random_checkpoint import TEAM, experiment_of, make_module, save_run, single_run
 
 from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
-from safe_inspect.evaluation import rollout
-from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.model_card import CardFacts, model_card
+from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.experiments.export.model_card import CardFacts, model_card
 
 pytest.importorskip("onnx")
 
@@ -34,7 +34,7 @@ def run(tmp_path_factory):
 @pytest.fixture(scope="module")
 def shelf(run, tmp_path_factory):
     """Return a folder with one shipped policy."""
-    from safe_inspect.experiments.shipping import ship
+    from safe_inspect.experiments.export.shipping import ship
 
     root = tmp_path_factory.mktemp("trained")
     (root / "evaluation.json").write_text(json.dumps(EVALUATION))
@@ -54,7 +54,7 @@ def test_it_is_found_by_its_name(shelf):
 
 
 def test_its_file_and_its_checkpoint_fly_alike(run, shelf):
-    from safe_inspect.experiments.policy import load_policy
+    from safe_inspect.experiments.modules.policy import load_policy
 
     found = shipped_policy("one-deputy", shelf)
     assert found.configuration == run[0].resolved
@@ -67,7 +67,7 @@ def test_its_file_and_its_checkpoint_fly_alike(run, shelf):
 
 
 def test_its_checkpoint_can_be_exported_again(shelf, tmp_path):
-    from safe_inspect.experiments.export import export_policy
+    from safe_inspect.experiments.export.export import export_policy
 
     found = shipped_policy("one-deputy", shelf)
     again = export_policy(found.checkpoint, tmp_path / "again.onnx")
@@ -78,7 +78,7 @@ def test_its_checkpoint_can_be_exported_again(shelf, tmp_path):
 
 
 def _outputs(path, readings):
-    from safe_inspect.evaluation.onnx_policy import load_onnx
+    from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
 
     return load_onnx(path).outputs(readings)
 
@@ -130,7 +130,7 @@ def test_a_card_of_a_team_has_a_table_for_each_agent():
 
 
 def test_a_team_has_a_file_for_each_policy(tmp_path):
-    from safe_inspect.experiments.shipping import ship
+    from safe_inspect.experiments.export.shipping import ship
 
     experiment = experiment_of(path=TEAM, overrides=("horizon=20",))
     agents = experiment.spec.agents
@@ -144,7 +144,7 @@ def test_a_team_has_a_file_for_each_policy(tmp_path):
 
 
 def test_mistakes(run, shelf, tmp_path):
-    from safe_inspect.experiments.shipping import ship
+    from safe_inspect.experiments.export.shipping import ship
 
     before = sorted(shelf.rglob("*"))
     with pytest.raises(OutputError, match="one-deputy: the folder is there already"):

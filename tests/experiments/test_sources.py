@@ -9,7 +9,7 @@ import pytest
 from random_checkpoint import TEAM, discrete, experiment_of, make_module, save_run, single_run
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.experiments.sources import open_source
+from safe_inspect.experiments.modules.sources import open_source
 from safe_inspect.policies import NaturalMotionInspector
 
 

@@ -13,8 +13,8 @@ from training_values import MAKER, QUICK
 
 from safe_inspect.config.spec import Policy
 from safe_inspect.errors import CheckpointError, ConfigError
-from safe_inspect.experiments.train import TrainingRun, read_settings, train
-from safe_inspect.experiments.training_log import read_progress
+from safe_inspect.experiments.runs.train import TrainingRun, read_settings, train
+from safe_inspect.experiments.runs.training_log import read_progress
 
 pytestmark = pytest.mark.ray
 

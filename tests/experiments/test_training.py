@@ -14,10 +14,10 @@ import pytest
 from training_values import MAKER, QUICK
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError
-from safe_inspect.experiments.checkpoints import MODULES, find_newest
-from safe_inspect.experiments.search import sample_seed
-from safe_inspect.experiments.train import TrainingRun, train
-from safe_inspect.experiments.training_log import TrainingLog, read_progress
+from safe_inspect.experiments.runs.checkpoints import MODULES, find_newest
+from safe_inspect.experiments.runs.train import TrainingRun, train
+from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
+from safe_inspect.experiments.settings.search import sample_seed
 
 pytestmark = pytest.mark.ray
 
@@ -94,7 +94,7 @@ def test_checkpoints_are_sealed_and_hold_the_policy(trained):
     assert (newest.iteration, newest.steps) == (2, result.steps)
     from ray.rllib.core.rl_module.rl_module import RLModule
 
-    from safe_inspect.experiments.policy import load_policy
+    from safe_inspect.experiments.modules.policy import load_policy
 
     theirs = RLModule.from_checkpoint(result.checkpoint / MODULES / "default_policy").get_state()
     module = load_policy(result.checkpoint).module
@@ -219,7 +219,7 @@ def test_a_full_disk_is_one_message_that_says_how_to_go_on(ray_session, tmp_path
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(TrainingLog, "add", full)
-    monkeypatch.setattr("safe_inspect.experiments.train.is_full", lambda folder: True)
+    monkeypatch.setattr("safe_inspect.experiments.runs.train.is_full", lambda folder: True)
     tune = {"stop": {"training_iteration": 9}, "checkpoint_frequency": 1}
     with pytest.raises(OutputError) as caught:
         train(TrainingRun({}, rllib=QUICK, tune=tune, output=tmp_path, maker=MAKER), io.StringIO())

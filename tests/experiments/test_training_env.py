@@ -9,8 +9,8 @@ import pytest
 from dummy_environment import TEAM, DummyTeam
 
 from safe_inspect.errors import PluginValueError, SafeInspectError
-from safe_inspect.experiments.environment import first_slot, stream_seed
-from safe_inspect.experiments.training_env import TrainingEnv
+from safe_inspect.experiments.adapters.environment import first_slot, stream_seed
+from safe_inspect.experiments.adapters.training_env import TrainingEnv
 
 
 def build(num_envs=4, maker="dummy_environment:make", **more):

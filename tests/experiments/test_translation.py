@@ -8,7 +8,7 @@ import sys
 import pytest
 import yaml
 
-from safe_inspect.experiments.translation import translate_ray, translate_rllib, translate_tune
+from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
 
 #: As files for RLlib's old API stack write it.
 OLD = """
@@ -220,7 +220,7 @@ def test_ray_is_the_runs_own_unless_asked():
 
 def test_checking_does_not_load_ray_or_torch():
     code = (
-        "import sys; from safe_inspect.experiments.train import read_settings; read_settings({}, {}, {});"
+        "import sys; from safe_inspect.experiments.runs.train import read_settings; read_settings({}, {}, {});"
         "print(sorted({name.partition('.')[0] for name in sys.modules} & {'ray', 'torch', 'tensorboardX', 'pandas'}))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

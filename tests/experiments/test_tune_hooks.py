@@ -13,7 +13,7 @@ pytestmark = pytest.mark.ray
 
 
 def test_the_first_signal_asks_for_a_checkpoint_and_the_second_stops_at_once(tmp_path):
-    from safe_inspect.experiments.tune_hooks import Monitor
+    from safe_inspect.experiments.runs.tune_hooks import Monitor
 
     stream = io.StringIO()
     monitor = Monitor(tmp_path, {"training_iteration": 9}, stream, "")

@@ -10,7 +10,7 @@ from training_values import MAKER, QUICK
 
 from safe_inspect.config.spec import Policy
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.train import TrainingRun, train
+from safe_inspect.experiments.runs.train import TrainingRun, train
 
 if __name__ == "__main__":
     output, iterations, *resume = sys.argv[1:]

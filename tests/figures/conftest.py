@@ -4,7 +4,7 @@ import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
-from safe_inspect.evaluation.recording import record_episode
+from safe_inspect.evaluation.rollouts.recording import record_episode
 from safe_inspect.policies import RandomThrust
 
 

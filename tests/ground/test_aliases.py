@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from safe_inspect.aliases import ALIASES
-from safe_inspect.config.models import (
+from safe_inspect.config.models.experiment import (
     AgentConfig,
     EntityConfig,
     PlatformConfig,
@@ -11,7 +10,8 @@ from safe_inspect.config.models import (
     TaskBody,
     TaskConfig,
 )
-from safe_inspect.registry import registry
+from safe_inspect.plugins.aliases import ALIASES
+from safe_inspect.plugins.registry import registry
 
 #: Names of the grammar that stand for no plugin, each with the check of the model that takes it.
 _GRAMMAR = {

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import safe_inspect
-from safe_inspect.compiled import Kernel, remove_stale_cache
+from safe_inspect.compiling.kernel import Kernel, remove_stale_cache
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_kernels_are_compiled_at_the_first_call_and_call_each_other() -> None:
 
 def test_a_kernel_is_compiled_where_no_cache_can_be_kept(tmp_path: Path) -> None:
     (tmp_path / "frozen.py").write_text(
-        "from safe_inspect.compiled import njit\n@njit\ndef double(x): return 2.0 * x\n", encoding="utf-8"
+        "from safe_inspect.compiling import njit\n@njit\ndef double(x): return 2.0 * x\n", encoding="utf-8"
     )
     code = (
         "import numba.core.caching as caching\n"
@@ -134,7 +134,7 @@ def test_no_compiled_function_returns_what_an_interrupt_would_break():
     scalars = (int, float, bool)
     for place, name, result in results:
         if isinstance(result, type) and issubclass(result, tuple):
-            pytest.fail(f"{place}: {name} returns a NamedTuple, see safe_inspect.compiled")
+            pytest.fail(f"{place}: {name} returns a NamedTuple, see safe_inspect.compiling")
         if typing.get_origin(result) is tuple:
             parts = [part for part in typing.get_args(result) if part is not Ellipsis]
             assert all(part in scalars for part in parts), f"{place}: {name} returns arrays in a tuple"

@@ -7,8 +7,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.functor import build, describe, errors_of, functor_field, name_key
 from safe_inspect.glues import ControllerGlue
+from safe_inspect.plugins.functor import build, describe, errors_of, functor_field, name_key
 from safe_inspect.rewards import ObservedPointsReward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.simulators import CWH3DRadialWithSunInitializer, UniformParameter

@@ -23,8 +23,8 @@ def loaded_by(statement: str) -> set[str]:
     [
         "import safe_inspect",
         "import safe_inspect.config.experiment",
-        "import safe_inspect.cli",
-        "from safe_inspect.registry import registry; assert registry.kinds()",
+        "import safe_inspect.cli.main",
+        "from safe_inspect.plugins.registry import registry; assert registry.kinds()",
         "import safe_inspect.environments.registration as r; r.load_spec('safe_inspect/TranslationalInspection-v0')",
     ],
 )

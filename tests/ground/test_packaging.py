@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.evaluation import shipped
+from safe_inspect.evaluation.policy_files import shipped
 
 ROOT = Path(__file__).parents[2]
 NOT_DATA = {".py", ".pyc", ".nbc", ".nbi"}  # modules, and what Python and Numba make of them

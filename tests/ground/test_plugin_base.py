@@ -6,8 +6,8 @@ import pytest
 from pydantic import Field, ValidationError
 
 from safe_inspect.glues import ObserveSensor
-from safe_inspect.plugin import DoneName, EntityName, Plugin, SensorName
-from safe_inspect.registry import registry
+from safe_inspect.plugins import DoneName, EntityName, Plugin, SensorName
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rewards import ObservedPointsReward, Reward
 
 pytestmark = pytest.mark.usefixtures("clean_registry")

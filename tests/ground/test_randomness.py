@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from safe_inspect.philox import draw_bits, philox4x32
-from safe_inspect.randomness import Streams
+from safe_inspect.random.philox import draw_bits, philox4x32
+from safe_inspect.random.streams import Streams
 from safe_inspect.simulators import Draw, TruncatedNormalParameter
 
 _ONES = 0xFFFFFFFF

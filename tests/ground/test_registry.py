@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 import pytest
 
-from safe_inspect import registry as module
-from safe_inspect.aliases import ALIASES
 from safe_inspect.errors import RegistryError
-from safe_inspect.plugin import Plugin
-from safe_inspect.registry import ENTRY_POINT_GROUP, Registry, registry
+from safe_inspect.plugins import Plugin
+from safe_inspect.plugins import registry as module
+from safe_inspect.plugins.aliases import ALIASES
+from safe_inspect.plugins.registry import ENTRY_POINT_GROUP, Registry, registry
 from safe_inspect.rewards import ObservedPointsReward, Reward
 
 pytestmark = pytest.mark.usefixtures("clean_registry")

@@ -10,7 +10,7 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import PluginValueError, SafeInspectError
-from safe_inspect.evaluation import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.evaluation.task import default_metrics, read_metrics
 from safe_inspect.metrics import (
     ClosestDeputies,
@@ -32,8 +32,8 @@ from safe_inspect.metrics import (
     ThrustingSteps,
     TimeToCoverage,
 )
+from safe_inspect.plugins.registry import registry
 from safe_inspect.policies import RandomThrust, ZeroThrust
-from safe_inspect.registry import registry
 from safe_inspect.rta.constraints import constraint_set
 
 EVERY = [cls() for _, cls in registry.items("metric") if cls.__module__.startswith("safe_inspect.")]

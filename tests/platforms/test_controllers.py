@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from safe_inspect.functor import build, errors_of
 from safe_inspect.platforms import CWHPlatform, RateController
+from safe_inspect.plugins.functor import build, errors_of
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from safe_inspect.registry import registry
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rta.constraints import (
     ChiefCollision,
     Constraint,

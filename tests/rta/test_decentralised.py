@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.evaluation.team_flight import TeamFlight
-from safe_inspect.evaluation.team_safety import draw_teams, team_report
+from safe_inspect.evaluation.safety.team_flight import TeamFlight
+from safe_inspect.evaluation.safety.team_safety import draw_teams, team_report
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.filters import BackupFilter, DecentralisedFilter, TeamFilter, TeamState

@@ -7,8 +7,8 @@ import pytest
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import InitialStateError
-from safe_inspect.functor import build
-from safe_inspect.randomness import Streams
+from safe_inspect.plugins.functor import build
+from safe_inspect.random.streams import Streams
 from safe_inspect.rta import RejectionSampler, RTAGlueCWHInspection1v1
 from safe_inspect.rta.constraints import RelativeState, constraint_set
 from safe_inspect.simulators import Draw, UniformParameter

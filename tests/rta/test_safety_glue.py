@@ -14,13 +14,13 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment, InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.episodes import facts, step_facts
 from safe_inspect.errors import ConfigError
-from safe_inspect.evaluation.adversaries import adversarial_thrust
-from safe_inspect.randomness import Streams
-from safe_inspect.registry import registry
+from safe_inspect.evaluation.safety.adversaries import adversarial_thrust
+from safe_inspect.plugins.registry import registry
+from safe_inspect.random.streams import Streams
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.base import Evaluation
 from safe_inspect.rta.filters import BackupFilter, SimplexFilter
-from safe_inspect.simulators.parameters import Draw
+from safe_inspect.simulators.resets.parameters import Draw
 from safe_inspect.simulators.view import GUARD
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"

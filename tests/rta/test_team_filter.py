@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.evaluation.team_safety import draw_teams, team_report, team_thrust
+from safe_inspect.evaluation.safety.team_safety import draw_teams, team_report, team_thrust
 from safe_inspect.rta import RTACWHInspectionTeam
 from safe_inspect.rta.filters import BackupFilter, TeamFilter, TeamState
 from safe_inspect.simulators.state import State, base_specs

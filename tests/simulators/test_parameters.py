@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from safe_inspect.errors import ConfigError
-from safe_inspect.functor import build
-from safe_inspect.randomness import Streams
+from safe_inspect.plugins.functor import build
+from safe_inspect.random.streams import Streams
 from safe_inspect.simulators import (
     ConstantParameter,
     Draw,

@@ -10,7 +10,7 @@ import pytest
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.randomness import Streams
+from safe_inspect.random.streams import Streams
 from safe_inspect.simulators import (
     ConstantParameter,
     CWH3DRadialWithSunInitializer,
@@ -19,7 +19,7 @@ from safe_inspect.simulators import (
     SimAttributeAccessor,
     UniformParameter,
 )
-from safe_inspect.simulators.reset import BodyReset, EnvironmentDraw, ResetPlan
+from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw, ResetPlan
 
 
 def array(*values: float) -> np.ndarray:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray, IntArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _within(value: float, low: float, high: float) -> float:
     value = value if value >= low else low
     return value if value <= high else high
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def command(
     action: FloatArray,
     low: FloatArray,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.environments.fused import codes
 from safe_inspect.environments.fused.reading import fill_room, read
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -16,7 +16,7 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 NOT_FINITE, ENDED = 1, 2
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _observe(
     floats: FloatArray,
     wholes: IntArray,
@@ -46,7 +46,7 @@ def _observe(
     return finite
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def observe(
     floats: FloatArray,
     wholes: IntArray,
@@ -71,7 +71,7 @@ def observe(
     return _observe(floats, wholes, room, places, size, elements, factors, observation) and finite
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _term(
     wholes: IntArray,
     old_floats: FloatArray,
@@ -110,7 +110,7 @@ def _term(
                 value[row] = scale if intervening[row] else 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def judge(
     floats: FloatArray,
     wholes: IntArray,

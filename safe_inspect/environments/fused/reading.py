@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.environments.fused import codes
 from safe_inspect.geometry.nearest import direction_to_nearest
 from safe_inspect.geometry.neighbours import nearest_to, outwards
@@ -15,7 +15,7 @@ from safe_inspect.types import FloatArray, IntArray
 _TURN = 2.0 * math.pi
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _wrapped(angle: float) -> float:
     """Return an angle within [0, 2 pi), as NumPy's `mod` does."""
     if 0.0 < angle < _TURN:
@@ -28,7 +28,7 @@ def _wrapped(angle: float) -> float:
     return 0.0 if rest >= _TURN else rest
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def read(
     floats: FloatArray,
     wholes: IntArray,
@@ -54,7 +54,7 @@ def read(
             column[row] = _wrapped(column[row])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _ranges(
     floats: FloatArray, own: IntArray, reference: IntArray, related: bool, size: int, distance: FloatArray
 ) -> bool:
@@ -72,7 +72,7 @@ def _ranges(
     return finite
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _directions(
     floats: FloatArray,
     wholes: IntArray,
@@ -97,7 +97,7 @@ def _directions(
             )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def _others(
     position: FloatArray,
     velocity: FloatArray,
@@ -130,7 +130,7 @@ def _others(
                 room[3 * k, row], room[3 * k + 1, row], room[3 * k + 2, row] = x, y, z
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit
 def fill_room(
     floats: FloatArray,
     wholes: IntArray,

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from safe_inspect.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import FloatArray

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import coast
 from safe_inspect.types import FloatArray
 
@@ -30,7 +30,7 @@ def grid(n: float, horizon: float) -> FloatArray:
     return table
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n: float) -> float:
     """Return the time in (low, high) at which the second derivative, of that sign at `high`, is zero; by bisection."""
     for _ in range(_STEPS):
@@ -42,7 +42,7 @@ def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n:
     return 0.5 * (low + high)
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: float, n: float) -> float:
     """Return the time in (low, high) at which the range stops falling; Newton's method, held in the bracket."""
     t = start
@@ -66,7 +66,7 @@ def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: floa
     return t
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def _least(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
     """Return the time of the closest approach over the grid's span."""
     a, f_a, g_a = 0.0, 0.0, 0.0
@@ -103,7 +103,7 @@ def _least(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
     return best
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def _across(vx: float, vy: float, vz: float) -> tuple[float, float, float]:
     """Return a unit vector across the velocity; +x where the velocity is zero."""
     in_plane, whole = math.sqrt(vx * vx + vy * vy), math.sqrt(vx * vx + vy * vy + vz * vz)
@@ -112,7 +112,7 @@ def _across(vx: float, vy: float, vz: float) -> tuple[float, float, float]:
     return -vy / in_plane, vx / in_plane, 0.0
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def passive_safety(
     position: FloatArray, velocity: FloatArray, table: FloatArray, n: float, radius: float,
     phi: FloatArray, h: FloatArray, gradient: FloatArray,

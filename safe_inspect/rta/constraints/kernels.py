@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
 #: Below this distance [m] a direction is not taken from the position: it would be rounding noise.
@@ -16,7 +16,7 @@ LENGTH_FLOOR = 1e-6
 ROOT_FLOOR = 1e-6
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def _root(distance: float, acceleration: float) -> tuple[float, float]:
     """Return sign(d) sqrt(2 a |d|), the speed that can be braked within d, and its slope."""
     size = abs(distance)
@@ -25,7 +25,7 @@ def _root(distance: float, acceleration: float) -> tuple[float, float]:
     return (value if distance >= 0.0 else -value), slope
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def range_limit(
     position: FloatArray, velocity: FloatArray, limit: float, acceleration: float, side: float,
     phi: FloatArray, h: FloatArray, gradient: FloatArray,
@@ -52,7 +52,7 @@ def range_limit(
         gradient[i, 5] = side * ez
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def relative_speed(
     position: FloatArray, velocity: FloatArray, v0: float, v0_distance: float, v1: float, smoothing: float,
     phi: FloatArray, h: FloatArray, gradient: FloatArray,
@@ -74,7 +74,7 @@ def relative_speed(
         gradient[i, 5] = -vz / speed
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def axis_speed(
     velocity: FloatArray, axis: int, limit: float, phi: FloatArray, h: FloatArray, gradient: FloatArray
 ) -> None:  # fmt: skip
@@ -86,7 +86,7 @@ def axis_speed(
         gradient[i, 3 + axis] = -2.0 * speed
 
 
-@njit(cache=True)  # type: ignore[misc,untyped-decorator]
+@njit
 def sun_cone(
     position: FloatArray, velocity: FloatArray, sun_angle: FloatArray,
     half_angle: float, acceleration: float, n: float,

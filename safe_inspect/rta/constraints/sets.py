@@ -8,8 +8,8 @@ from typing import Annotated, Any, cast
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from safe_inspect.errors import RegistryError
-from safe_inspect.functor import SCHEMA_KIND, build, describe
-from safe_inspect.registry import registry
+from safe_inspect.plugins.functor import SCHEMA_KIND, build, describe
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rta.constraints.base import Constraint
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
 #: A half-space counts as met within this distance.
@@ -47,7 +47,7 @@ class QPWorkspace(NamedTuple):
     upper: FloatArray
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def qp_workspace(variables: int) -> QPWorkspace:
     """Return the arrays for problems of that many variables."""
     return QPWorkspace(
@@ -56,7 +56,7 @@ def qp_workspace(variables: int) -> QPWorkspace:
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _split(p: QPWorkspace, active: int) -> float:
     """Write the part of the normal outside the active ones and its coefficients; return that part's square."""
     size = p.normal.shape[0]
@@ -83,7 +83,7 @@ def _split(p: QPWorkspace, active: int) -> float:
     return square
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _append(p: QPWorkspace, active: int, square: float) -> None:
     """Make the normal an active one, after `_split`."""
     length = math.sqrt(square)
@@ -95,7 +95,7 @@ def _append(p: QPWorkspace, active: int, square: float) -> None:
     p.upper[active, active] = length
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _remove(p: QPWorkspace, active: int, which: int) -> None:
     """Drop an active normal and build the basis anew; the normal that is being added is kept in place."""
     size = p.normal.shape[0]
@@ -122,7 +122,7 @@ def _remove(p: QPWorkspace, active: int, which: int) -> None:
             p.basis[j, k] = p.step[k] / length
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def nearest_joint(
     rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, out: FloatArray, p: QPWorkspace
 ) -> bool:  # fmt: skip

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.types import BoolArray, FloatArray
 
 #: A half-space counts as met within this distance.
@@ -24,7 +24,7 @@ SHORTEST = 1e-12
 _HALVINGS = 60
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _on_line(a: FloatArray, c: FloatArray, i: int, j: int, target: FloatArray, out: FloatArray) -> bool:
     """Minimise the distance to `target`, a point of plane i, on the line of planes i and j, under the rows before j."""
     dot = a[j, 0] * a[i, 0] + a[j, 1] * a[i, 1] + a[j, 2] * a[i, 2]
@@ -55,7 +55,7 @@ def _on_line(a: FloatArray, c: FloatArray, i: int, j: int, target: FloatArray, o
     return True
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _on_plane(a: FloatArray, c: FloatArray, i: int, target: FloatArray, out: FloatArray, work: FloatArray) -> bool:
     """Minimise the distance to `target` on plane i, under the rows before it."""
     short = c[i] - (a[i, 0] * target[0] + a[i, 1] * target[1] + a[i, 2] * target[2])
@@ -70,7 +70,7 @@ def _on_plane(a: FloatArray, c: FloatArray, i: int, target: FloatArray, out: Flo
     return True
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def project(a: FloatArray, c: FloatArray, rows: int, target: FloatArray, out: FloatArray, work: FloatArray) -> bool:
     """Write the point nearest to `target` with a u >= c; False, and no meaning in `out`, where there is none.
 
@@ -91,7 +91,7 @@ def project(a: FloatArray, c: FloatArray, rows: int, target: FloatArray, out: Fl
     return True
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def box(a: FloatArray, c: FloatArray, limit: float) -> None:
     """Write |u_i| <= limit into the first six half-spaces."""
     for axis in range(3):
@@ -102,7 +102,7 @@ def box(a: FloatArray, c: FloatArray, limit: float) -> None:
             c[row] = -limit
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def nearest(
     rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, settle: bool,
     out: FloatArray, missed: BoolArray, a: FloatArray, c: FloatArray, size: FloatArray, work: FloatArray,
@@ -153,7 +153,7 @@ def nearest(
     return met
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _least_violating(
     a: FloatArray, c: FloatArray, used: int, size: FloatArray, limit: float,
     target: FloatArray, out: FloatArray, work: FloatArray,
@@ -182,7 +182,7 @@ def _least_violating(
     project(a, c, used, target, out, work)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def solve_rows(
     desired: FloatArray, rows: FloatArray, bounds: FloatArray, limit: float,
     control: FloatArray, missed: BoolArray, feasible: BoolArray,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State

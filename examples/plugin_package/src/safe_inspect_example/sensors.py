@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from safe_inspect.platforms import Sensor
-from safe_inspect.plugin import EntityName
+from safe_inspect.plugins import EntityName
 
 
 class RangeRateSensor(Sensor, name="Sensor_RangeRate"):

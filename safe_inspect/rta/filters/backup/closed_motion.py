@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, lowest, turned
 from safe_inspect.rta.filters.backup.half_spaces import further_closed_motion
@@ -35,7 +35,7 @@ _COLUMNS = 10
 ROOM = (ORBIT_CELLS + 1 + 16, _COLUMNS)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _node(
     m: Model, x: RowState, sun: tuple[float, float], cos: float, sin: float, near: float, length: float, speed: float,
     out: FloatArray,
@@ -61,7 +61,7 @@ def _node(
     return SAFE
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _uncertain(
     m: Model, a: FloatArray, b: FloatArray, centre: float, rho: float, span: float,
     near: float, length: float, speed: float,
@@ -102,7 +102,7 @@ def _uncertain(
     return SAFE
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _bend(m: Model, a: FloatArray, centre: float, nk: float, nz: float) -> float:
     """Return the second derivative of N.q at a node, q the position in the frame that turns with the sun."""
     ox, oy, ca, sa = a[1], a[2] - centre, a[8], a[9]
@@ -112,13 +112,13 @@ def _bend(m: Model, a: FloatArray, centre: float, nk: float, nz: float) -> float
     return float(nk * bend_k - nz * a[3] - m.sin_b * bend_c)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _copy(work: FloatArray, source: int, target: int) -> None:
     for column in range(_COLUMNS):
         work[target, column] = work[source, column]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def closed_motion(
     m: Model, x: RowState, sun: tuple[float, float], length: float, speed: float, work: FloatArray
 ) -> int:  # fmt: skip

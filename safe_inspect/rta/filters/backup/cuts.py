@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.half_spaces import half_space, needed
@@ -31,13 +31,13 @@ from safe_inspect.types import FloatArray
 MOST = 48
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     size = math.sqrt(x * x + y * y + z * z)
     return (x / size, y / size, z / size) if size > 1e-9 else (1.0, 0.0, 0.0)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def support(
     m: Model, code: int, b: RowState, sun: tuple[float, float], length: float, speed: float, d: FloatArray
 ) -> float:  # fmt: skip
@@ -77,7 +77,7 @@ def support(
     return m.near + length
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def add(
     m: Model, d: FloatArray, need: float, b: RowState, u: FloatArray, k: int,
     rows: FloatArray, bounds: FloatArray, count: int,
@@ -98,7 +98,7 @@ def add(
     return count + 1
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def cut_near(
     m: Model, x: RowState, u: FloatArray, own_side: bool, always: bool, length: float, d: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,
@@ -130,7 +130,7 @@ def cut_near(
     return int(add(m, d, near + length, held(m, x, u, at_k), u, at_k, rows, bounds, count))
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def cut_hold(
     m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, code: int, k: int, own_side: bool,
     length: float, speed: float, d: FloatArray, rows: FloatArray, bounds: FloatArray, count: int,
@@ -143,7 +143,7 @@ def cut_hold(
     return int(add(m, d, need, b, u, k, rows, bounds, count))
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def cut_broken(
     m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, own_side: bool, length: float, speed: float,
     d: FloatArray, rows: FloatArray, bounds: FloatArray, count: int,

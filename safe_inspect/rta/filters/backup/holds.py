@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, broken_at, held, turned, uncertain
 from safe_inspect.rta.filters.backup.half_spaces import further_broken, further_uncertain
@@ -14,7 +14,7 @@ from safe_inspect.types import FloatArray, IntArray
 _MOST_CELLS = 2000
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def hold(
     m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, length: float, speed: float,
     work: IntArray, where: IntArray,
@@ -61,7 +61,7 @@ def hold(
     return SAFE
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def coasted(m: Model, x: RowState, u: FloatArray, k: int, j: int) -> tuple[float, float, float]:
     """Return the position after the thrust u for k / 256 of a hold and coasting to entry j of the horizon [m]."""
     b, phi = held(m, x, u, k), m.coast[j]
@@ -72,14 +72,14 @@ def coasted(m: Model, x: RowState, u: FloatArray, k: int, j: int) -> tuple[float
     )
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _remains(dip: float, one: float, other: float) -> float:
     """Return what remains of a dip below a chord that rises by something between the two numbers; see `lowest`."""
     rise = min(abs(one), abs(other)) if one * other > 0.0 else 0.0
     return 0.0 if rise >= 4.0 * dip else dip * (1.0 - 0.25 * rise / dip) ** 2
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _coasting(m: Model, x: RowState, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
     """Is the range above the radius for every moment of the hold and every moment of coasting from it?
 

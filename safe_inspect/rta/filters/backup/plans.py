@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
@@ -36,7 +36,7 @@ ORDER = (
 )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def plan_thrust(m: Model, x: RowState, index: int, u: FloatArray) -> bool:
     """Write the thrust of a plan from x; False where it exceeds the thrusters.
 
@@ -60,7 +60,7 @@ def plan_thrust(m: Model, x: RowState, index: int, u: FloatArray) -> bool:
     return fits
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def try_plan(
     m: Model, x: RowState, sun: tuple[float, float], index: int, length: float, speed: float,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
@@ -74,7 +74,7 @@ def try_plan(
     return bool(hold(m, x, sun, u, length, speed, cells, where) == SAFE)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def find_plan(
     m: Model, x: RowState, sun: tuple[float, float], length: float, speed: float, first: int, most: int,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,

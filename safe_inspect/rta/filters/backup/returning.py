@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import held, sun_gap, turned
 from safe_inspect.rta.filters.backup.cuts import add, cut_near, support
@@ -25,7 +25,7 @@ _SPARE = 1e-5
 _MET = 1e-6
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _allowed(m: Model, x: RowState) -> float:
     """Return half of the speed that is allowed at a position [m/s]."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -33,7 +33,7 @@ def _allowed(m: Model, x: RowState) -> float:
     return float(0.5 * max(0.0, min(slowest, min(m.v0 + m.v1 * (r - m.d0), m.u_max / m.mass * m.dt))))
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _to_rate(m: Model, code: int, sun: tuple[float, float], d: FloatArray) -> None:
     """Replace a direction of positions by that of its rate of change; the sun cone's normal turns with the sun."""
     for j in range(3):
@@ -44,7 +44,7 @@ def _to_rate(m: Model, code: int, sun: tuple[float, float], d: FloatArray) -> No
         d[0], d[1] = m.n * (along * sa - across * ca), m.n * (along * ca + across * sa)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _ask(m: Model, need: float, b: RowState, u: FloatArray, s: Scratch, count: int) -> tuple[int, bool]:
     """Append d.state >= need for the direction in `s.d` unless u meets it; return the count and whether it was."""
     short = need
@@ -55,12 +55,12 @@ def _ask(m: Model, need: float, b: RowState, u: FloatArray, s: Scratch, count: i
     return add(m, s.d, need, b, u, HOLD_PIECES, s.rows, s.bounds, count), True
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _bounds_speeds(d: FloatArray) -> bool:
     return bool(d[3] != 0.0 or d[4] != 0.0 or d[5] != 0.0)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatArray, s: Scratch) -> int:
     """Write the least-violating control of the way back, and of such the smallest; return the bits of what shapes it.
 
@@ -112,7 +112,7 @@ def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatAr
     return bits
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _to_unit(rows: FloatArray, bounds: FloatArray, count: int) -> None:
     for i in range(count):
         size = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)

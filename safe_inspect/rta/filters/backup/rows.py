@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.backup.cuts import MOST, cut_broken, cut_hold
@@ -40,7 +40,7 @@ _FEW = 6
 _FINE = 2e-3
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _verified(
     m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, first: int, most: int, s: Scratch
 ) -> tuple[int, int]:  # fmt: skip
@@ -53,7 +53,7 @@ def _verified(
     return SAFE, find_plan(m, after, later, LENGTH_MARGIN, SPEED_MARGIN, first, most, s.w, s.work, s.cells, s.at)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _cut(
     m: Model, x: RowState, sun: tuple[float, float], desired: FloatArray, own_side: bool, u: FloatArray, s: Scratch
 ) -> tuple[int, bool]:  # fmt: skip
@@ -99,7 +99,7 @@ def _cut(
     return bits, False
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _between(m: Model, x: RowState, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> None:
     """Write into u a verified control on the segment from the backup to u, as near to the desired as it finds."""
     for axis in range(3):
@@ -123,12 +123,12 @@ def _between(m: Model, x: RowState, sun: tuple[float, float], desired: FloatArra
         u[axis] = s.best[axis]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _squared(a: FloatArray, b: FloatArray) -> float:
     return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def filter_rows(
     m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
     control: FloatArray, refused: IntArray, stage: IntArray,
@@ -169,7 +169,7 @@ def filter_rows(
             refused[i] = return_control(m, x, sun, control[i], s)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def admissible_rows(
     m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, control: FloatArray, out: BoolArray
 ) -> None:  # fmt: skip
@@ -187,7 +187,7 @@ def admissible_rows(
             out[i] = False
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def recoverable_rows(
     m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, out: BoolArray, control: FloatArray
 ) -> None:  # fmt: skip

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.rta.filters.backup.closed_motion import ROOM
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -48,7 +48,7 @@ class Scratch(NamedTuple):
     best: FloatArray
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def scratch(most: int) -> Scratch:
     """Return room for programmes of up to `most` half-spaces."""
     return Scratch(
@@ -59,7 +59,7 @@ def scratch(most: int) -> Scratch:
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def plain(value: int) -> int:
     """Return a constant as a number: passed as a literal, the compiler would make a copy of the callee for it."""
     return int(np.int64(value))

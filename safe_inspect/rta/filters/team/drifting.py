@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import lowest
@@ -22,7 +22,7 @@ _CELL = math.pi / 8.0
 _FINEST = _CELL / 1024.0
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def apart(n: float, x: RowState, reach: float) -> bool:
     """Return whether the range of a coasting relative motion stays at least `reach`: see `ORBITS` for how long.
 

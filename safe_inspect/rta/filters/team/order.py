@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS
 from safe_inspect.rta.filters.team.scratch import Team
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
     if fixed[i] != fixed[j]:
         return bool(fixed[i])
@@ -19,7 +19,7 @@ def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
     return a < b
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def enter(
     position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
     limit: float, t: Team,

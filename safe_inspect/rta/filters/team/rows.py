@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.rta.filters.backup.cuts import MOST
 from safe_inspect.rta.filters.backup.model import COLLISION, PSM
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, QUICK, STAY
@@ -54,7 +54,7 @@ _FEW = 6
 _FINE = 2e-3
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _squared(a: FloatArray, b: FloatArray) -> float:
     total = 0.0
     for k in range(a.shape[0]):
@@ -62,19 +62,19 @@ def _squared(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _copy(source: FloatArray, target: FloatArray) -> None:
     for k in range(source.shape[0]):
         target[k] = source[k]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _keep(source: IntArray, target: IntArray) -> None:
     for k in range(source.shape[0]):
         target[k] = source[k]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _cut(g: TeamModel, sun: Sun, own_side: bool, t: Team, s: Scratch) -> bool:
     """Look for a joint control by cutting planes; True where `t.control` is one and `t.plan` its plan.
 
@@ -112,7 +112,7 @@ def _cut(g: TeamModel, sun: Sun, own_side: bool, t: Team, s: Scratch) -> bool:
     return False
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _better(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
     """Take `t.trial` as the best control if it is nearer to the desired one and passes the test."""
     if not _squared(t.trial, t.desired) < _squared(t.best, t.desired):
@@ -125,7 +125,7 @@ def _better(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _between(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
     """Write into `t.best` a tested control between the backup and the last proposal, as near to it as it finds.
 
@@ -159,7 +159,7 @@ def _between(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
                 break
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _backup(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
     """Write the thrust of a joint plan of the present states into `t.backup`; False where there is none.
 
@@ -179,7 +179,7 @@ def _backup(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
     return False
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def _return(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
     """Write into `t.best` the way back: plans that are safe alone and lie far apart, else that of a single deputy."""
     farthest_plans(g, t.x, sun, 0.5 * LENGTH_MARGIN, 0.5 * SPEED_MARGIN, plain(PLANS), t, s)
@@ -194,7 +194,7 @@ def _return(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
         t.kept[i] = NO_PLAN
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def filter_team_rows(
     g: TeamModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
     fixed: BoolArray, memory: IntArray, control: FloatArray, refused: IntArray, stage: IntArray,
@@ -234,7 +234,7 @@ def filter_team_rows(
                 control[row, i, axis] = t.best[3 * place + axis]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def team_rows(
     g: TeamModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, control: FloatArray,
     fixed: BoolArray, memory: IntArray, plan: bool, out: BoolArray,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiled import njit
+from safe_inspect.compiling import njit
 from safe_inspect.rta.filters.backup.model import Model
 from safe_inspect.rta.filters.backup.plans import PLANS
 from safe_inspect.rta.numerics.active_set import QPWorkspace, qp_workspace
@@ -86,7 +86,7 @@ class Team(NamedTuple):
     room: QPWorkspace
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[misc,untyped-decorator]
+@njit(error_model="numpy")
 def team_room(deputies: int) -> Team:
     """Return room for environments of that many deputies."""
     d, v, p = deputies, 3 * deputies, deputies * (deputies - 1) // 2

@@ -1,0 +1,97 @@
+"""Compiled functions whose source is put together at run time from kernels: loops over rows, sequences of terms."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import inspect
+import linecache
+import os
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.compiling.kernel import Kernel
+
+_FOLDER = Path(__file__).parents[1] / "__pycache__" / "generated"
+_functions: dict[str, Generated] = {}
+
+
+class Generated(Kernel[..., Any]):
+    """A kernel of generated source. A copy in another process generates it again."""
+
+    origin: tuple[str, str, Mapping[str, Kernel[..., Any]], Mapping[str, Any]]
+
+    def __reduce__(self) -> Any:
+        """Pickle the kernel as what it is generated from."""
+        return generate, self.origin
+
+
+def generate(
+    name: str, source: str, kernels: Mapping[str, Kernel[..., Any]], options: Mapping[str, Any] | None = None
+) -> Generated:
+    """Return a function of generated source as a `Kernel`; the same source and kernels give the same one.
+
+    The source is written to a file, so that the machine code can be cached on disk. The file is named by a digest of
+    the source and of every file that holds one of the kernels, or a kernel that these call, so that the cache cannot be
+    out of date.
+
+    Args:
+        name: Name of the function that the source defines.
+        source: The source.
+        kernels: The kernels that it calls, by the names that it gives them.
+        options: Options of `numba.njit`.
+    """
+    digest = hashlib.sha256(repr((sys.version_info[:2], name, sorted((options or {}).items()), source)).encode())
+    for label, kernel in sorted(kernels.items()):
+        digest.update(f"{label} {kernel.__module__} {kernel.__qualname__}".encode())
+    for file in sorted({inspect.getsourcefile(kernel.__wrapped__) or "" for kernel in _all_called(kernels.values())}):
+        digest.update("".join(linecache.getlines(file)).encode())
+    key = digest.hexdigest()[:24]
+    if key not in _functions:
+        path = _written(f"{name}_{key}.py", source)
+        spec = importlib.util.spec_from_file_location(f"safe_inspect.compiling.generated.{path.stem}", path)
+        assert spec is not None, "a file that ends in .py has a loader"
+        assert spec.loader is not None, "as said"
+        module = importlib.util.module_from_spec(spec)
+        vars(module).update(kernels)
+        sys.modules[spec.name] = module  # cached machine code looks its module up
+        spec.loader.exec_module(module)
+        made = _functions[key] = Generated(getattr(module, name), options or {})
+        made.origin = (name, source, kernels, options or {})
+    return _functions[key]
+
+
+def _all_called(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
+    """Return kernels and all that they call, directly or not."""
+    found: set[Kernel[..., Any]] = set()
+    waiting = list(kernels)
+    while waiting:
+        kernel = waiting.pop()
+        if kernel not in found:
+            found.add(kernel)
+            function = kernel.__wrapped__
+            named = (function.__globals__.get(name) for name in function.__code__.co_names)
+            waiting += [other for other in named if isinstance(other, Kernel)]
+    return found
+
+
+def _written(name: str, source: str) -> Path:
+    """Return a file that holds the source: beside the package's machine code, or in a folder of the user."""
+    for folder in (
+        _FOLDER,
+        Path(tempfile.gettempdir()) / f"safe_inspect-{os.getuid() if hasattr(os, 'getuid') else 0}",
+    ):
+        path = folder / name
+        try:
+            if not path.is_file():
+                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                partial = path.with_suffix(f".{os.getpid()}")
+                partial.write_text(source, encoding="utf-8")
+                partial.replace(path)
+            return path
+        except OSError:
+            continue
+    raise OSError(f"neither {_FOLDER} nor {tempfile.gettempdir()} can be written; compiled code needs one of them")

@@ -1,0 +1,150 @@
+"""`njit` of this package: Numba's, typed, loaded at the first call, with a cache on disk that cannot be out of date.
+
+A decorated function is a `Kernel`. Importing its module loads no compiler: a configuration is validated without one.
+
+Numba recompiles a cached function when its own file has changed, but not when a compiled function that it calls from
+another file has: after an update of a checkout old machine code would go on running. So the cached machine code of the
+whole package is removed when the source of any compiled function has changed.
+
+What a compiled function returns to Python is None, a number, one array, or a tuple of numbers; other results are
+written into arrays that it is given. Ctrl-C during a call is handled as soon as Python code runs again, and Numba runs
+some to return a NamedTuple or a tuple of arrays, without a check for KeyboardInterrupt: the process would end with a
+segmentation fault or a SystemError.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Generic, ParamSpec, TypeVar, overload
+
+__all__ = ["Kernel", "njit"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_PACKAGE = Path(__file__).parents[1]
+_STAMP = "compiled.stamp"
+#: Seconds of compiling after which a terminal is told what the wait is for.
+_PATIENCE = 2.0
+
+
+class Kernel(Generic[P, R]):
+    """A function that Numba compiles at its first call. Kernels call each other like functions.
+
+    Args:
+        function: The function.
+        options: Options of `numba.njit`.
+    """
+
+    __wrapped__: Callable[P, R]
+    __qualname__: str
+
+    def __init__(self, function: Callable[P, R], options: Mapping[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self._function, self._options = function, options
+        self._dispatcher: Callable[P, R] | None = None
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the compiled function."""
+        call = self._dispatcher or self.dispatcher
+        return call(*args, **kwargs)
+
+    def __reduce__(self) -> str:
+        """Pickle the kernel as what its module calls it."""
+        return self._function.__qualname__
+
+    @property
+    def dispatcher(self) -> Any:
+        """Numba's dispatcher of the function."""
+        if self._dispatcher is None:
+            _prepare()
+            from numba import njit as compile_with
+
+            try:
+                self._dispatcher = compile_with(cache=True, **self._options)(self._function)
+            except RuntimeError:  # neither the package's folder nor the user's can be written
+                self._dispatcher = compile_with(**self._options)(self._function)
+        return self._dispatcher
+
+
+@overload
+def njit(function: Callable[P, R], /) -> Kernel[P, R]: ...
+@overload
+def njit(**options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]: ...
+def njit(function: Any = None, /, **options: Any) -> Any:
+    """Return a function as a `Kernel`, cached on disk.
+
+    Args:
+        function: The function, where the decorator has no options.
+        options: Options of `numba.njit`.
+    """
+    if function is not None:
+        return Kernel(function, {})
+    options.pop("cache", None)
+    return lambda decorated: Kernel(decorated, options)
+
+
+@functools.cache
+def _prepare() -> None:
+    """Load Numba, teach it what a `Kernel` is, and remove machine code that is out of date; done once."""
+    remove_stale_cache()
+    from numba.core import event
+    from numba.extending import typeof_impl
+
+    @typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
+    def _type_of(kernel: Kernel[..., Any], context: Any) -> Any:
+        return typeof_impl(kernel.dispatcher, context)
+
+    class Announcer(event.Listener):  # type: ignore[misc]
+        """Says once, on a terminal, that the wait is for the compiler."""
+
+        depth, since, spent, quiet = 0, 0.0, 0.0, not sys.stderr.isatty()
+
+        def on_start(self, event: Any) -> None:
+            if self.depth == 0:
+                self.since = time.monotonic()
+            self.depth += 1
+
+        def on_end(self, event: Any) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                self.spent += time.monotonic() - self.since
+            if not self.quiet and self.spent > _PATIENCE:
+                self.quiet = True
+                print("compiling, once for each installation: up to a minute ...", file=sys.stderr)
+
+    event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]
+
+
+def remove_stale_cache(package: Path = _PACKAGE) -> bool:
+    """Remove the cached machine code below a folder unless it belongs to the present sources.
+
+    Args:
+        package: The folder of a package.
+
+    Returns:
+        Whether the cache was out of date. A folder that cannot be written is left alone: an installed package has
+        fresh files, and Numba then keeps its cache elsewhere.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        source = path.read_bytes()
+        if b"@njit" in source:
+            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + source)
+    stamp = package / "__pycache__" / _STAMP
+    try:
+        if stamp.is_file() and stamp.read_text(encoding="ascii") == digest.hexdigest():
+            return False
+        for pattern in ("*.nbi", "*.nbc"):
+            for path in package.rglob(f"__pycache__/{pattern}"):
+                path.unlink(missing_ok=True)
+        stamp.parent.mkdir(exist_ok=True)
+        stamp.write_text(digest.hexdigest(), encoding="ascii")
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""From models to the specification of an environment."""

@@ -1,0 +1,291 @@
+"""From validated models to an `EnvironmentSpec`, with the checks that need more than one part of the experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import PydanticCustomError
+
+from safe_inspect.config.building.policies import policy_name
+from safe_inspect.config.building.resets import reset_plan
+from safe_inspect.config.building.team import check_agents, guarded_starts
+from safe_inspect.config.messages.words import message
+from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.dones.time_limit import EpisodeLengthDone
+from safe_inspect.errors import UnitError, did_you_mean
+from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
+from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
+from safe_inspect.platforms.cwh import CWHPlatform
+from safe_inspect.plugins.functor import Named, build
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.policies.base import ScriptedPolicy
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.rejection_sampler import RejectionSampler
+from safe_inspect.rta.team import TeamSafety
+from safe_inspect.simulators.resets.plan import ResetPlan
+
+Path = tuple[Any, ...]
+Report = Callable[[Path, str], None]
+
+_ENVIRONMENT: Path = ("config", "config", "env_config")
+
+
+def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: int) -> EnvironmentSpec | None:
+    """Assemble the environment of an experiment.
+
+    Args:
+        config: The validated models.
+        horizon: Largest number of steps of an episode.
+        report: Takes the path and the message of every mistake that is found.
+        seed: Seed of the run.
+
+    Returns:
+        The environment; None when a mistake leaves none.
+    """
+    mistakes = 0
+
+    def tell(where: Path, message: str) -> None:
+        nonlocal mistakes
+        mistakes += 1
+        report(where, message)
+
+    platforms = _platforms(config, tell)
+    reset = reset_plan(config, tell)
+    environment = config.config.config.env_config
+    names = {
+        "entity": {*platforms, *reset.entities},
+        "platform": set(platforms),
+        "points": set(),
+    }
+    for component in environment.simulator.compose()[1]:
+        names["points"] |= set(component.bodies)
+        for name in component.bodies:
+            if name not in names["entity"]:
+                where: Path = (*_ENVIRONMENT, "simulator")
+                if "inspection_points_map" in type(environment.simulator).model_fields:
+                    where = (*where, "config", "inspection_points_map", name)
+                tell(where, f"no body is named {name!r}; {did_you_mean(name, names['entity'])}")
+                names["points"] |= names["entity"]  # who names the right body makes no mistake
+    controlled = {name for agent in config.agent_config for name in agent.platforms}
+    for index, platform in enumerate(config.platform_config):
+        if platform.name not in controlled and controlled and controlled <= set(platforms):
+            tell(("platform_config", index), f"no agent controls the platform {platform.name!r}; remove it")
+    agents = [
+        agent
+        for index, entry in enumerate(config.agent_config)
+        if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, tell)) is not None
+    ]
+    check_agents(config, agents, tell)
+    _constants_agree(config, platforms, reset, tell)
+    if mistakes:
+        return None
+    frame_rate = config.agent_config[0].config.config.frame_rate
+    return EnvironmentSpec(
+        environment.simulator,
+        {agent.platform: platforms[agent.platform] for agent in agents},
+        tuple(agents),
+        guarded_starts(reset, agents, environment),
+        1.0 / frame_rate,
+        seed,
+        shared_dones=environment.dones.shared,
+        team_safety=environment.rta,
+        ended_thrust_on=environment.ended_deputies == "hold_thrust",
+    )
+
+
+def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
+    platforms: dict[str, Platform] = {}
+    for index, entry in enumerate(config.platform_config):
+        where: Path = ("platform_config", index)
+        if entry.name in platforms:
+            report((*where, "name"), f"two platforms are named {entry.name!r}")
+        try:
+            platforms[entry.name] = CWHPlatform.model_validate(entry.config.config)
+        except ValidationError as error:
+            platforms[entry.name] = CWHPlatform()  # the name is known all the same
+            for problem in error.errors(include_url=False):
+                told = "; ".join(filter(None, message(problem)))
+                if problem["type"] == "extra_forbidden":
+                    key = str(problem["loc"][-1])
+                    told = f"unknown key `{key}`; {did_you_mean(key, CWHPlatform.model_fields)}"
+                report((*where, "config", "config", *problem["loc"]), told)
+    return platforms
+
+
+def _constants_agree(
+    config: ExperimentConfig, platforms: Mapping[str, Platform], reset: ResetPlan, report: Report
+) -> None:
+    """Check that what a plugin is told of the step, the mass and the orbit is what the simulation has."""
+    simulator = config.config.config.env_config.simulator
+    orbit = {"n": (getattr(simulator, "mean_motion", None), "the simulator's `mean_motion`")}
+    for index, entry in enumerate(config.agent_config):
+        base = ("agent_config", index, "config", "config")
+        step_size = 1.0 / entry.config.config.frame_rate
+        true = {**orbit, "step_size": (step_size, "1 / `frame_rate`")}
+        if entry.platforms and entry.platforms[0] in platforms:
+            true["mass"] = true["m"] = (platforms[entry.platforms[0]].mass, "the platform's `mass`")
+        told = list(_plugins(entry, base))
+        team = config.config.config.env_config.rta
+        if team is not None:
+            told.append(((*_ENVIRONMENT, "rta"), team))
+        for name, parameter in reset.parameters.items():
+            if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
+                where = (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
+                told.append((where, parameter.rta.glue))
+        largest = [part.limits for part in entry.config.config.parts if isinstance(part, Controller)]
+        spheres = getattr(simulator, "inspection_points_map", {})
+        for path, plugin in told:
+            radius = plugin.collision_radius if "collision_radius" in type(plugin).model_fields else math.inf  # type: ignore[attr-defined]
+            for name, sphere in spheres.items():
+                if radius < sphere.radius:
+                    message = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({sphere.radius:g} m)"
+                    report((*path, "config", "collision_radius"), f"{message}; make it at least as large")
+            if isinstance(plugin, SafetyGlue | TeamSafety) and plugin.enabled and "u_max" in type(plugin).model_fields:
+                thrust = getattr(plugin, "u_max")  # noqa: B009 - not every filter has it
+                if any((low > -thrust).any() or (high < thrust).any() for low, high in largest):
+                    message = f"the filter counts on {thrust:g} N along each axis, which a controller cannot give"
+                    report((*path, "config", "u_max"), f"{message}; lower `u_max`, or raise the controller's limits")
+            for field, (value, source) in true.items():
+                given = getattr(plugin, field, None) if field in type(plugin).model_fields else None
+                if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
+                    message = f"`{field}` is {given:g} here, but {source} is {value:g}; make them agree"
+                    report((*path, "config", field), message)
+
+
+def _agent(
+    entry: AgentEntry,
+    where: Path,
+    platforms: Mapping[str, Platform],
+    names: Mapping[str, set[str]],
+    horizon: int,
+    report: Report,
+) -> AgentSpec | None:
+    for index, platform in enumerate(entry.platforms):
+        if platform not in platforms:
+            message = f"no platform is named {platform!r}; {did_you_mean(platform, platforms)}"
+            report((*where, "platforms", index), message)
+    if not entry.platforms:
+        report((*where, "platforms"), "an agent needs a platform; name one")
+        return None
+    if len(entry.platforms) > 1:
+        report((*where, "platforms", 1), "an agent controls one platform; remove the others")
+    body, base = entry.config.config, (*where, "config", "config")
+    pilot = _pilot(entry, where, names, report)
+    parts: dict[str, Part] = {}
+    for index, part in enumerate(body.parts):
+        if part.part_name in parts:
+            message = f"two parts are named {part.part_name!r}; give one of them a `name` of its own"
+            report((*base, "parts", index), message)
+        parts[part.part_name] = part
+    known = {
+        **names,
+        "done": {named.name for named in body.dones} | {"EpisodeLengthDone"},
+        "sensor": {name for name, part in parts.items() if isinstance(part, Sensor)},
+        "controller": {name for name, part in parts.items() if isinstance(part, Controller)},
+    }
+    sound = True
+    for path, plugin in _plugins(entry, base):
+        for field, kind in plugin.references().items():
+            value = getattr(plugin, field)
+            if len(parts) < len(body.parts) and kind in ("sensor", "controller"):
+                sound = False  # the part that is meant may be one of those whose name is taken
+            elif value is not None and value not in known[kind]:
+                sound = False
+                report((*path, "config", field), f"no {kind} is named {value!r}; {did_you_mean(value, known[kind])}")
+    dones = list(body.dones)
+    if not any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
+        dones.append(Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
+    for key, functors in (("rewards", body.rewards), ("dones", dones)):
+        seen: set[str] = set()
+        for index, named in enumerate(functors):
+            if named.name in seen:
+                report((*base, key, index), f"two {key} are named {named.name!r}; give one of them a `name` of its own")
+            seen.add(named.name)
+    if sound:
+        _check_glues(body.glues, parts, (*base, "glues"), report, observes=pilot is None)
+    return AgentSpec(
+        entry.name,
+        entry.platforms[0],
+        parts,
+        _exported(body.glues),
+        body.rewards,
+        tuple(dones),
+        policy=policy_name(entry),
+        pilot=pilot,
+    )
+
+
+def _pilot(entry: AgentEntry, where: Path, names: Mapping[str, set[str]], report: Report) -> ScriptedPolicy | None:
+    """Return the scripted policy that flies an agent; None when its actions come from outside."""
+    if entry.policy is None or entry.policy.functor is None:
+        return None
+    try:
+        pilot = build("policy", {"functor": entry.policy.functor, "config": entry.policy.config})
+    except PydanticCustomError as error:
+        for problem in (error.context or {})["errors"]:
+            report((*where, "policy", *problem["loc"]), "; ".join(filter(None, message(problem))))
+        return None
+    assert isinstance(pilot, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
+    for field, kind in pilot.references().items():
+        value = getattr(pilot, field)
+        if value is not None and value not in names.get(kind, {value}):
+            told = f"no {kind} is named {value!r}; {did_you_mean(value, names[kind])}"
+            report((*where, "policy", "config", field), told)
+    return pilot
+
+
+def _check_glues(
+    glues: tuple[Glue, ...], parts: Mapping[str, Part], where: Path, report: Report, *, observes: bool
+) -> None:
+    commanded: set[str] = set()
+    discrete: set[bool] = set()
+    for index, glue in enumerate(glues):
+        try:
+            glue.bounds(parts)
+        except (ValueError, UnitError) as error:
+            report((*where, index), str(error))
+            continue
+        if isinstance(glue, ActionGlue):
+            for name in glue.names(parts):
+                if name in commanded:
+                    report((*where, index), f"the controller {name!r} is commanded twice; remove one of the glues")
+                commanded.add(name)
+            discrete |= {bool(count) for leaf in glue.leaves() for count in leaf.choices(parts)}
+    if len(discrete) > 1:
+        report(where, "some action glues choose among levels and others give real numbers; use one kind for all")
+    for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
+        if not any(isinstance(glue, base) for glue in _exported(glues)) and (observes or base is ActionGlue):
+            report(where, f"no glue {what}; add one")
+
+
+def _exported(glues: tuple[Glue, ...]) -> tuple[Glue, ...]:
+    """Return the glues without the observations that are kept from the policy."""
+    return tuple(
+        glue for glue in glues if not (isinstance(glue, ObservationGlue) and glue.training_export_behavior == "EXCLUDE")
+    )
+
+
+def _plugins(entry: AgentEntry, base: Path) -> Iterator[tuple[Path, Plugin]]:
+    """Yield every plugin of an agent that may name something, with its path."""
+    body = entry.config.config
+    for key in ("parts", "glues"):
+        for index, plugin in enumerate(getattr(body, key)):
+            yield from _nested((*base, key, index), plugin)
+    for key in ("rewards", "dones"):
+        for index, named in enumerate(getattr(body, key)):
+            yield from _nested((*base, key, index), named.functor)
+
+
+def _nested(path: Path, plugin: Plugin) -> Iterator[tuple[Path, Plugin]]:
+    """Yield a plugin and those that it wraps: one, a list of them or a mapping."""
+    yield path, plugin
+    wrapped: Any = getattr(plugin, "wrapped", ())
+    if isinstance(wrapped, Plugin):
+        yield from _nested((*path, "wrapped"), wrapped)
+        return
+    for key, inner in wrapped.items() if isinstance(wrapped, Mapping) else enumerate(wrapped):
+        yield from _nested((*path, "wrapped", key), inner)

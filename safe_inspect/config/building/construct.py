@@ -1,0 +1,138 @@
+"""YAML nodes to located containers: safe types, anchors, merge keys and the one tag ``!include``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import yaml
+
+from safe_inspect.config.loading.located import LocatedDict, LocatedList
+from safe_inspect.errors import Location, Problem
+
+_STANDARD = "tag:yaml.org,2002:"
+_SAFE = yaml.constructor.SafeConstructor()
+_SCALARS: dict[str, Callable[[Any], Any]] = {
+    f"{_STANDARD}str": lambda node: node.value,
+    f"{_STANDARD}value": lambda node: node.value,
+    f"{_STANDARD}merge": lambda node: node.value,
+    f"{_STANDARD}int": _SAFE.construct_yaml_int,
+    f"{_STANDARD}float": _SAFE.construct_yaml_float,
+    f"{_STANDARD}bool": _SAFE.construct_yaml_bool,
+    f"{_STANDARD}null": _SAFE.construct_yaml_null,
+    f"{_STANDARD}timestamp": _SAFE.construct_yaml_timestamp,
+    f"{_STANDARD}binary": _SAFE.construct_yaml_binary,
+}
+
+_KINDS = {"int": "whole number", "float": "number", "bool": "truth value", "timestamp": "date"}
+
+
+class Constructor:
+    """Builds the tree of one document and collects its mistakes.
+
+    Args:
+        place: Gives the location of a mark.
+        include: Gives the tree of an included file, from its name and the location of the tag.
+        problems: Takes the mistakes; a value that is wrong becomes None.
+    """
+
+    def __init__(
+        self,
+        place: Callable[[Any], Location],
+        include: Callable[[str, Location], Any],
+        problems: list[Problem],
+    ) -> None:
+        self._place = place
+        self._include = include
+        self._problems = problems
+        self._built: dict[int, Any] = {}
+        self._open: set[int] = set()
+
+    def document(self, root: Any) -> Any:
+        """Return the tree of a document."""
+        try:
+            return self.build(root)
+        except RecursionError:
+            return self._wrong(root, "the values are nested too deeply", "put a part of them into a file of its own")
+
+    def build(self, node: Any) -> Any:
+        """Return what a node stands for; an alias gives the very object of its anchor."""
+        known = id(node)
+        if known in self._built:
+            return self._built[known]
+        if known in self._open:
+            return self._wrong(node, "an alias inside this value stands for the value itself", "write it out")
+        self._open.add(known)
+        value = self._construct(node)
+        self._open.discard(known)
+        self._built[known] = value
+        return value
+
+    def _construct(self, node: Any) -> Any:
+        tag = node.tag
+        if isinstance(node, yaml.ScalarNode):
+            if tag == "!include":
+                if not node.value.strip():
+                    return self._wrong(node, "`!include` names no file", "write `!include FILE`")
+                return self._include(node.value.strip(), self._place(node.start_mark))
+            if tag in _SCALARS:
+                return self._scalar(node)
+        elif isinstance(node, yaml.MappingNode) and tag == f"{_STANDARD}map":
+            return self._mapping(node)
+        elif isinstance(node, yaml.SequenceNode) and tag == f"{_STANDARD}seq":
+            location = self._place(node.start_mark)
+            marks = {index: self._place(item.start_mark) for index, item in enumerate(node.value)}
+            return LocatedList([self.build(item) for item in node.value], marks, location)
+        if tag == "!include":
+            return self._wrong(node, "`!include` takes the name of one file", "write `!include FILE`")
+        shown = tag.replace(_STANDARD, "!!")
+        if shown in ("!!map", "!!seq") or tag in _SCALARS:
+            return self._wrong(node, f"the tag `{shown}` does not fit what follows it", "remove it")
+        return self._wrong(node, f"the tag `{shown}` is not known", "the only tag is `!include FILE`")
+
+    def _scalar(self, node: Any) -> Any:
+        try:
+            return _SCALARS[node.tag](node)
+        except (ValueError, KeyError, OverflowError, yaml.YAMLError):
+            kind = _KINDS.get(node.tag.removeprefix(_STANDARD), "value of that tag")
+            return self._wrong(node, f"{node.value!r} is no {kind}", "quote it if it is a text")
+
+    def _mapping(self, node: Any) -> LocatedDict:
+        tree = LocatedDict(location=self._place(node.start_mark))
+        merged: list[Any] = []
+        lines: dict[Any, int] = {}
+        for key_node, value_node in node.value:
+            merging = key_node.tag == f"{_STANDARD}merge"
+            key = "<<" if merging else self.build(key_node)
+            value = self.build(value_node)
+            place = self._place(key_node.start_mark)
+            try:
+                first = lines.setdefault(key, place.line)
+            except TypeError:
+                self._wrong(key_node, "a list or a mapping cannot be a key", "quote it if it is a text")
+                continue
+            if key in tree or (merging and merged):
+                hint = f"the first stands in line {first}; remove one of them"
+                self._wrong(key_node, f"the key `{key}` is given twice", hint)
+            elif merging:
+                merged = self._sources(value_node, value)
+            else:
+                tree[key] = value
+                tree.marks[key] = place
+        for source in merged:
+            for key in source.keys() - tree.keys():
+                tree[key] = source[key]
+                if key in source.marks:
+                    tree.marks[key] = source.marks[key]
+        return tree
+
+    def _sources(self, node: Any, value: Any) -> list[LocatedDict]:
+        sources = list(value) if isinstance(value, LocatedList) else [value]
+        if not all(isinstance(source, LocatedDict) for source in sources):
+            if value is not None:  # None is a mistake that was reported, or a null
+                self._wrong(node, "`<<` merges a mapping or a list of mappings", "give it an alias `*name` of one")
+            return []
+        return sources
+
+    def _wrong(self, node: Any, message: str, hint: str) -> None:
+        self._problems.append(Problem(message, location=self._place(node.start_mark), hint=hint))

@@ -1,0 +1,72 @@
+"""Which policy flies which agent, with the checks that need more than one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig, PolicyConfig
+from safe_inspect.config.spec import Policy
+
+Path = tuple[Any, ...]
+Report = Callable[[Path, str], None]
+
+
+def policy_name(entry: AgentEntry) -> str:
+    """Return the name of the policy that flies an agent."""
+    return entry.policy_name or entry.name
+
+
+def policies_of(config: ExperimentConfig, report: Report) -> dict[str, Policy]:
+    """Return the policies that fly agents from outside the environment, by name, in agent order.
+
+    Args:
+        config: The validated models.
+        report: Takes the path and the message of every mistake that is found.
+    """
+    flown: dict[str, list[tuple[int, AgentEntry, PolicyConfig]]] = {}
+    for index, entry in enumerate(config.agent_config):
+        if entry.policy is None and len(config.agent_config) > 1:
+            report(
+                ("agent_config", index),
+                f"the agent {entry.name!r} has no policy; give it a `policy`, such as {{algorithm: PPO}} or "
+                f"{{functor: ZeroThrust}}",
+            )
+        policy = entry.policy or PolicyConfig()
+        if policy.functor is None:
+            flown.setdefault(policy_name(entry), []).append((index, entry, policy))
+        elif entry.policy_name is not None:
+            where = ("agent_config", index, "policy_name")
+            report(where, "a scripted policy is shared with nobody; remove the name")
+    if not flown:
+        report(("agent_config",), "no agent has a policy that learns; give one of them an `algorithm`")
+    elif not any(policy.checkpoint is None for group in flown.values() for _, _, policy in group):
+        report(("agent_config",), "every policy comes from a checkpoint, so that none learns; give one an `algorithm`")
+    found = {}
+    for name, group in flown.items():
+        _check_shared(name, group, report)
+        policy = group[0][2]
+        found[name] = Policy(
+            name,
+            tuple(entry.name for _, entry, _ in group),
+            policy.algorithm,
+            dict(policy.config),
+            policy.checkpoint,
+            policy.policy,
+        )
+    algorithms = list(dict.fromkeys(policy.algorithm for policy in found.values() if policy.trains))
+    for group in flown.values():
+        for index, _, policy in group:
+            if policy.algorithm and policy.algorithm != algorithms[0]:
+                place: Path = ("agent_config", index, "policy", "algorithm")
+                report(place, f"RLlib trains all policies with one algorithm; here are {' and '.join(algorithms)}")
+    return found
+
+
+def _check_shared(name: str, group: Sequence[tuple[int, AgentEntry, PolicyConfig]], report: Report) -> None:
+    """Check that agents that share a policy give it the same configuration."""
+    _, first, policy = group[0]
+    for index, entry, other in group[1:]:
+        if other != policy:
+            where = ("agent_config", index, "policy")
+            report(where, f"{first.name} and {entry.name} share the policy {name!r}, but configure it differently")

@@ -1,0 +1,198 @@
+"""From the reset parameters of an experiment to its `ResetPlan`, with the checks that need more than one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+from pydantic_core import PydanticCustomError
+
+from safe_inspect.config.models.experiment import EntityConfig, ExperimentConfig
+from safe_inspect.errors import did_you_mean
+from safe_inspect.rta.rejection_sampler import RejectionSampler, check_parameters
+from safe_inspect.simulators.resets.initializers import RejectionSamplerInitializer
+from safe_inspect.simulators.resets.parameters import Parameter, ScalarParameter, SimAttributeAccessor
+from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw, ResetPlan
+
+Path = tuple[Any, ...]
+Report = Callable[[Path, str], None]
+
+_RESET: Path = ("config", "config", "env_config", "simulator_reset_parameters")
+_STATES = ("position", "velocity")
+
+
+def reset_plan(config: ExperimentConfig, report: Report) -> ResetPlan:
+    """Return how an episode begins.
+
+    Args:
+        config: The validated models.
+        report: Takes the path and the message of every mistake that is found.
+    """
+    drawn = config.config.config.env_config.simulator_reset_parameters
+    parameters: dict[str, Parameter] = dict(drawn.__pydantic_extra__ or {})
+    components = config.config.config.env_config.simulator.compose()[1]
+    read = [component.parameters for component in components]
+    _check_parameters(parameters, read, report)
+    entities: dict[str, BodyReset] = {}
+    sun: Parameter | None = None
+    platforms = {entry.name for entry in config.platform_config}
+    for name, entity in drawn.additional_entities.items():
+        where = (*_RESET, "additional_entities", name)
+        if entity.entity_class == "Sun":
+            if sun is not None:
+                report(where, "there is a sun already; remove one")
+            sun = _sun(entity, parameters, where, report)
+        elif entity.initializer is None:
+            report(where, "a body needs an `initializer`, and the sun `entity_class: Sun`")
+        else:
+            if name in platforms:
+                report(where, f"a platform is named {name!r} too; give the body another name")
+            entities[name] = BodyReset(entity.initializer, entity.config)
+            _check_body(entities[name], parameters, where, report)
+    deputies: dict[str, BodyReset] = {}
+    for index, agent in enumerate(config.agent_config):
+        begin = agent.config.config.simulator_reset_parameters
+        body = BodyReset(begin.initializer, begin.config)
+        _check_body(body, parameters, ("agent_config", index, "config", "config", _RESET[-1]), report)
+        deputies |= dict.fromkeys(agent.platforms[:1], body)
+    takers = [taken for body in (*deputies.values(), *entities.values()) for taken in body.parameters.values()]
+    used = {name for accessor in _accessors([*parameters.values(), *takers, sun]) for name in [_source(accessor)[0]]}
+    known = used.union(*read)
+    for name in parameters:
+        if name not in known:
+            report((*_RESET, name), f"nothing uses the reset parameter {name!r}; {did_you_mean(name, known)}")
+    return ResetPlan(parameters, deputies, entities, () if sun is None else (EnvironmentDraw("sun_angle", "sun", sun),))
+
+
+def _check_parameters(parameters: Mapping[str, Parameter], read: Iterable[Mapping[str, str]], report: Report) -> None:
+    """Check the reset parameters among themselves, and those that components read: all that one reads, or none."""
+    before: dict[str, Parameter] = {}
+    for name, parameter in parameters.items():
+        if isinstance(parameter, RejectionSampler):
+            for key, inner in parameter.wrapped.items():
+                _check_taken(inner, "", before, (*_RESET, name, "wrapped", key), report)
+        elif isinstance(parameter, SimAttributeAccessor):
+            _check_source(parameter, before, (*_RESET, name), report)
+        before[name] = parameter
+    for units in read:
+        given = [name for name in units if name in parameters]
+        for name in given:
+            _check_taken(parameters[name], units[name], before, (*_RESET, name), report)
+            if len(given) < len(units):
+                missing = next(other for other in units if other not in given)
+                report((*_RESET, name), f"`{missing}` is needed beside it; add it, or remove this one")
+
+
+def _sun(entity: EntityConfig, parameters: Mapping[str, Parameter], where: Path, report: Report) -> Parameter | None:
+    for key in entity.config:
+        if key != "theta":
+            report((*where, "config", key), "the sun takes `theta` alone")
+    for key in ("platform", "initializer"):
+        if getattr(entity, key) is not None:
+            report((*where, key), f"the sun takes no `{key}`; remove it")
+    theta = entity.config.get("theta")
+    if theta is None:
+        report(where, "the sun needs `theta`, its angle at the reset")
+    else:
+        _check_taken(theta, "rad", parameters, (*where, "config", "theta"), report)
+    return theta
+
+
+def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], where: Path, report: Report) -> None:
+    """Check that a body's initialiser gets what it takes and gives a position and a velocity."""
+    initializer = body.initializer
+    try:
+        check_parameters(initializer, body.parameters, "config")
+    except PydanticCustomError as error:
+        for problem in (error.context or {})["errors"]:
+            report((*where, *problem["loc"]), problem["msg"])
+    sources = {
+        key: _check_taken(parameter, initializer.parameters[key], parameters, (*where, "config", key), report)
+        for key, parameter in body.parameters.items()
+        if key in initializer.parameters
+    }
+    given: Iterable[str] = initializer.gives
+    if isinstance(initializer, RejectionSamplerInitializer):
+        given = initializer.states
+        source = sources.get("init_state")
+        known = source.initializer.gives if isinstance(source, RejectionSampler) else {}
+        for index, state in enumerate(initializer.states if known else ()):
+            if state not in known:
+                given = ()
+                place = (*where, "initializer", "config", "states", index)
+                report(place, f"the sampler gives no state {state!r}; {did_you_mean(state, known)}")
+    missing = [state for state in _STATES if state not in given]
+    if given and missing:
+        report(
+            (*where, "initializer"), f"a body needs its {' and '.join(missing)} at a reset; {sorted(given)} are given"
+        )
+
+
+def _check_taken(
+    parameter: Parameter, symbol: str | None, parameters: Mapping[str, Parameter], where: Path, report: Report
+) -> Parameter | None:
+    """Check that a parameter gives what is wanted, and return where its value is drawn.
+
+    Args:
+        parameter: A parameter, perhaps an accessor to another.
+        symbol: SI unit of the number that is wanted, empty for any; None when the states of a body are wanted.
+        parameters: What an accessor may name.
+        where: Path of the parameter.
+        report: Takes mistakes.
+    """
+    source, state, place = parameter, "", where
+    if isinstance(parameter, SimAttributeAccessor):
+        found = _check_source(parameter, parameters, where, report)
+        if found is None:
+            return None
+        source, state, place = found, _source(parameter)[1], (*where, "config", "attribute_name")
+    named = f"`{parameter.attribute_name}`" if isinstance(parameter, SimAttributeAccessor) else "this"
+    given = source.initializer.gives if isinstance(source, RejectionSampler) else {}
+    if symbol is None:
+        if state or isinstance(source, ScalarParameter):
+            report(
+                place, f"{named} is a single value; the states of a body are wanted here, as a RejectionSampler gives"
+            )
+    elif state:
+        if given.get(state, 1) != 1:
+            report(place, f"{named} has {given[state]} elements; one number is wanted here")
+    elif isinstance(source, RejectionSampler):
+        report(place, f"{named} is a set of states; one number is wanted here, such as one of {sorted(given)}")
+    elif symbol and source.symbol not in (None, symbol):
+        report(place if source is not parameter else (*where, "config", "units"),
+               f"{named} is given in {source.symbol}, but is measured in {symbol}")  # fmt: skip
+    return source
+
+
+def _check_source(
+    accessor: SimAttributeAccessor, parameters: Mapping[str, Parameter], where: Path, report: Report
+) -> Parameter | None:
+    """Return the reset parameter that an accessor names, drawn before it; None when it names nothing."""
+    name, state = _source(accessor)
+    where = (*where, "config", "attribute_name")
+    if name not in parameters:
+        report(where, f"no reset parameter is named {name!r}; {did_you_mean(name, parameters)}")
+        return None
+    source = parameters[name]
+    if isinstance(source, SimAttributeAccessor):
+        report(where, f"{name!r} is an accessor itself; name what it stands for, `{source.attribute_name}`")
+        return None
+    states = source.initializer.gives if isinstance(source, RejectionSampler) else {}
+    if state and state not in states and (states or isinstance(source, ScalarParameter)):
+        report(where, f"{name!r} has no state {state!r}; {did_you_mean(state, states)}".rstrip("; "))
+        return None
+    return source
+
+
+def _source(accessor: SimAttributeAccessor) -> tuple[str, str]:
+    """Return the parameter and the state, perhaps empty, that an accessor names."""
+    name, _, state = accessor.attribute_name.partition(".")
+    return name, state
+
+
+def _accessors(parameters: Iterable[Parameter | None]) -> Iterator[SimAttributeAccessor]:
+    for parameter in parameters:
+        if isinstance(parameter, SimAttributeAccessor):
+            yield parameter
+        elif isinstance(parameter, RejectionSampler):
+            yield from _accessors(parameter.wrapped.values())

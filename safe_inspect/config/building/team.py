@@ -1,0 +1,128 @@
+"""The checks and the beginnings that concern several agents together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.config.loading.templates import MOST
+from safe_inspect.config.models.experiment import EnvironmentConfig, ExperimentConfig
+from safe_inspect.config.spec import AgentSpec
+from safe_inspect.dones.shared import CollisionDoneFunction
+from safe_inspect.errors import did_you_mean
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.rejection_sampler import RejectionSampler
+from safe_inspect.rta.team import TeamSafety
+from safe_inspect.simulators.resets.plan import ResetPlan, TeamTest
+from safe_inspect.types import BoolArray, FloatArray
+
+Path = tuple[Any, ...]
+Report = Callable[[Path, str], None]
+
+_ENVIRONMENT: Path = ("config", "config", "env_config")
+
+
+def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: Report) -> None:
+    """Check names, platforms and shared done functions, and that all agents keep one time.
+
+    Args:
+        config: The validated models.
+        agents: The agents that could be assembled.
+        report: Takes the path and the message of every mistake that is found.
+    """
+    names: dict[str, int] = {}
+    controls: dict[str, str] = {}
+    lead = config.agent_config[0]
+    for index, entry in enumerate(config.agent_config):
+        where: Path = ("agent_config", index)
+        if entry.name in names:
+            report((*where, "name"), f"two agents are named {entry.name!r}; give each a name of its own")
+        names[entry.name] = index
+        for number, platform in enumerate(entry.platforms[:1]):
+            if platform in controls:
+                message = f"{controls[platform]} and {entry.name} both control the platform {platform!r}"
+                report((*where, "platforms", number), f"{message}; give each agent a platform of its own")
+            controls[platform] = entry.name
+        if entry.config.config.frame_rate != lead.config.config.frame_rate:
+            message = f"{entry.name} acts at {entry.config.config.frame_rate:g} Hz, {lead.name} at "
+            place = (*where, "config", "config", "frame_rate")
+            report(place, f"{message}{lead.config.config.frame_rate:g} Hz; all agents act at one rate")
+    if len(config.agent_config) > MOST:
+        report(("agent_config",), f"{len(config.agent_config)} agents are too many for one environment; {MOST} at most")
+    done_names = {named.name for agent in agents for named in agent.dones}
+    seen: set[str] = set()
+    for index, named in enumerate(config.config.config.env_config.dones.shared):
+        where = (*_ENVIRONMENT, "dones", "shared", index)
+        if named.name in seen:
+            report(where, f"two shared dones are named {named.name!r}; give one of them a `name` of its own")
+        seen.add(named.name)
+        for field, kind in named.functor.references().items():
+            value = getattr(named.functor, field)
+            if kind == "done" and value not in done_names and len(agents) == len(config.agent_config):
+                message = f"no agent has a done function named {value!r}; {did_you_mean(value, done_names)}"
+                report((*where, "config", field), message)
+    guard = config.config.config.env_config.rta
+    if guard is not None and guard.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
+        message = "the environment's `rta` counts on ended deputies that coast; let them `coast`, or switch it off"
+        report((*_ENVIRONMENT, "ended_deputies"), message)
+    for index, agent in enumerate(agents):
+        own = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
+        if guard is not None and guard.enabled and own:
+            message = "its own safety filter and the one of the environment's `rta` are both enabled; switch one off"
+            report(("agent_config", index, "config", "config", "glues"), message)
+
+
+def guarded_starts(reset: ResetPlan, agents: Sequence[AgentSpec], environment: EnvironmentConfig) -> ResetPlan:
+    """Return the plan that refuses every beginning from which the filters could not keep the deputies safe."""
+    guards = {
+        index: glue
+        for index, agent in enumerate(agents)
+        for glue in agent.action_glues
+        if isinstance(glue, SafetyGlue) and glue.enabled
+    }
+    lead = guards.get(0)
+    if lead is not None:
+        reset = replace(reset, parameters=_sampled_with(reset, lead))
+    tests: list[TeamTest] = []
+    others = {index: glue.for_starts() for index, glue in guards.items() if glue != lead}
+    if others:
+        tests.append(partial(_own_refusals, others))
+    if environment.rta is not None and environment.rta.enabled:
+        tests.append(partial(_team_refusals, environment.rta))
+    collisions = [
+        named.functor.safety_constraint
+        for named in environment.dones.shared
+        if isinstance(named.functor, CollisionDoneFunction)
+    ]
+    return replace(reset, separation=max(collisions, default=0.0), tests=tuple(tests))
+
+
+def _sampled_with(reset: ResetPlan, guard: SafetyGlue) -> dict[str, Any]:
+    return {
+        name: parameter.model_copy(update={"rta": parameter.rta.for_filtered(guard)})
+        if isinstance(parameter, RejectionSampler) and parameter.rta is not None
+        else parameter
+        for name, parameter in reset.parameters.items()
+    }
+
+
+def _own_refusals(
+    guards: Mapping[int, SafetyGlue], states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
+) -> dict[str, BoolArray]:
+    """Test a deputy by a filter of its own, where that is not the first deputy's; see `TeamTest`."""
+    return guards[index].refusals(states) if index in guards else {}
+
+
+def _team_refusals(
+    guard: TeamSafety, states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
+) -> dict[str, BoolArray]:
+    """Test a deputy together with those before it; see `TeamTest`."""
+    team = {
+        name: np.concatenate((before[name], states[name][:, None]), axis=1) if before else states[name][:, None]
+        for name in ("position", "velocity")
+    }
+    return guard.refusals({**states, **team})

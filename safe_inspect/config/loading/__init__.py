@@ -1,0 +1,1 @@
+"""From YAML files to one tree: includes, merges, references, overrides."""

@@ -1,0 +1,130 @@
+"""The configuration loader: YAML files to a tree that knows where each key stands.
+
+The language is YAML 1.1 with safe types; no tag evaluates code. The one tag of
+its own is ``!include FILE``: ``./FILE`` lies beside the including file; any other
+name is looked for from the working directory, from the folder above the
+including file that contains ``configs``, and in the package's own configurations.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.config.building.construct import Constructor
+from safe_inspect.config.loading.includes import hint, places, shown
+from safe_inspect.config.loading.syntax import compose, decode
+from safe_inspect.errors import ConfigError, Location, Problem
+
+COMMAND_LINE = "command line"
+
+
+def load(path: str | os.PathLike[str]) -> Any:
+    """Load a configuration file with everything that it includes.
+
+    A name that begins with ``configs/`` and is not in the working directory is
+    taken from the package's own configurations.
+
+    Returns:
+        The tree: `LocatedDict`, `LocatedList` and plain values.
+
+    Raises:
+        ConfigError: With all mistakes of all files, each with its file and line.
+    """
+    return _finish(loading := _Loading(), loading.include(os.fspath(path), None))
+
+
+def load_if_path(value: Any, location: Location | None = None) -> Any:
+    """Load the file that a text names, if the value is a text that ends in ``.yml`` or ``.yaml``.
+
+    Published configurations of the peer write a plain path where ``!include`` is meant.
+
+    Args:
+        value: Any value; what names no file is returned as it is.
+        location: Where the value stands, for ``./`` and for messages.
+
+    Raises:
+        ConfigError: As for `load`.
+    """
+    if not isinstance(value, str) or not value.endswith((".yml", ".yaml")):
+        return value
+    return _finish(loading := _Loading(), loading.include(value, location))
+
+
+def parse(text: str, location: Location) -> Any:
+    """Parse YAML that stands in no file, such as a value of the command line; all of it is at that location.
+
+    Raises:
+        ConfigError: As for `load`.
+    """
+    loading = _Loading()
+    try:
+        node = compose(text, location.file)
+    except ConfigError as error:
+        raise ConfigError([Problem(problem.message, location=location) for problem in error.problems]) from None
+    constructor = Constructor(lambda mark: location, loading.include, loading.problems)
+    return _finish(loading, None if node is None else constructor.document(node))
+
+
+def _finish(loading: _Loading, tree: Any) -> Any:
+    if loading.problems:
+        raise ConfigError(loading.problems)
+    return tree
+
+
+class _Loading:
+    """One call of the loader: every file is read once, and all mistakes are collected."""
+
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+        self._trees: dict[Path, Any] = {}
+        self._chain: list[Path] = []
+
+    def include(self, name: str, location: Location | None) -> Any:
+        """Return the tree of a file, None when a mistake was found."""
+        including = Path(os.path.abspath(location.file)) if location is not None and location.line else None
+        outermost = self._chain[0] if self._chain else including
+        tried = places(name, including, outermost)
+        path = next((place for place in tried if place.exists()), None)
+        if path is None:
+            what = "no file" if location is None else "the included file does not exist:"
+            looked = ", ".join(shown(place) for place in tried)
+            return self._wrong(f"{what} {name!r} (looked for {looked})", location, hint(name, tried, including))
+        if path in self._chain:
+            chain = [*self._chain[self._chain.index(path) :], path]
+            arrows = " -> ".join(shown(file) for file in chain)
+            return self._wrong(f"the files include each other in a circle: {arrows}", location, "remove one `!include`")
+        if path not in self._trees:
+            self._chain.append(path)
+            try:
+                self._trees[path] = self._read(path, location)
+            finally:
+                self._chain.pop()
+        return self._trees[path]
+
+    def _read(self, path: Path, location: Location | None) -> Any:
+        file = shown(path)
+        if path.is_dir():
+            names = sorted(entry.name for entry in path.iterdir() if entry.suffix in (".yml", ".yaml"))
+            files = f"name one of its files: {', '.join(names)}" if names else "name a file"
+            return self._wrong(f"{file!r} is a directory", location, files)
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            return self._wrong(f"cannot read {file!r}: {error.strerror or error}", location, "")
+        try:
+            node = compose(decode(data, file), file)
+        except ConfigError as error:
+            self.problems += error.problems
+            return None
+        if node is None:
+            return self._wrong("the file is empty", Location(file, 1), "write a mapping into it, `{}` for none")
+
+        def place(mark: Any) -> Location:
+            return Location(file, mark.line + 1, mark.column + 1)
+
+        return Constructor(place, self.include, self.problems).document(node)
+
+    def _wrong(self, message: str, location: Location | None, hint: str) -> None:
+        self.problems.append(Problem(message, location=location, hint=hint))

@@ -1,0 +1,174 @@
+"""Overrides of the command line: ``key=value`` with a dotted path into the tree.
+
+A component of the path is a key, or for the items of a list an index or a name:
+the item's ``name``, the class it names, or its controller or sensor. A path whose first
+component is not at the root is the end of a path, and stands for the one place
+that it fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from safe_inspect.config.loading.loader import COMMAND_LINE, parse
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, has
+from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
+
+#: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
+_CLASS_KEYS = ("functor", "type", "part", "controller", "sensor")
+
+Found = tuple[Any, ...]
+
+
+def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
+    """Replace values of a tree by those of the command line, one after the other.
+
+    Args:
+        tree: A loaded configuration.
+        overrides: Texts such as ``rllib_config.lr=1e-4`` or ``ObservedPointsReward.config.scale=0.02``;
+            the value is YAML.
+
+    Returns:
+        A new tree; the given one is not changed.
+
+    Raises:
+        ConfigError: With every override that is malformed, fits nothing or fits several places.
+    """
+    problems: list[Problem] = []
+    for override in overrides:
+        location = Location(COMMAND_LINE, 0, text=override)
+        try:
+            tree = _apply(tree, override, location)
+        except ConfigError as error:
+            problems += error.problems
+    if problems:
+        raise ConfigError(problems)
+    return tree
+
+
+def _apply(tree: Any, override: str, location: Location) -> Any:
+    dotted, equals, text = override.partition("=")
+    parts = dotted.strip().split(".")
+    if not equals or not all(parts):
+        raise ConfigError(Problem("not an override", location=location, hint="write it as `path.of.keys=value`"))
+    value = parse(text, location)
+    if any(True for _ in _steps(tree, parts[0])):
+        found = _walk(tree, parts)
+        if not found:
+            found = [(*path, parts[-1]) for path in _walk(tree, parts[:-1]) if isinstance(_at(tree, path), Mapping)]
+    else:
+        found = [path + end for path in _containers(tree) for end in _walk(_at(tree, path), parts)]
+        found = list(dict.fromkeys(found))
+    if len(found) == 1:
+        return _replaced(tree, found[0], value, location)
+    if found:
+        candidates = ", ".join(f"`{'.'.join(map(str, path))}`" for path in found[:12])
+        more = f" and {len(found) - 12} more" if len(found) > 12 else ""
+        message = f"`{dotted}` fits {len(found)} places"
+        raise ConfigError(Problem(message, location=location, hint=f"write one of {candidates}{more}"))
+    raise ConfigError(_unknown(tree, parts, location))
+
+
+def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
+    """Say which component is the first that fits nothing, and what is near it."""
+    known: set[str] = set()
+    if any(True for _ in _steps(tree, parts[0])):
+        depth = next(count for count in range(len(parts) - 1, 0, -1) if _walk(tree, parts[:count]))
+        for path in _walk(tree, parts[:depth]):
+            known |= _names(_at(tree, path))
+        within = ".".join(parts[:depth])
+        message = f"nothing is called `{parts[depth]}` in `{within}`" + ("" if known else ", which holds no keys")
+        return Problem(message, "", location, did_you_mean(parts[depth], known))
+    for path in _containers(tree):
+        known |= _names(_at(tree, path))
+    first = next((part for part in parts if part not in known), None)
+    if first is None:
+        message = f"no path of the configuration ends in `{'.'.join(parts)}`"
+        return Problem(message, "", location, "write it from the root")
+    return Problem(f"nothing is called `{first}` in the configuration", "", location, did_you_mean(first, known))
+
+
+def _walk(node: Any, parts: list[str]) -> list[Found]:
+    """Return every existing path below a node that the components fit."""
+    if not parts:
+        return [()]
+    return [step + rest for step in _steps(node, parts[0]) for rest in _walk(_at(node, step), parts[1:])]
+
+
+def _steps(node: Any, part: str) -> Iterator[Found]:
+    """Yield the steps from a node that one component fits."""
+    if isinstance(node, Mapping):
+        yield from ((key,) for key in node if str(key) == part)
+    elif isinstance(node, list):
+        if part.isdecimal() and int(part) < len(node):
+            yield (int(part),)
+            return
+        named = [(index,) for index, item in enumerate(node) if part in _given_names(item)]
+        named = named or [(index,) for index, item in enumerate(node) if part in _class_names(item)]
+        yield from named
+        if not named and node and isinstance(node[0], str):  # a record [name, ..., {...}]: look into its mappings
+            for index, item in enumerate(node):
+                if isinstance(item, Mapping):
+                    yield from ((index, *step) for step in _steps(item, part))
+
+
+def _given_names(item: Any) -> list[str]:
+    """Return the names that the user gave to an item of a list."""
+    if isinstance(item, list):
+        return [item[0]] if item and isinstance(item[0], str) else []
+    return [source["name"] for source in _sources(item) if isinstance(source.get("name"), str)]
+
+
+def _class_names(item: Any) -> list[str]:
+    """Return the names of an item's class, and of the controller or sensor that it is about."""
+    texts = [source[key] for source in _sources(item) for key in _CLASS_KEYS if key in source]
+    return [text.rpartition(".")[2] for text in texts if isinstance(text, str)]
+
+
+def _sources(item: Any) -> list[Mapping[Any, Any]]:
+    """Return the mappings that can name an item: itself and its `config`."""
+    if not isinstance(item, Mapping):
+        return []
+    return [source for source in (item, item.get("config")) if isinstance(source, Mapping)]
+
+
+def _names(node: Any) -> set[str]:
+    """Return what can be written after the path of a node."""
+    if isinstance(node, Mapping):
+        return {str(key) for key in node}
+    names: set[str] = set()
+    if isinstance(node, list):
+        for item in node:
+            names.update(_given_names(item), _class_names(item))
+            if isinstance(item, Mapping) and isinstance(node[0], str):
+                names |= _names(item)
+    return names
+
+
+def _containers(tree: Any, path: Found = ()) -> Iterator[Found]:
+    """Yield the path of every mapping and list of a tree."""
+    if isinstance(tree, (Mapping, list)):
+        yield path
+        items = tree.items() if isinstance(tree, Mapping) else enumerate(tree)
+        for key, value in items:
+            yield from _containers(value, (*path, key))
+
+
+def _at(tree: Any, path: Found) -> Any:
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+def _replaced(tree: Any, path: Found, value: Any, location: Location) -> Any:
+    """Return the tree with another value at a path; only the containers on the path are copied."""
+    if not path:
+        return value
+    key, rest = path[0], path[1:]
+    kind = LocatedDict if isinstance(tree, Mapping) else LocatedList
+    copied = kind(tree, getattr(tree, "marks", None), getattr(tree, "location", None))
+    copied[key] = _replaced(tree[key], rest, value, location) if has(tree, key) else value
+    if not rest:
+        copied.marks[key] = location
+    return copied

@@ -1,0 +1,112 @@
+"""Templates: one entry with a `count` stands for several equal agents, and ``#`` in a name for the number of each.
+
+    agent_config:
+      - {name: "blue#_ctrl", count: 3, platforms: ["blue#"], config: ..., policy: ...}
+
+stands for ``blue0_ctrl`` on ``blue0``, ``blue1_ctrl`` on ``blue1`` and ``blue2_ctrl`` on ``blue2``. An entry of
+`platform_config` with ``#`` in its name stands for every platform that such agents control.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text
+from safe_inspect.errors import Problem, did_you_mean
+
+#: What stands for the number in a name.
+NUMBER = "#"
+#: The largest number of deputies in one environment.
+MOST = 100
+
+
+def expand_templates(tree: LocatedDict, problems: list[Problem]) -> LocatedDict:
+    """Return the experiment with every template written out.
+
+    Args:
+        tree: A loaded experiment; it is not changed.
+        problems: Takes the mistakes.
+    """
+    agents, platforms = tree.get("agent_config"), tree.get("platform_config")
+    if not isinstance(agents, list) or not isinstance(platforms, list):
+        return tree
+    counts: dict[str, int] = {}
+    written = _Entries(agents)
+    for index, entry in enumerate(agents):
+        for copy in _agent(entry, tree, ("agent_config", index), counts, problems):
+            written.add(copy, index)
+    shapes = _Entries(platforms)
+    for index, entry in enumerate(platforms):
+        for copy in _platform(entry, tree, ("platform_config", index), counts, problems):
+            shapes.add(copy, index)
+    expanded = tree.copy()
+    expanded["agent_config"], expanded["platform_config"] = written.list, shapes.list
+    return expanded
+
+
+class _Entries:
+    """The written-out list; each entry stands where its template does."""
+
+    def __init__(self, source: list[Any]) -> None:
+        self.list = LocatedList([], {}, getattr(source, "location", None))
+        self._marks = getattr(source, "marks", {})
+
+    def add(self, entry: Any, index: int) -> None:
+        if index in self._marks:
+            self.list.marks[len(self.list)] = self._marks[index]
+        self.list.append(entry)
+
+
+def _agent(
+    entry: Any, tree: Any, where: tuple[Any, ...], counts: dict[str, int], problems: list[Problem]
+) -> Iterator[Any]:
+    if not isinstance(entry, dict) or ("count" not in entry and NUMBER not in str(entry.get("name"))):
+        yield entry
+        return
+
+    def wrong(key: str, message: str) -> None:
+        path = (*where, key)
+        problems.append(Problem(message, path_text(path), locate(tree, path)))
+
+    count = entry.get("count", 1)
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST:
+        wrong("count", f"wants a whole number from 1 to {MOST}, got {count!r}")
+        count = 1
+    platforms = entry.get("platforms")
+    names = [entry.get("name"), *(platforms if isinstance(platforms, list) else ())]
+    if count > 1 and not all(isinstance(name, str) and NUMBER in name for name in names):
+        wrong("count", f"{count} agents need names and platforms of their own; write `{NUMBER}` for the number in them")
+        count = 1
+    for name in names[1:]:
+        if isinstance(name, str) and NUMBER in name:
+            counts[name] = max(counts.get(name, 0), count)
+    for number in range(count):
+        copy = _numbered(entry, number)
+        copy.pop("count", None)
+        if isinstance(platforms, list):
+            numbered = [str(name).replace(NUMBER, str(number)) for name in platforms]
+            copy["platforms"] = LocatedList(numbered, getattr(platforms, "marks", None), locate(platforms, ()))
+        yield copy
+
+
+def _platform(
+    entry: Any, tree: Any, where: tuple[Any, ...], counts: dict[str, int], problems: list[Problem]
+) -> Iterator[Any]:
+    name = entry.get("name") if isinstance(entry, dict) else None
+    if not isinstance(name, str) or NUMBER not in name:
+        yield entry
+        return
+    if name not in counts:
+        path = (*where, "name")
+        hint = did_you_mean(name, counts) or f"name it under `platforms` of an agent with `{NUMBER}` in its name"
+        problems.append(Problem(f"no agent controls platforms {name!r}", path_text(path), locate(tree, path), hint))
+    for number in range(counts.get(name, 1)):
+        yield _numbered(entry, number)
+
+
+def _numbered(entry: dict[Any, Any], number: int) -> LocatedDict:
+    copy = LocatedDict(entry, getattr(entry, "marks", None), getattr(entry, "location", None))
+    if isinstance(copy.get("name"), str):
+        copy["name"] = copy["name"].replace(NUMBER, str(number))
+    return copy

@@ -1,0 +1,1 @@
+"""Messages about mistakes, and the JSON schemas of the files."""

@@ -1,0 +1,116 @@
+"""From Pydantic's validation errors to problems with file, line, path and plain words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from safe_inspect.config.loading.located import has, locate, path_text
+from safe_inspect.config.messages.words import is_of_other_kind, message, shown, wanted
+from safe_inspect.config.models.fields import known_keys
+from safe_inspect.errors import Problem, did_you_mean
+from safe_inspect.plugins.functor import errors_of
+
+#: What Pydantic puts into the path of an error to tell the members of a union apart.
+_LABEL = re.compile(r"(int|float|str|bool|bytes|none|list|dict|tuple|set|date|datetime)$|[A-Z]|.*[\[(-]")
+
+
+def problems_of(
+    error: ValidationError, tree: Any, prefix: Sequence[Any] = (), model: type[BaseModel] | None = None
+) -> list[Problem]:
+    """Return one problem for each mistake that a validation found, those of nested functors included.
+
+    Args:
+        error: What the validation raised.
+        tree: The tree with marks.
+        prefix: The path in the tree of what was validated.
+        model: The model that validated it, for the names of its keys.
+    """
+    start = tree
+    for key in prefix:
+        start = start[key] if has(start, key) else None
+    faults = [_Fault((), tuple(_steps(found["loc"], start)), found) for found in errors_of(error)]
+    problems = [_problem(fault, tree, tuple(prefix), start, model) for fault in _without_unions(faults)]
+    return list(dict.fromkeys(problems))
+
+
+@dataclass(frozen=True)
+class _Label:
+    """The name of a union's member in the path of an error."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """An error with its path; `rest` begins with the first label of a union, if there is one."""
+
+    path: tuple[Any, ...]
+    rest: tuple[Any, ...]
+    error: dict[str, Any]
+
+    def next_union(self) -> _Fault:
+        """Move the path on to the next label, or to the end."""
+        count = next((i for i, step in enumerate(self.rest) if isinstance(step, _Label)), len(self.rest))
+        return _Fault(self.path + self.rest[:count], self.rest[count:], self.error)
+
+
+def _steps(loc: Sequence[Any], node: Any) -> Iterator[Any]:
+    """Yield the components of an error's path, the labels of unions marked."""
+    for part in loc:
+        if not has(node, part) and isinstance(part, str) and _LABEL.match(part):
+            yield _Label(part)
+        else:
+            node = node[part] if has(node, part) else None
+            yield part
+
+
+def _without_unions(faults: list[_Fault]) -> list[_Fault]:
+    """Collapse the errors of a union's members to those of the member that was meant, or to one."""
+    kept: list[_Fault] = []
+    unions: dict[tuple[Any, ...], dict[str, list[_Fault]]] = {}
+    for fault in (fault.next_union() for fault in faults):
+        if not fault.rest:
+            kept.append(fault)
+            continue
+        if fault.path not in unions:
+            unions[fault.path] = {}
+        label = fault.rest[0].text
+        unions[fault.path].setdefault(label, []).append(_Fault(fault.path, fault.rest[1:], fault.error))
+    for path, members in unions.items():
+        kept += _meant(path, [_without_unions(member) for member in members.values()])
+    return kept
+
+
+def _meant(path: tuple[Any, ...], members: list[list[_Fault]]) -> list[_Fault]:
+    """Return the errors of the member that fits the value's kind best; one error for all when none fits."""
+    fitting = [
+        member
+        for member in members
+        if not any(fault.path == path and is_of_other_kind(fault.error) for fault in member)
+    ]
+    if fitting:
+        return min(fitting, key=len)
+    if len(members) == 1:
+        return members[0]
+    wants = dict.fromkeys(wanted(fault.error) for member in members for fault in member if fault.path == path)
+    choices = " or ".join(want for want in wants if want)
+    first = members[0][0].error
+    text = f"wants {choices}, got {shown(first.get('input'))}"
+    return [_Fault(path, (), {**first, "type": "functor_key", "msg": text})]
+
+
+def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, model: type[BaseModel] | None) -> Problem:
+    where = prefix + fault.path
+    if fault.error["type"] == "extra_forbidden":
+        known = known_keys(start, fault.path[:-1], model)
+        text, hint = f"unknown key `{fault.path[-1]}`", did_you_mean(str(fault.path[-1]), known)
+        if not known and not fault.error["msg"].startswith("Extra inputs"):
+            text, hint = fault.error["msg"], ""  # a plugin that builds another names the keys itself
+    else:
+        text, hint = message(fault.error)
+    return Problem(text, path_text(where), locate(tree, where), hint)

@@ -1,0 +1,86 @@
+"""JSON schemas of the registered plugins, with which an editor completes and checks configurations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from safe_inspect.plugins.aliases import ALIASES
+from safe_inspect.plugins.functor import name_key
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.registry import registry
+
+_REFERENCE = "#/$defs/"
+
+
+def functor_schemas(kind: str) -> dict[str, dict[str, Any]]:
+    """Return the schema of the mapping of every registered plugin of a kind, by the plugin's name.
+
+    Each schema stands by itself (no ``$defs``), so that ``{"anyOf": [*functor_schemas(kind).values()]}``
+    may be put anywhere into a larger one.
+    """
+    return {name: functor_schema(cls) for name, cls in registry.items(kind)}
+
+
+def functor_schema(cls: type[Plugin]) -> dict[str, Any]:
+    """Return the schema of one plugin's mapping: its name, its fields with their units, and what it wraps."""
+    fields = _inlined(cls.model_json_schema(mode="validation"))
+    needed = fields.pop("required", [])
+    wrapped = fields["properties"].pop("wrapped", None) if "properties" in fields else None
+    description = fields.pop("description", "")
+    fields.pop("title", None)
+    key = name_key(cls.kind)
+    schema: dict[str, Any] = {
+        "type": "object",
+        "title": cls.registered_name,
+        "description": description,
+        "properties": {
+            key: _name(cls),
+            "name": {"type": "string", "description": "The name in metrics and messages."},
+            "config": fields,
+            "references": {
+                "type": "object",
+                "description": "Fields whose values stand in the agent's `reference_store`, with their keys there.",
+                "additionalProperties": {"type": "string"},
+            },
+        },
+        "required": [key],
+        "additionalProperties": False,
+    }
+    if wrapped is not None:
+        schema["properties"]["wrapped"] = wrapped
+        if "wrapped" in needed:
+            schema["required"].append("wrapped")
+    needed = [field for field in needed if field != "wrapped"]
+    if needed:  # a reference can give what `config` lacks
+        given = {"properties": {"config": {"required": needed}}, "required": ["config"]}
+        schema["anyOf"] = [given, {"required": ["references"]}]
+    return schema
+
+
+def _name(cls: type[Plugin]) -> dict[str, Any]:
+    """Return the schema of the names by which a configuration can call a plugin."""
+    name = cls.registered_name
+    others = sorted(path for path, alias in ALIASES.items() if alias == name and not path.endswith(f".{name}"))
+    return {"anyOf": [{"const": name}, {"pattern": rf"\.{cls.__name__}$"}, *({"const": other} for other in others)]}
+
+
+def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a schema with its definitions put where they are used."""
+    definitions = schema.pop("$defs", {})
+
+    def walk(node: Any, within: tuple[str, ...]) -> Any:
+        if isinstance(node, list):
+            return [walk(item, within) for item in node]
+        if not isinstance(node, dict):
+            return node
+        target = node.get("$ref")
+        if isinstance(target, str) and target.startswith(_REFERENCE):
+            name = target.removeprefix(_REFERENCE)
+            rest = {key: value for key, value in node.items() if key != "$ref"}
+            if name in within:  # a model that holds itself
+                return {"type": "object", **rest}
+            return walk({**definitions[name], **rest}, (*within, name))
+        return {key: walk(value, within) for key, value in node.items()}
+
+    inlined: dict[str, Any] = walk(schema, ())
+    return inlined

@@ -1,0 +1,229 @@
+"""The models of an experiment's files: environment, platform, agent, policy, task and experiment.
+
+They hold the peer's grammar; what they contain is built by the plugins' own validation.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from safe_inspect.config.models.functor_fields import ParameterField, named_field
+from safe_inspect.errors import did_you_mean
+from safe_inspect.plugins.aliases import ALIASES
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.units import PositiveFrequency
+
+
+class Model(BaseModel):
+    """Base of the models: frozen, unknown keys forbidden."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+
+def _one_of(*names: str) -> Any:
+    """Return a field type for a class that the grammar names and this package has one of; aliases count."""
+
+    def check(value: str) -> str:
+        name = ALIASES.get(value, value)
+        if name.rpartition(".")[2] not in names and name not in names:
+            raise ValueError(f"{value!r} is not known here; {did_you_mean(name.rpartition('.')[2], names)}")
+        return name.rpartition(".")[2]
+
+    return Annotated[str, AfterValidator(check)]
+
+
+class Provider(Model):
+    """The peer's source of episode parameters; reset parameters are drawn afresh at every reset."""
+
+    type: _one_of("SimpleParameterProvider") = "SimpleParameterProvider"  # type: ignore[valid-type]
+
+
+class EntityConfig(Model):
+    """A body beside the deputies, or the sun.
+
+    Attributes:
+        platform: ``cwh``: a body that coasts in Clohessy-Wiltshire dynamics.
+        entity_class: ``Sun``.
+        initializer: Initialiser of a body.
+        config: Parameters of the initialiser; ``theta`` of the sun [rad].
+    """
+
+    platform: _one_of("cwh") | None = None  # type: ignore[valid-type]
+    entity_class: _one_of("Sun") | None = None  # type: ignore[valid-type]
+    initializer: functor_field("initializer") | None = None  # type: ignore[valid-type]
+    config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
+
+
+class ResetParameters(Model):
+    """What is drawn at a reset: named parameters, and the bodies beside the deputies."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, ParameterField]  # type: ignore[valid-type]
+
+    additional_entities: dict[str, EntityConfig] = Field(default_factory=dict)
+
+
+class SharedDones(Model):
+    """Done functions that concern all agents."""
+
+    shared: tuple[named_field("shared_done"), ...] = ()  # type: ignore[valid-type]
+
+
+class EnvironmentConfig(Model):
+    """``environment.yml``.
+
+    Attributes:
+        horizon: Largest number of steps of an episode; 1224 (two orbits) unless the RLlib configuration gives it.
+        simulator: The simulator.
+        simulator_reset_parameters: What is drawn at a reset.
+        platforms: Name of the peer's set of platforms.
+        plugin_paths: Modules with further plugins, imported before any name is looked up.
+        episode_parameter_provider: The peer's source of episode parameters.
+        dones: Done functions that concern all agents.
+        rta: Safety filter that acts on all deputies together.
+        ended_deputies: What the spacecraft of an agent that has ended does until the episode ends for all:
+            ``coast``, or ``hold_thrust``, as the peer's do.
+        TrialName: Name of the run's folder.
+        output_path: Folder in which run folders are made.
+    """
+
+    horizon: int | None = Field(default=None, ge=1)
+    simulator: functor_field("simulator")  # type: ignore[valid-type]
+    simulator_reset_parameters: ResetParameters = ResetParameters()
+    platforms: _one_of("CWHSimulator_Platforms") = "CWHSimulator_Platforms"  # type: ignore[valid-type]
+    plugin_paths: tuple[str, ...] = ()
+    episode_parameter_provider: Provider = Provider()
+    dones: SharedDones = SharedDones()
+    rta: functor_field("rta") | None = None  # type: ignore[valid-type]
+    ended_deputies: Literal["coast", "hold_thrust"] = "coast"
+    TrialName: str = Field(default="experiment", min_length=1, pattern=r"^[\w.-]+$")
+    output_path: str = "output"
+
+
+class PlatformConfig(Model):
+    """``platform.yml``: ``name`` is a label, ``platform`` is ``cwh``, ``config`` holds the platform's fields."""
+
+    name: str = ""
+    platform: _one_of("cwh", "CWHPlatform") = "cwh"  # type: ignore[valid-type]
+    config: dict[str, Any] = Field(default_factory=dict)
+
+
+class AgentReset(Model):
+    """Initial state of the agent's platform: an initialiser and its parameters."""
+
+    initializer: functor_field("initializer")  # type: ignore[valid-type]
+    config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
+
+
+class AgentBody(Model):
+    """What an agent is made of; see `AgentConfig`."""
+
+    frame_rate: PositiveFrequency = 0.1
+    parts: tuple[functor_field("part"), ...]  # type: ignore[valid-type]
+    episode_parameter_provider: Provider = Provider()
+    simulator_reset_parameters: AgentReset
+    glues: tuple[functor_field("glue"), ...]  # type: ignore[valid-type]
+    dones: tuple[named_field("done"), ...] = ()  # type: ignore[valid-type]
+    rewards: tuple[named_field("reward"), ...] = ()  # type: ignore[valid-type]
+    reference_store: dict[str, Any] = Field(default_factory=dict)
+
+
+class AgentConfig(Model):
+    """``agent.yml``: the agent's class, and its parts, glues, rewards and dones."""
+
+    agent: _one_of("TrainableBaseAgent") = "TrainableBaseAgent"  # type: ignore[valid-type]
+    config: AgentBody
+
+
+class PolicyConfig(Model):
+    """``ppo.yml``: what flies an agent. One of three: an algorithm that learns, a scripted policy, a checkpoint.
+
+    Attributes:
+        algorithm: Name of an RLlib algorithm that trains the policy; PPO unless something else flies the agent.
+        config: RLlib keys, merged over the task's; the fields of a scripted policy.
+        functor: A scripted policy, such as ZeroThrust.
+        checkpoint: Folder of a checkpoint whose policy flies the agent and is not trained.
+        policy: Name of the policy in that checkpoint, where it holds several.
+    """
+
+    algorithm: str = Field(default="", pattern=r"\S|^$")
+    config: dict[str, Any] = Field(default_factory=dict)
+    functor: str | None = None
+    checkpoint: str | None = Field(default=None, min_length=1)
+    policy: str | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> PolicyConfig:
+        given = [key for key in ("algorithm", "functor", "checkpoint") if getattr(self, key)]
+        if len(given) > 1:
+            raise ValueError(f"`{given[0]}` and `{given[1]}` exclude each other; remove one")
+        if self.policy is not None and self.checkpoint is None:
+            raise ValueError("`policy` names a policy of a `checkpoint`; give that too, or remove it")
+        if self.checkpoint is not None and self.config:
+            raise ValueError("a checkpoint's policy takes no `config`; remove it")
+        if self.functor is None and self.checkpoint is None and not self.algorithm:
+            object.__setattr__(self, "algorithm", "PPO")
+        return self
+
+    @property
+    def scripted(self) -> Any:
+        """The scripted policy as `safe_inspect.plugins.functor.build` takes it; None for the other kinds."""
+        return None if self.functor is None else {"functor": self.functor, "config": self.config}
+
+
+class PlatformEntry(Model):
+    """A platform of the experiment."""
+
+    name: str = Field(min_length=1)
+    config: PlatformConfig = PlatformConfig()
+
+
+class AgentEntry(Model):
+    """An agent of the experiment, or with `count` the template of several; see `safe_inspect.config.loading.templates`.
+
+    Attributes:
+        name: Name of the agent; ``#`` stands for the number of each in a template.
+        count: How many agents the template stands for.
+        platforms: The platform that it controls.
+        config: Its parts, glues, rewards and dones.
+        policy: What flies it; an algorithm that learns, PPO, unless given. With several agents each needs it.
+        policy_name: Agents of one name share one policy; the agent's own name unless given.
+    """
+
+    name: str = Field(min_length=1, pattern=r"^[^/\s]+$")
+    count: int | None = None
+    platforms: tuple[str, ...]
+    config: AgentConfig
+    policy: PolicyConfig | None = None
+    policy_name: str | None = Field(default=None, pattern=r"^[\w.-]+$")
+
+
+class TaskBody(Model):
+    """The task's configurations, lists of mappings already merged; see `TaskConfig`."""
+
+    rllib_configs: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    ray_config: dict[str, Any] = Field(default_factory=dict)
+    env_config: EnvironmentConfig
+    tune_config: dict[str, Any] = Field(default_factory=dict)
+    extra_callbacks: tuple[_one_of("InspectionCallbacks"), ...] = ()  # type: ignore[valid-type]
+    rllib_config_updates: dict[str, Any] | None = None
+    ray_config_updates: dict[str, Any] | None = None
+    env_config_updates: dict[str, Any] | None = None
+    tune_config_updates: dict[str, Any] | None = None
+
+
+class TaskConfig(Model):
+    """``task.yml``: RLlib, Ray, the environment and Tune. Keys that end in ``_updates`` only hold anchors."""
+
+    experiment_class: _one_of("RllibExperiment") = "RllibExperiment"  # type: ignore[valid-type]
+    config: TaskBody
+
+
+class ExperimentConfig(Model):
+    """``experiment.yml``: the task, the platforms and the agents."""
+
+    config: TaskConfig
+    platform_config: tuple[PlatformEntry, ...]
+    agent_config: tuple[AgentEntry, ...]

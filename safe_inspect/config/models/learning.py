@@ -1,0 +1,87 @@
+"""Check what an experiment says to RLlib, Tune and Ray, with the place of every mistake; nothing here loads Ray."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from safe_inspect.config.experiment import Experiment
+from safe_inspect.config.loading.located import has, locate, path_text
+from safe_inspect.config.loading.templates import NUMBER
+from safe_inspect.errors import ConfigError, Problem
+
+Path = tuple[Any, ...]
+
+_TASK: Path = ("config", "config")
+_POLICY: Path = ("agent_config", 0, "policy", "config")
+_STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
+
+
+def placed(experiment: Experiment, problems: Sequence[Problem]) -> list[Problem]:
+    """Give problems whose path begins with `rllib_configs`, `tune_config` or `ray_config` their place in the files."""
+    return [_placed(experiment, problem) for problem in problems]
+
+
+def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any, Any], Any]) -> Any:
+    """Translate the three mappings, and what each policy has of its own, and return the settings.
+
+    Args:
+        experiment: The experiment.
+        read: `safe_inspect.experiments.runs.train.read_settings`, which lies in a higher layer.
+
+    Raises:
+        ConfigError: With every mistake in them.
+    """
+    task = experiment.config.config.config
+    rllib = {"algorithm": experiment.algorithm, **experiment.rllib}
+    settings = read(rllib, task.tune_config, task.ray_config, tuple(experiment.policies.values()))
+    if settings.problems:
+        raise ConfigError(placed(experiment, settings.problems))
+    return settings
+
+
+def _placed(experiment: Experiment, problem: Problem) -> Problem:
+    steps: Path = tuple(name or int(index) for name, index in _STEP.findall(problem.path))
+    if not steps or problem.location is not None:
+        return problem
+    head, rest = steps[0], steps[1:]
+    if head == "policies":
+        places: list[Path] = _places_of_policy(experiment, problem.path)
+    elif head == "rllib_configs":
+        places = [(*_POLICY, *rest)]
+        platforms = experiment.config.config.config.rllib_configs
+        places += [(*_TASK, "rllib_configs", name, *rest) for name in platforms]
+        if rest == ("algorithm",):
+            places = [(*_POLICY[:-1], "algorithm")]
+    else:
+        places = [(*_TASK, *steps)]
+    for place in places:
+        if _stands(experiment.tree, place):
+            return Problem(problem.message, path_text(place), locate(experiment.tree, place), problem.hint)
+    return problem
+
+
+def _places_of_policy(experiment: Experiment, path: str) -> list[Path]:
+    """Return where ``policies.NAME.KEY`` may stand: in the entry, or the template, of an agent of that policy."""
+    rest = path.removeprefix("policies.")
+    named = [policy for name, policy in experiment.policies.items() if rest == name or rest.startswith(f"{name}.")]
+    if not named:
+        return []
+    policy = max(named, key=lambda policy: len(policy.name))
+    key = rest.removeprefix(policy.name).removeprefix(".")
+    places: list[Path] = []
+    for index, entry in enumerate(experiment.tree["agent_config"]):
+        pattern = re.escape(str(entry["name"])).replace(re.escape(NUMBER), r"\d+")
+        if any(re.fullmatch(pattern, agent) for agent in policy.agents):
+            base: Path = ("agent_config", index, "policy")
+            places += [(*base, "config", *key.split(".")), (*base, key), base, base[:-1]]
+    return places
+
+
+def _stands(tree: Any, path: Path) -> bool:
+    for key in path:
+        if not has(tree, key):
+            return False
+        tree = tree[key]
+    return True

@@ -1,0 +1,1 @@
+"""The batch as Gymnasium's and PettingZoo's environments."""

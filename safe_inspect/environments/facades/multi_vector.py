@@ -1,0 +1,202 @@
+"""`MultiAgentVectorEnv`: the batch with all its agents as dictionaries of arrays. A façade; it holds no formula."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.episodes import facts, step_facts, team_facts
+from safe_inspect.environments.facades.by_agent import checked_actions, places_of
+from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.guard import checked_seed
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.types import AnyArray, BoolArray
+
+ByAgent: TypeAlias = dict[str, AnyArray]
+
+
+class MultiAgentVectorEnv:
+    """N environments of one or more agents that step together.
+
+    Everything is a dictionary by agent of arrays with N rows. The agents are those that act from outside. An agent
+    that has ended while others of its environment go on stays in the arrays, and its row counts for nothing: its reward
+    is 0, it ends no second time, its action may be anything. When an episode is over for all agents, the environment
+    begins again as `autoreset_mode` says.
+
+    Infos hold:
+
+    - ``active``, by agent, shape (N,): the agent acts in the next step;
+    - the facts of `InspectionEnv` by their names, each by agent, shape (N,), ``status`` as a number (`DoneStatus`);
+    - ``team/NAME`` for each of `team_facts`, shape (N,), and the statistics of the draws that began the episodes;
+    - in a step in which episodes were over, in the mode ``SAME_STEP``: ``final_obs``, by agent, and ``final_info``,
+      both from before the reset, and ``_final_obs`` and ``_final_info``, shape (N,), the environments in question.
+
+    Args:
+        spec: The task.
+        num_envs: Number of environments, N.
+        autoreset_mode: When environments whose episode is over for all agents begin again: within the same step, or
+            never by themselves (``DISABLED``; call ``reset(options={"reset_mask": mask})``).
+        seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn.
+        first_slot: Global index of the first environment slot.
+
+    Attributes:
+        agents: Names of the agents, in their order.
+        single_observation_spaces: Space of one observation, by agent.
+        single_action_spaces: Space of one action, by agent.
+        observation_spaces: Space of the observations of N environments, by agent.
+        action_spaces: Space of the actions of N environments, by agent.
+        np_random_seed: The seed of the episodes; None before the first reset.
+    """
+
+    def __init__(
+        self,
+        spec: EnvironmentSpec,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        seed: int | None = None,
+        first_slot: int = 0,
+    ) -> None:
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            raise ValueError("several agents begin again in the SAME_STEP, or by reset() alone (DISABLED)")
+        self.core = TeamEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
+        self.num_envs = num_envs
+        self._seed = seed
+        self.np_random_seed: int | None = None
+        self.metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        acting = self.core.acting
+        self._places = places_of(self.core)
+        self._groups = [self.core.groups.index(group) for group in acting]
+        self._guarded = spec.team_safety is not None and spec.team_safety.enabled
+        self.agents = tuple(self._places)
+        self.single_observation_spaces = {
+            agent: box(acting[place.group].observation_layout) for agent, place in self._places.items()
+        }
+        self.single_action_spaces = {
+            agent: action_space(acting[place.group].action_layout) for agent, place in self._places.items()
+        }
+        self.observation_spaces = {
+            agent: batch_space(space, num_envs) for agent, space in self.single_observation_spaces.items()
+        }
+        self.action_spaces = {agent: batch_space(space, num_envs) for agent, space in self.single_action_spaces.items()}
+        self._shapes = {agent: (num_envs, *space.shape) for agent, space in self.single_action_spaces.items()}
+        self._observations: list[AnyArray] = []
+        self._over: BoolArray = np.zeros(num_envs, dtype=np.bool_)
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[ByAgent, dict[str, Any]]:
+        """Begin new episodes: in all environments, or in those of ``options["reset_mask"]``.
+
+        Args:
+            seed: The first episodes of this seed follow.
+            options: ``reset_mask`` of shape (N,), bool.
+
+        Returns:
+            Observations by agent, float32, each of shape (N, O), and infos.
+
+        Raises:
+            ArgumentError: An option is unknown, or the mask has another shape or type, or stands beside a seed.
+            SafeInspectError: A mask is given before the first reset.
+        """
+        rows = masked_rows(options, self.num_envs, seed)
+        if rows is None:
+            if seed is None and self.np_random_seed is None:
+                seed = fresh_seed() if self._seed is None else self._seed
+            if seed is not None:
+                self.np_random_seed = checked_seed(seed)
+            self._observations = list(self.core.reset(seed=seed))
+            self._over = np.zeros(self.num_envs, dtype=np.bool_)
+        elif not self._observations:
+            raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
+        else:
+            self._begin(rows)
+        return self._by_agent(self._observations), self._now()
+
+    def step(self, actions: Mapping[str, AnyArray]) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, dict[str, Any]]:
+        """Hold the actions over one step.
+
+        Args:
+            actions: Actions of all agents, clipped to their bounds unless they are discrete, each of shape (N, A).
+
+        Returns:
+            Observations (N, O), rewards (N,), terminations (N,), truncations (N,), each by agent, and infos.
+
+        Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
+            SafeInspectError: No episode has begun; an environment that is over is stepped in the mode ``DISABLED``; or
+                an action is missing, of another shape, or for an agent that does not act.
+        """
+        if not self._observations:
+            raise SafeInspectError("no episode has begun; call reset() first")
+        if np.count_nonzero(self._over):
+            rows = np.flatnonzero(self._over)[:8].tolist()
+            raise SafeInspectError(f"the episodes of the environments {rows} are over; reset them first")
+        transition = self.core.step(self._stacked(checked_actions(actions, self.agents, self._shapes)))
+        found = [transition.groups[index] for index in self._groups]
+        told = self._told([step_facts(group, transition.filtered) for group in found])
+        self._observations = [group.observation for group in found]
+        self._over = transition.over
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(transition.over):
+            over = transition.over
+            final = {"final_obs": self._by_agent(self._observations), "final_info": told}
+            self._begin(np.flatnonzero(over))
+            told = told | self._now() | final | {"_final_obs": over, "_final_info": over.copy()}
+        return (
+            self._by_agent(self._observations),
+            self._by_agent([group.reward for group in found]),
+            self._by_agent([group.terminated for group in found]),
+            self._by_agent([group.truncated for group in found]),
+            told,
+        )
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""
+
+    def _stacked(self, actions: Mapping[str, AnyArray]) -> list[AnyArray]:
+        """Return the actions of every acting group, shape (N, G, A), 0 for agents that have ended."""
+        active = self.core.state.finished == 0
+        everyone = np.count_nonzero(active) == active.size
+        stacked = []
+        for group in self.core.acting:
+            array = np.stack([actions[agent] for agent in group.agents], axis=1)
+            if not everyone:
+                array = np.where(active[:, group.first : group.first + group.size, None], array, 0.0)
+            stacked.append(array)
+        return stacked
+
+    def _begin(self, rows: NDArray[np.int64]) -> None:
+        """Begin new episodes in some rows; the arrays that the caller holds stay as they are."""
+        self._observations = [observation.copy() for observation in self._observations]
+        self._over = self._over.copy()
+        if len(rows):
+            for observation, fresh in zip(self._observations, self.core.reset(rows), strict=True):
+                observation[rows] = fresh
+            self._over[rows] = False
+
+    def _now(self) -> dict[str, Any]:
+        """Return the infos of the current state."""
+        return self._told([facts(self.core.view(index), guarded=self._guarded) for index in self._groups])
+
+    def _told(self, groups: Sequence[Mapping[str, AnyArray]]) -> dict[str, Any]:
+        active = self.core.state.finished == 0
+        told: dict[str, Any] = {"active": {}}
+        for group, found in zip(self.core.acting, groups, strict=True):
+            told["active"] |= {agent: active[:, group.first + member] for member, agent in enumerate(group.agents)}
+            for name, array in found.items():
+                rows = array.reshape(self.num_envs, group.size)
+                told.setdefault(name, {}).update({agent: rows[:, k] for k, agent in enumerate(group.agents)})
+        told |= {f"team/{name}": array for name, array in team_facts(self.core).items()}
+        return told | {name: array.copy() for name, array in self.core.simulation.reset_facts.items()}
+
+    def _by_agent(self, groups: Sequence[AnyArray]) -> ByAgent:
+        return {agent: groups[place.group][:, place.member] for agent, place in self._places.items()}

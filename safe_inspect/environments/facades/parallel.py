@@ -1,0 +1,150 @@
+"""`InspectionParallelEnv`: one environment as a `pettingzoo.ParallelEnv`. A façade; it holds no formula."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from gymnasium.spaces import Box, MultiDiscrete
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.episodes import facts, row, step_facts, step_info
+from safe_inspect.environments.facades.by_agent import checked_actions, places_of
+from safe_inspect.environments.facades.reset_arguments import fresh_seed
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.guard import checked_seed
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.types import AnyArray
+
+Observation: TypeAlias = NDArray[np.float32]
+Infos: TypeAlias = dict[str, dict[str, Any]]
+
+
+class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]
+    """One environment of one or more agents.
+
+    The agents are those that act from outside; deputies that scripted policies fly are part of the world. An agent that
+    has ended leaves `agents`, and its spacecraft flies on while the others do. Infos hold for every agent what
+    `InspectionEnv` tells of its one; ``inspected_count`` and ``inspected_fraction`` are the team's, and
+    ``own_inspected_count`` is the agent's share. A safety filter of the whole team tells ``rta/intervening``,
+    ``rta/infeasible`` and ``rta/backup``.
+
+    Args:
+        spec: The task.
+        slot: Global index of the environment slot.
+        render_mode: Must be None; `safe_inspect.evaluation` draws recorded episodes.
+
+    Attributes:
+        possible_agents: Names of the agents, in their order.
+        agents: Those that act in the next step.
+        state_space: Space of `state`.
+        np_random_seed: The seed of the episodes; None before the first reset.
+    """
+
+    metadata = {"render_modes": [], "name": "safe_inspect", "is_parallelizable": True}  # noqa: RUF012 - as PettingZoo does
+
+    def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode {render_mode!r} is not supported; record an episode and plot it")
+        self.render_mode = None
+        self.np_random_seed: int | None = None
+        self.core = TeamEnvironment(spec, 1, first_slot=slot)
+        acting = self.core.acting
+        self._places = places_of(self.core)
+        self._groups = [self.core.groups.index(group) for group in acting]
+        self._guarded = spec.team_safety is not None and spec.team_safety.enabled
+        self.possible_agents = list(self._places)
+        self.agents: list[str] = []
+        self.observation_spaces = {
+            agent: box(acting[place.group].observation_layout) for agent, place in self._places.items()
+        }
+        self.action_spaces = {
+            agent: action_space(acting[place.group].action_layout) for agent, place in self._places.items()
+        }
+        self._shapes = {agent: space.shape for agent, space in self.action_spaces.items()}
+        self.state_space = Box(-np.inf, np.inf, self.state().shape, dtype=np.float32)
+
+    def observation_space(self, agent: str) -> Box:
+        """Return the space of an agent's observations, always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Box | MultiDiscrete:
+        """Return the space of an agent's actions, always the same object."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], Infos]:
+        """Begin a new episode.
+
+        Args:
+            seed: The first episode of this seed follows. Without one the next episode of the seed before follows; a
+                fresh environment draws a seed, `np_random_seed`.
+            options: None are known, and all are ignored: PettingZoo's own test of an environment passes one.
+        """
+        if seed is None and self.np_random_seed is None:
+            seed = fresh_seed()
+        if seed is not None:
+            self.np_random_seed = checked_seed(seed)
+        observations = self.core.reset(seed=seed)
+        self.agents = list(self.possible_agents)
+        drawn = self.core.simulation.reset_facts
+        told = [facts(self.core.view(index), guarded=self._guarded) for index in self._groups]
+        infos = {}
+        for agent, place in self._places.items():
+            infos[agent] = row(told[place.group], place.member) | {name: n[0].item() for name, n in drawn.items()}
+        return self._by_agent(observations), infos
+
+    def step(
+        self, actions: dict[str, Observation]
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+        """Hold the actions over one step.
+
+        Args:
+            actions: The action of every agent of `agents`, clipped to its bounds unless it is discrete.
+
+        Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
+            SafeInspectError: The episode has not begun or is over for all; or an action is missing, of another shape,
+                or for an agent that does not act.
+        """
+        if not self.agents:
+            raise SafeInspectError("the episode has not begun or is over; call reset() first")
+        given = checked_actions(actions, self.agents, self._shapes)
+        arrays = [np.zeros((1, group.size, group.action_layout.size)) for group in self.core.acting]
+        for agent, action in given.items():
+            place = self._places[agent]
+            arrays[place.group][0, place.member] = action
+        transition = self.core.step(arrays)
+        found = [transition.groups[index] for index in self._groups]
+        told = [step_facts(group, transition.filtered) for group in found]
+        observations = self._by_agent([group.observation for group in found])
+        rewards, terminations, truncations, infos = {}, {}, {}, {}
+        for agent in self.agents:
+            place = self._places[agent]
+            group, member = found[place.group], place.member
+            rewards[agent] = float(group.reward[0, member])
+            terminations[agent] = bool(group.terminated[0, member])
+            truncations[agent] = bool(group.truncated[0, member])
+            infos[agent] = step_info(group, told[place.group], member)
+        self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
+        return observations, rewards, terminations, truncations, infos
+
+    def state(self) -> Observation:
+        """Return the state of the environment, for a critic of all agents, float32.
+
+        In this order: position [m] and velocity [m/s] of each deputy (x, y, z, Hill's frame), 1 for each deputy whose
+        agent has ended, the unit vector to the sun, and 1 for each point that is inspected.
+        """
+        team = self.core.team()
+        seen = [part for component in team.world.offers.components for part in component.shared_state(team)]
+        parts = (team.position, team.velocity, team.finished != 0, *seen)
+        return np.concatenate([np.asarray(part, dtype=np.float32).reshape(-1) for part in parts])
+
+    def _by_agent(self, groups: tuple[AnyArray, ...] | list[AnyArray]) -> dict[str, Observation]:
+        return {
+            agent: groups[place.group][0, place.member] for agent, place in self._places.items() if agent in self.agents
+        }

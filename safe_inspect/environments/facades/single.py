@@ -1,0 +1,84 @@
+"""`InspectionEnv`: one environment as a `gymnasium.Env`. A façade over the batch of one; it holds no formula."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
+from safe_inspect.environments.episodes import facts, row, step_facts, step_info
+from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.errors import SafeInspectError
+
+Observation = NDArray[np.float32]
+
+
+class InspectionEnv(gymnasium.Env[Observation, Any]):
+    """One environment.
+
+    The info of every step holds ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
+    the episode [m/s]), ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every term. With
+    a safety filter it also holds what `step_facts` lists, ``rta/active`` as names, and ``desired_control`` and
+    ``control`` [N].
+
+    Args:
+        spec: The task.
+        slot: Global index of the environment slot.
+        render_mode: Must be None; `safe_inspect.evaluation` draws recorded episodes.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium declares it so
+
+    def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode {render_mode!r} is not supported; record an episode and plot it")
+        require_one_agent(spec, "InspectionEnv", "make_parallel")
+        self.core = BatchedEnvironment(spec, 1, first_slot=slot)
+        self.observation_space = box(self.core.observation_layout)
+        self.action_space = action_space(self.core.action_layout)
+        self._seeded = self._running = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a new episode.
+
+        Args:
+            seed: The first episode of this seed follows. Without one the next episode of the seed before follows; a
+                fresh environment draws a seed, `np_random_seed`.
+            options: None are known.
+
+        Raises:
+            ArgumentError: An option is given.
+        """
+        check_options(options)
+        if seed is None and not self._seeded:
+            seed = fresh_seed()
+        super().reset(seed=seed)
+        self._seeded = True
+        observation = self.core.reset(seed=seed)[0, 0]
+        self._running = True
+        return observation, row(facts(self.core.view()) | self.core.simulation.reset_facts, 0)
+
+    def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold an action over one step.
+
+        Args:
+            action: The action, clipped to its bounds unless it is discrete, shape (A,).
+
+        Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
+            SafeInspectError: The episode has not begun or is over.
+        """
+        if not self._running:
+            raise SafeInspectError("the episode has not begun or is over; call reset() first")
+        transition = self.core.step(np.asarray(action)[None, None])
+        terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
+        self._running = not (terminated or truncated)
+        info = step_info(transition, step_facts(transition), 0)
+        return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info

@@ -1,0 +1,152 @@
+"""`InspectionVectorEnv`: the batch as a `gymnasium.vector.VectorEnv`. A façade; it holds no formula."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
+from safe_inspect.environments.episodes import facts, step_facts
+from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.guard import checked_seed
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.types import AnyArray, BoolArray
+
+Observation = NDArray[np.float32]
+
+
+class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, AnyArray]):
+    """N environments that step together.
+
+    Infos hold arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
+    the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term.
+
+    Args:
+        spec: The task.
+        num_envs: Number of environments, N.
+        autoreset_mode: When ended environments begin again: at the next step (which ignores their action), within
+            the same step (the last observation and info are then in ``final_obs`` and ``final_info``), or never by
+            themselves (``reset(options={"reset_mask": mask})``).
+        seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn, `np_random_seed`.
+        first_slot: Global index of the first environment slot.
+    """
+
+    def __init__(
+        self,
+        spec: EnvironmentSpec,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        seed: int | None = None,
+        first_slot: int = 0,
+    ) -> None:
+        require_one_agent(spec, "InspectionVectorEnv", "make_parallel_vec or make_parallel")
+        self.num_envs = num_envs
+        self.core = BatchedEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = box(self.core.observation_layout)
+        self.single_action_space = action_space(self.core.action_layout)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._seed = seed
+        self._begun = False
+        self._ended: BoolArray = np.ones(num_envs, dtype=np.bool_)
+        self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin new episodes: in all environments, or in those of ``options["reset_mask"]``.
+
+        Args:
+            seed: The first episodes of this seed follow. A list is taken only as Gymnasium makes it, seed + index.
+            options: ``reset_mask`` of shape (N,), bool.
+
+        Raises:
+            ArgumentError: An option is unknown, or the mask has another shape or type, or stands beside a seed.
+            SafeInspectError: A mask is given before the first reset.
+        """
+        one = _one(seed)
+        rows = masked_rows(options, self.num_envs, one)
+        if rows is None:
+            if one is None and not self._begun:
+                one = fresh_seed() if self._seed is None else self._seed
+            super().reset(seed=None if one is None else checked_seed(one))
+            self._observation = self.core.reset(seed=one)[:, 0]
+            self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+            self._begun = True
+        elif not self._begun:
+            raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
+        else:
+            self._begin(rows)
+        return self._observation.copy(), facts(self.core.view()) | self._drawn()
+
+    def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
+        """Hold the actions over one step; ended environments begin again as `autoreset_mode` says.
+
+        Args:
+            actions: Actions, clipped to their bounds unless they are discrete, shape (N, A).
+
+        Raises:
+            ArgumentError: A discrete action is a fraction or out of range.
+            SafeInspectError: No episode has begun, or an environment that has ended is stepped in the mode
+                ``DISABLED``.
+        """
+        if not self._begun:
+            raise SafeInspectError("no episode has begun; call reset() first")
+        ended = self._ended.copy()  # a reset below clears the flags themselves
+        if ended.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
+            raise SafeInspectError(
+                f"the episodes of the environments {np.flatnonzero(ended)[:8].tolist()} are over; reset them first"
+            )
+        actions = np.asarray(actions)
+        if ended.any():
+            actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
+        transition = self.core.step(actions[:, None])
+        told: dict[str, Any] = step_facts(transition)
+        self._observation = transition.observation[:, 0]
+        reward = transition.reward[:, 0]
+        terminated, truncated = transition.terminated[:, 0].copy(), transition.truncated[:, 0].copy()
+        if ended.any():  # NEXT_STEP: this step is their reset
+            self._begin(np.flatnonzero(ended))
+            reward[ended], terminated[ended], truncated[ended] = 0.0, False, False
+            fresh = facts(self.core.view())
+            for name, array in told.items():
+                array[ended] = fresh[name][ended] if name in fresh else (np.inf if name == "rta/phi_min" else 0.0)
+            told |= self._drawn()
+        self._ended = terminated | truncated
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+            rows, mask = np.flatnonzero(self._ended), self._ended.copy()
+            final = np.full(self.num_envs, None, dtype=object)
+            for index in rows:
+                final[index] = self._observation[index].copy()
+            told = {"final_obs": final, "final_info": dict(told), "_final_obs": mask, "_final_info": mask} | told
+            self._begin(rows)
+            told |= facts(self.core.view()) | self._drawn()
+        return self._observation.copy(), reward, terminated, truncated, told
+
+    def _drawn(self) -> dict[str, AnyArray]:
+        """Return the statistics of the draws that began the current episodes, each of shape (N,)."""
+        return {name: array.copy() for name, array in self.core.simulation.reset_facts.items()}
+
+    def _begin(self, rows: NDArray[np.int64]) -> None:
+        if len(rows):
+            self._observation[rows] = self.core.reset(rows)[:, 0]
+            self._ended[rows] = False
+
+
+def _one(seed: int | list[int | None] | None) -> int | None:
+    if isinstance(seed, (list, tuple)):
+        first = seed[0]
+        if first is None or any(value != first + index for index, value in enumerate(seed)):
+            raise ValueError("one seed serves all environments: give a number, each slot has a stream of its own")
+        return first
+    return seed

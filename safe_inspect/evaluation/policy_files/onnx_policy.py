@@ -1,0 +1,207 @@
+"""Policies from ONNX files that `safe-inspect export` wrote, run by onnxruntime. Neither Ray nor Torch is loaded."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from safe_inspect.config.experiment import build_experiment
+from safe_inspect.config.loading.located import LocatedDict
+from safe_inspect.config.loading.overrides import apply_overrides
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.errors import CheckpointError, SafeInspectError
+from safe_inspect.evaluation.policies import Flight
+from safe_inspect.evaluation.policy_files.policy_draws import choices, gaussian
+from safe_inspect.evaluation.policy_files.policy_file import FORMAT, PolicyInfo, read_file
+from safe_inspect.evaluation.policy_files.raw_values import columns, raw_task
+from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.types import AnyArray, FloatArray
+
+#: Rows are filled up to a multiple of this, so that a row's result does not depend on how many stand beside it.
+_ROWS = 16
+
+
+class OnnxPolicy:
+    """A policy of an ONNX file: from readings in SI units to the values that the controllers get.
+
+    It fits the task that `prepare` returns.
+
+    Args:
+        path: The file.
+        info: What the file says.
+        session: Onnxruntime's session.
+        sampled: False: the mean of a Gaussian policy, the most likely level of a categorical one. True: drawn from the
+            distribution. None: drawn in a rollout if the policy is categorical. A draw is a function of the seed, the
+            slot, the step and the agent, as in training.
+        seed: Seed of the draws.
+
+    Attributes:
+        path: The file.
+        info: What the file says.
+    """
+
+    def __init__(self, path: str, info: PolicyInfo, session: Any, sampled: bool | None = None, seed: int = 0) -> None:
+        self.path, self.info = path, info
+        self._session = session
+        self._sampled, self._seed = sampled, seed
+        self._flight: Flight | None = None
+        self._steps = 0
+        self._low, self._high, self._gain, self._offset = (
+            columns(info.action, name) for name in ("low", "high", "gain", "offset")
+        )
+        self._levels = [np.array(element.levels) for element in info.action]
+
+    @property
+    def configuration(self) -> Mapping[str, Any]:
+        """The resolved experiment in which the policy was trained."""
+        return self.info.configuration
+
+    def task(self, overrides: Iterable[str] = ()) -> EnvironmentSpec:
+        """Return the task in which the policy was trained, not yet prepared.
+
+        Args:
+            overrides: ``path.of.keys=value`` for each value that replaces one of the configuration's.
+
+        Raises:
+            ConfigError: A plugin of the task is missing, or an override is wrong.
+        """
+        return build_experiment(apply_overrides(LocatedDict(self.configuration), overrides), self.path).spec
+
+    def prepare(self, spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
+        """Return a task as the file wants it, in SI units: the same episodes, seeds and physics.
+
+        Args:
+            spec: The task.
+            agents: Names of the agents that the policy flies; all that act from outside unless given.
+
+        Raises:
+            CheckpointError: The task's observations or actions are not those of the file.
+            SafeInspectError: There is no such agent.
+        """
+        chosen = None if agents is None else list(agents)
+        raw = raw_task(spec, chosen)
+        for agent in spec.agents:
+            if agent.pilot is None and (chosen is None or agent.name in chosen):
+                check_layout(self.path, self.info, agent)
+        return raw
+
+    def begin(self, flight: Flight) -> None:
+        """Take note of the rows of the next steps.
+
+        Raises:
+            SafeInspectError: The task has not been prepared.
+        """
+        names = tuple(element.name for element in self.info.observation)
+        if flight.observation.names != names or flight.action.choices:
+            raise SafeInspectError(f"{self.path}: the task does not fit the file; fly in `policy.prepare(task)`")
+        self._flight, self._steps = flight, 0
+
+    def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
+        """Return the values that the controllers get, shape (R, A), for readings in SI units, shape (R, O).
+
+        Raises:
+            ValueError: The observations have another shape, or actions are to be drawn for rows that are not known.
+        """
+        thrust, inputs = self.outputs(observation)
+        drawn = self._sampled
+        if drawn is None:
+            drawn = self.info.distribution == "categorical" and self._flight is not None
+        if drawn:
+            return self._draw(inputs)
+        if self.info.distribution == "gaussian":
+            return np.asarray(thrust, dtype=np.float64)
+        # The levels as the task has them, which float32 need not hold.
+        found = [_nearest(levels, thrust[:, column]) for column, levels in enumerate(self._levels)]
+        return np.stack(found, axis=1)
+
+    def outputs(self, observation: NDArray[np.float32]) -> tuple[AnyArray, AnyArray]:
+        """Return both outputs of the file: `thrust` (R, A) and `action_dist_inputs` (R, I), float32.
+
+        Raises:
+            ValueError: The observations have another shape.
+        """
+        observation = np.ascontiguousarray(observation, dtype=np.float32)
+        size = len(self.info.observation)
+        if observation.ndim != 2 or observation.shape[1] != size:
+            raise ValueError(f"the observations have the shape {observation.shape}; (R, {size}) is wanted")
+        rows = len(observation)
+        missing = -rows % _ROWS if rows else _ROWS
+        if missing:
+            observation = np.concatenate((observation, np.zeros((missing, size), dtype=np.float32)))
+        thrust, inputs = self._session.run(("thrust", "action_dist_inputs"), {"observation": observation})
+        return thrust[:rows], inputs[:rows]
+
+    def _draw(self, inputs: AnyArray) -> FloatArray:
+        flight, step = self._flight, self._steps
+        if flight is None or len(flight.slots) != len(inputs):
+            raise ValueError("a policy that draws its actions is told of the rows with `begin` before the first step")
+        self._steps += 1
+        where = (self._seed, flight.slots, flight.deputies, step)
+        if self.info.distribution == "gaussian":
+            action = gaussian(inputs, *where)
+            return np.minimum(np.maximum(self._offset + self._gain * action, self._low), self._high)
+        chosen = choices(inputs, [len(levels) for levels in self._levels], *where)
+        return np.stack([levels[chosen[:, column]] for column, levels in enumerate(self._levels)], axis=1)
+
+
+def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: int = 0) -> OnnxPolicy:
+    """Return the policy of a file that `safe-inspect export` wrote.
+
+    Args:
+        path: The file.
+        sampled: Whether actions are drawn from the distribution; see `OnnxPolicy`.
+        seed: Seed of the draws.
+
+    Raises:
+        CheckpointError: The file is missing, damaged, or none of this package's.
+        SafeInspectError: Onnxruntime is not installed.
+    """
+    name = os.fspath(path)
+    content, sealed = read_file(path)
+    # Its import would write a device identifier and a data base into the home folder, and a session send events.
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+    try:
+        import onnxruntime  # type: ignore[import-untyped,import-not-found]
+    except ImportError:
+        raise SafeInspectError(
+            f"{name}: ONNX files are run by onnxruntime, which is not installed; pip install 'safe_inspect[onnx]'"
+        ) from None
+    onnxruntime.disable_telemetry_events()  # on Windows
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        metadata = session.get_modelmeta().custom_metadata_map
+    except Exception as error:  # onnxruntime has a class of error for each kind of damage
+        told = str(error).strip().splitlines()
+        raise CheckpointError(
+            f"{name}: the file is damaged or no ONNX file ({told[0] if told else type(error).__name__}); "
+            "write it again with `safe-inspect export`"
+        ) from None
+    if "safe_inspect" not in metadata:
+        raise CheckpointError(f"{name}: the file holds no policy of this package; write one with `safe-inspect export`")
+    if not sealed:
+        raise CheckpointError(
+            f"{name}: the file is not what was exported, it was damaged or changed; write it again with "
+            "`safe-inspect export`"
+        )
+    if metadata.get("format") != str(FORMAT):
+        raise CheckpointError(
+            f"{name}: the file was written by safe_inspect {metadata['safe_inspect']}, whose format this version does "
+            "not read; export the checkpoint again"
+        )
+    try:
+        info = PolicyInfo.of(metadata)
+    except (KeyError, TypeError, ValueError) as error:
+        raise CheckpointError(f"{name}: the file's metadata are damaged ({error}); write it again") from None
+    return OnnxPolicy(name, info, session, sampled, seed)
+
+
+def _nearest(levels: FloatArray, thrust: AnyArray) -> FloatArray:
+    """Return for each value the nearest of rising levels, shape (R,)."""
+    return np.asarray(levels[np.searchsorted((levels[1:] + levels[:-1]) / 2.0, thrust)])

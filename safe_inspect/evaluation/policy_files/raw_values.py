@@ -1,0 +1,246 @@
+"""A task in SI units alone: what lies between a sensor's reading and a net, and between a net and a controller.
+
+An exported policy holds the normalisers of its glues. So the task in which it flies must hold none: `raw_task` switches
+them off, and changes nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.errors import ConfigError, SafeInspectError, did_you_mean
+from safe_inspect.glues.base import ActionGlue, Glue, Parts, controller_of, sensor_of
+from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
+from safe_inspect.glues.normalization import Normalization
+from safe_inspect.glues.normalizers import LinearNormalizer, Normalizer, StandardNormalNormalizer
+from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.platforms.controllers import RateController, ThrustProp
+from safe_inspect.plugins.functor import describe
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.types import AnyArray, FloatArray
+
+_OFF = Normalization(enabled=False)
+
+
+@dataclass(frozen=True)
+class ObservedElement:
+    """An element of the observation: the net sees (value - centre) / width.
+
+    Attributes:
+        name: Its name, ``sensor.element``.
+        unit: SI unit of the value; empty for a pure number.
+        centre: The value that the net sees as 0.
+        width: The change of the value that the net sees as 1.
+        plugins: The configuration of a glue or normaliser that is none of this package's, as JSON; of several agents
+            that share a policy each one that occurs.
+    """
+
+    name: str
+    unit: str
+    centre: float = 0.0
+    width: float = 1.0
+    plugins: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit or '-'}]"
+
+
+@dataclass(frozen=True)
+class CommandedElement:
+    """An element of the action: a controller gets offset + gain * action within [low, high], or one of the levels.
+
+    Attributes:
+        name: Its name, the controller's.
+        unit: SI unit of the value.
+        low: Smallest value.
+        high: Largest value.
+        gain: See above.
+        offset: See above.
+        levels: The values among which the policy chooses; empty: any.
+        axis: Axis of Hill's frame along which the value acts, ``x``, ``y`` or ``z``; empty: not known.
+        plugins: The configuration of a glue, normaliser or controller that is none of this package's, as JSON; of
+            several agents that share a policy each one that occurs.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    gain: float = 1.0
+    offset: float = 0.0
+    levels: tuple[float, ...] = ()
+    axis: str = ""
+    plugins: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit or '-'}]"
+
+
+def named_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
+    """Return the elements of an agent's observation, in its order, with names and units alone."""
+    found = []
+    for glue in agent.observation_glues:
+        symbol = sensor_of(agent.parts, glue.sensor).symbol if isinstance(glue, ObserveSensor) else ""
+        found += [ObservedElement(name, symbol) for name in glue.names(agent.parts)]
+    return tuple(found)
+
+
+def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[ObservedElement, ...]:
+    """Return the elements of an agent's observation, in its order, and what their normalisers do.
+
+    The elements of a glue that is no `ObserveSensor` are taken as the glue gives them.
+
+    Args:
+        agent: The agent.
+        exportable: Whether a normaliser that is none of this package's own is refused; else its configuration stands
+            in `ObservedElement.plugins`.
+
+    Raises:
+        ConfigError: A normaliser is none of this package's own.
+    """
+    found: list[ObservedElement] = []
+    for glue in agent.observation_glues:
+        size = len(glue.names(agent.parts))
+        centre, width, plugins = np.zeros(size), np.ones(size), _configuration(glue)
+        if isinstance(glue, ObserveSensor):
+            scale, normalizer, low, high = glue.prepared(sensor_of(agent.parts, glue.sensor))
+            if exportable or _is_known(normalizer):
+                gain, offset = _affine(agent, glue, normalizer, low, high)
+                centre, width, plugins = -offset / gain / scale + 0.0, 1.0 / gain / scale, ()
+        names = named_elements(replace(agent, glues=(glue,)))
+        rows = zip(names, centre.tolist(), width.tolist(), strict=True)
+        found += [replace(element, centre=at, width=by, plugins=plugins) for element, at, by in rows]
+    return tuple(found)
+
+
+def commanded_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[CommandedElement, ...]:
+    """Return the elements of an agent's action, in its order.
+
+    Args:
+        agent: The agent.
+        exportable: See `observed_elements`.
+
+    Raises:
+        ConfigError: A normaliser is none of this package's own, or a foreign glue chooses among levels.
+    """
+    return tuple(element for glue in agent.action_glues for element in _commanded(agent, glue, exportable))
+
+
+def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[CommandedElement]:
+    assert isinstance(glue, ActionGlue)
+    if isinstance(glue, SafetyGlue):
+        return [element for inner in glue.wrapped for element in _commanded(agent, inner, exportable)]
+    names = glue.names(agent.parts)
+    if isinstance(glue, DiscreteControllerGlue):
+        unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
+        levels = tuple(float(level) for level in glue.levels)
+        limits = float(low[0]), float(high[0])
+        return [CommandedElement(names[0], unit, *limits, levels=levels, axis=axis, plugins=plugins)]
+    normalizer = glue.normalization.active if isinstance(glue, ControllerGlue) else None
+    if isinstance(glue, ControllerGlue) and (exportable or _is_known(normalizer)):
+        unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
+        gain, offset = _affine(agent, glue, normalizer, low, high)
+        rows = zip(names, low.tolist(), high.tolist(), (1.0 / gain).tolist(), (-offset / gain).tolist(), strict=True)
+        return [
+            CommandedElement(name, unit, least, most, by, at + 0.0, axis=axis, plugins=plugins)
+            for name, least, most, by, at in rows
+        ]
+    if exportable and any(glue.choices(agent.parts)):
+        raise ConfigError(
+            f"{_title(agent, glue)}: what its choices mean is not known outside this glue; use DiscreteControllerGlue"
+        )
+    low, high = glue.bounds(agent.parts)
+    pairs = zip(names, low.tolist(), high.tolist(), strict=True)
+    return [CommandedElement(name, "", least, most, plugins=_configuration(glue)) for name, least, most in pairs]
+
+
+def _controller(parts: Parts, name: str) -> tuple[str, str, tuple[str, ...], FloatArray, FloatArray]:
+    """Return unit, axis, configuration (of one that is none of this package's) and limits of a controller's values."""
+    controller = controller_of(parts, name)
+    if isinstance(controller, RateController) and isinstance(controller.commanded, ThrustProp):
+        return "N", "xyz"[controller.axis], (), *controller.limits
+    return "", "", _configuration(controller), *controller.limits
+
+
+def _configuration(plugin: Plugin) -> tuple[str, ...]:
+    return (json.dumps(describe(plugin), sort_keys=True),)
+
+
+def _is_known(normalizer: Normalizer | None) -> bool:
+    return normalizer is None or type(normalizer) in (StandardNormalNormalizer, LinearNormalizer)
+
+
+def _affine(
+    agent: AgentSpec, glue: Glue, normalizer: Normalizer | None, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return gain and offset of a normaliser, normalised = gain * value + offset, each of shape (k,)."""
+    size = len(low)
+    if normalizer is None:
+        return np.ones(size), np.zeros(size)
+    if type(normalizer) is StandardNormalNormalizer:
+        mu, sigma = (np.broadcast_to(array, size) for array in normalizer.arrays)
+        return 1.0 / sigma, -mu / sigma
+    if type(normalizer) is LinearNormalizer:
+        gain = (normalizer.maximum - normalizer.minimum) / (high - low)
+        return gain, normalizer.minimum - low * gain
+    raise ConfigError(
+        f"{_title(agent, glue)}: a file cannot hold the normaliser {normalizer.registered_name}; train with "
+        "StandardNormalNormalizer, LinearNormalizer or `normalization: {enabled: False}` to export the policy"
+    )
+
+
+def _title(agent: AgentSpec, glue: Glue) -> str:
+    return f"{agent.name}, glue {glue.registered_name} ({', '.join(glue.names(agent.parts))})"
+
+
+def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
+    """Return the task with observations and actions in SI units: the same episodes, seeds and physics.
+
+    Args:
+        spec: The task.
+        agents: Names of the agents; all that act from outside unless given.
+
+    Raises:
+        SafeInspectError: There is no such agent.
+    """
+    outside = [agent.name for agent in spec.agents if agent.pilot is None]
+    chosen = outside if agents is None else list(agents)
+    for name in chosen:
+        if name not in outside:
+            raise SafeInspectError(f"no agent that acts from outside is named {name!r}; {did_you_mean(name, outside)}")
+    return replace(
+        spec,
+        agents=tuple(
+            replace(agent, glues=tuple(_raw(glue) for glue in agent.glues)) if agent.name in chosen else agent
+            for agent in spec.agents
+        ),
+    )
+
+
+def _raw(glue: Glue) -> Glue:
+    if isinstance(glue, ObserveSensor):
+        return ObserveSensor(sensor=glue.sensor, normalization=_OFF)
+    if isinstance(glue, (ControllerGlue, DiscreteControllerGlue)):
+        return ControllerGlue(controller=glue.controller, normalization=_OFF)
+    if isinstance(glue, SafetyGlue):  # made anew: a copy would keep what the glue has worked out
+        fields = {name: getattr(glue, name) for name in type(glue).model_fields}
+        return type(glue)(**{**fields, "wrapped": tuple(_raw(inner) for inner in glue.wrapped)})
+    return glue
+
+
+def plain_elements(elements: Iterable[ObservedElement | CommandedElement]) -> list[dict[str, Any]]:
+    """Return elements as dictionaries, for JSON."""
+    return [asdict(element) for element in elements]
+
+
+def columns(elements: Iterable[ObservedElement | CommandedElement], field: str) -> AnyArray:
+    """Return one field of all elements, float64, shape (size,)."""
+    return np.array([getattr(element, field) for element in elements], dtype=np.float64)

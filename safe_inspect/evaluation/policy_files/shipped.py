@@ -1,0 +1,106 @@
+"""The trained policies that come with the package: `safe_inspect/policies/trained/<name>/`.
+
+Each folder holds what `scripts/ship_policy.py` has put there: an ONNX file for each policy, `policy.json` with the
+agents that it flies, `card.md`, `experiment.resolved.yml`, and `checkpoint/` with the weights.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
+from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy, load_onnx
+
+#: The names of the files in the folder of a shipped policy.
+RECORD, CARD, CONFIGURATION, CHECKPOINT = "policy.json", "card.md", "experiment.resolved.yml", "checkpoint"
+
+_ROOT = Path(__file__).resolve().parents[2] / "policies" / "trained"
+
+
+@dataclass(frozen=True)
+class ShippedPolicy:
+    """A trained policy of the package.
+
+    Attributes:
+        name: Its name.
+        folder: Its folder.
+        onnx: The ONNX file that flies each agent, by the agent's name; agents that share a policy share the file.
+    """
+
+    name: str
+    folder: Path
+    onnx: Mapping[str, Path]
+
+    @property
+    def card(self) -> Path:
+        """The model card, Markdown: how it was trained, what it reaches, and where it must not be used."""
+        return self.folder / CARD
+
+    @property
+    def experiment(self) -> Path:
+        """The experiment file with which it was trained, whole in itself."""
+        return self.folder / CONFIGURATION
+
+    @property
+    def checkpoint(self) -> Path:
+        """The checkpoint, with the weights alone: for `load_policy` and for policies that come from a checkpoint."""
+        return self.folder / CHECKPOINT
+
+    @cached_property
+    def configuration(self) -> Mapping[str, Any]:
+        """The resolved experiment with which it was trained.
+
+        Raises:
+            CheckpointError: An ONNX file is missing or damaged.
+        """
+        return next(iter(self.load().values())).configuration
+
+    def load(self, sampled: bool | None = None, seed: int = 0) -> dict[str, OnnxPolicy]:
+        """Return the policy that flies each agent, by the agent's name; see `load_onnx`.
+
+        Raises:
+            CheckpointError: An ONNX file is missing or damaged.
+            SafeInspectError: Onnxruntime is not installed.
+        """
+        loaded = {path: load_onnx(path, sampled, seed) for path in sorted(set(self.onnx.values()))}
+        return {agent: loaded[path] for agent, path in self.onnx.items()}
+
+
+def shipped_policies(root: Path | None = None) -> tuple[str, ...]:
+    """Return the names of the policies that come with the package.
+
+    Args:
+        root: Where they lie; the package's own folder unless given.
+    """
+    root = _ROOT if root is None else root
+    return tuple(sorted(path.parent.name for path in root.glob(f"*/{RECORD}")))
+
+
+def shipped_policy(name: str, root: Path | None = None) -> ShippedPolicy:
+    """Return a policy that comes with the package.
+
+    Args:
+        name: Its name.
+        root: Where the policies lie; the package's own folder unless given.
+
+    Raises:
+        SafeInspectError: There is none of that name.
+        CheckpointError: Its record is damaged.
+    """
+    root = _ROOT if root is None else root
+    names = shipped_policies(root)
+    if name not in names:
+        known = did_you_mean(name, names) or "this package holds none"
+        raise SafeInspectError(f"no shipped policy {name!r}; {known}")
+    record = root / name / RECORD
+    try:
+        agents = json.loads(record.read_text(encoding="utf-8"))["agents"]
+        files = {str(agent): root / name / str(file) for agent, file in agents.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CheckpointError(f"{record}: the record of the policy is damaged ({error}); install it again") from None
+    return ShippedPolicy(name, root / name, files)

@@ -1,0 +1,1 @@
+"""Figures of flown episodes: tables, statistics, comparisons, files."""

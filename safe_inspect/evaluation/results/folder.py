@@ -1,0 +1,148 @@
+"""The folder of an evaluation: `evaluation.json`, `episodes.parquet` and `trajectories.parquet`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.errors import OutputError
+from safe_inspect.evaluation.results.results import Evaluation, EvaluationError
+from safe_inspect.evaluation.results.trajectory_table import trajectory_table
+from safe_inspect.outputs import new_file, new_folder
+from safe_inspect.types import AnyArray
+
+FORMAT = 1
+RECORD, EPISODES, TRAJECTORIES = "evaluation.json", "episodes.parquet", "trajectories.parquet"
+
+
+def is_evaluation(path: str | os.PathLike[str]) -> bool:
+    """Return whether a folder holds an evaluation."""
+    return (Path(path) / RECORD).is_file()
+
+
+@contextmanager
+def new_evaluation(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """Give a folder to write into, which takes the place of `path` when the block ends well, and is removed otherwise.
+
+    Args:
+        path: Where it will be.
+        force: Whether it may replace an earlier evaluation, or several in one folder.
+
+    Raises:
+        OutputError: Something stands there that may not be replaced, or it cannot be written.
+    """
+    target = Path(path).expanduser().absolute()
+    if os.path.lexists(target):
+        _check_replaceable(target, force)
+    with new_folder(path) as work:
+        yield work
+
+
+def _check_replaceable(target: Path, force: bool) -> None:
+    if not target.is_dir() or target.is_symlink():
+        raise OutputError(f"{target}: this is no folder; give another with --output")
+    if not force:
+        raise OutputError(f"{target}: the folder is there already; give another with --output, or replace it: --force")
+    inside = list(target.iterdir())
+    theirs = {RECORD, EPISODES, TRAJECTORIES}
+    whole = is_evaluation(target) and all(item.name in theirs for item in inside)
+    if not whole and not all(item.is_dir() and is_evaluation(item) for item in inside):
+        raise OutputError(f"{target}: the folder holds something else than evaluations, so it is not replaced")
+
+
+def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
+    """Write an evaluation into a folder.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    import pyarrow  # type: ignore[import-untyped]
+    from pyarrow import parquet
+
+    content = {
+        "format": FORMAT,
+        **evaluation.record,
+        "label": evaluation.label,
+        "units": dict(evaluation.units),
+        **evaluation.as_dict(),
+    }
+    folder.mkdir(exist_ok=True)
+    table = pyarrow.table({name: pyarrow.array(values) for name, values in evaluation.columns().items()})
+    parquet.write_table(table, folder / EPISODES, compression="zstd")
+    if evaluation.trajectories:
+        parquet.write_table(trajectory_table(evaluation.trajectories), folder / TRAJECTORIES, compression="zstd")
+    content["files"] = {name: sha256(folder / name) for name in (EPISODES, TRAJECTORIES) if (folder / name).exists()}
+    write_json(folder / RECORD, content)
+
+
+def read_evaluation(path: str | os.PathLike[str]) -> Evaluation:
+    """Return the evaluation of a folder, without its trajectories.
+
+    Raises:
+        EvaluationError: It is missing or damaged.
+    """
+    folder = Path(path).expanduser()
+    record = read_record(folder)
+    table = _read_table(folder, record)
+    label = str(record.get("label") or folder.name)
+    try:
+        return Evaluation.of_columns(label, table, record["units"], record)
+    except (KeyError, ValueError, TypeError, IndexError) as error:
+        raise EvaluationError(f"{folder / EPISODES}: the table of episodes is damaged ({error})") from None
+
+
+def read_record(folder: Path) -> Mapping[str, Any]:
+    """Return what `evaluation.json` says.
+
+    Raises:
+        EvaluationError: It is missing or damaged.
+    """
+    path = folder / RECORD
+    try:
+        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if record["format"] != FORMAT:
+            raise EvaluationError(f"{path}: another version of safe_inspect has written it; evaluate again")
+        for key in ("seed", "episodes", "task", "units", "files"):
+            record[key]
+    except (FileNotFoundError, NotADirectoryError):
+        raise EvaluationError(
+            f"{folder}: this is no evaluation; give a folder that `safe-inspect evaluate --output` has written"
+        ) from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise EvaluationError(f"{path}: the record of the evaluation is damaged ({error}); evaluate again") from None
+    return record
+
+
+def _read_table(folder: Path, record: Mapping[str, Any]) -> dict[str, AnyArray]:
+    from pyarrow import ArrowException, parquet
+
+    path = folder / EPISODES
+    try:
+        if sha256(path) != record["files"].get(EPISODES):
+            raise EvaluationError(f"{path}: the file is damaged, it is not what was written; evaluate again")
+        table = parquet.read_table(path)
+    except (OSError, ArrowException, AttributeError) as error:
+        raise EvaluationError(f"{path}: the file cannot be read ({error}); evaluate again") from None
+    return {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
+
+
+def sha256(path: Path) -> str:
+    """Return the hash of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    with new_file(path) as work:
+        work.write_text(json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8")

@@ -1,0 +1,242 @@
+"""`Evaluation`: the figures of a rollout by name, for the team and every agent, as rows of a table and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate, wilson
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.types import AnyArray, FloatArray
+
+#: Begins the names of the columns that concern the whole episode, and the state in which it began.
+EPISODE, BEGIN = "episode/", "begin/"
+GAP = "gap to the open-loop optimum"
+#: The usual figures, and their units.
+FIGURES = {
+    "return": "-", "inspected points": "points", "inspected fraction": "-", "inspected first": "points",
+    "delta-v": "m/s", "delta-v per deputy": "m/s", "length": "steps", "closest deputies": "m", GAP: "m/s",
+}  # fmt: skip
+_AXES = ("x", "y", "z")
+
+
+class EvaluationError(SafeInspectError):
+    """An evaluation that is missing, damaged, or of other episodes than the one it is compared with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The figures of the team, or of one agent, in E episodes.
+
+    Attributes:
+        status: How each episode ended, in lower case, shape (E,).
+        figures: Figures by name, NaN where an episode has none, each of shape (E,).
+    """
+
+    status: AnyArray
+    figures: Mapping[str, FloatArray]
+
+    @property
+    def statuses(self) -> dict[str, int]:
+        """Number of episodes by how they ended."""
+        names = [item.name.lower() for item in DoneStatus]
+        return {name: int((self.status == name).sum()) for name in names if (self.status == name).any()}
+
+    @property
+    def wins(self) -> int:
+        """Number of episodes that were won."""
+        return int((self.status == DoneStatus.WIN.name.lower()).sum())
+
+    @property
+    def success_rate(self) -> float:
+        """Share of the episodes that were won [-]."""
+        return self.wins / len(self.status)
+
+    @property
+    def success_interval(self) -> Interval:
+        """Wilson's 95 % interval of the success rate."""
+        return wilson(self.wins, len(self.status))
+
+    def estimates(self, units: Mapping[str, str]) -> dict[str, Estimate]:
+        """Return the estimate of every figure."""
+        return {name: estimate(values, units.get(name, "-")) for name, values in self.figures.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What an evaluation has found, and what it is.
+
+    Attributes:
+        label: Name in tables.
+        team: Figures of the whole episodes.
+        agents: Figures of every agent by its name.
+        units: Unit of every figure by its name.
+        begins: State in which each episode began, by column such as ``blue0/x``, each of shape (E,).
+        record: What the evaluation is, see `safe_inspect.evaluation.results.folder`.
+        trajectories: The recorded episodes.
+    """
+
+    label: str
+    team: Block
+    agents: Mapping[str, Block]
+    units: Mapping[str, str]
+    begins: Mapping[str, FloatArray]
+    record: Mapping[str, Any] = field(default_factory=dict)
+    trajectories: Sequence[Trajectory] = ()
+
+    def __len__(self) -> int:
+        return len(self.team.status)
+
+    @classmethod
+    def of(
+        cls,
+        label: str,
+        episodes: Episodes,
+        record: Mapping[str, Any],
+        *,
+        points: int = 0,
+        reference: FloatArray | None = None,
+    ) -> Evaluation:
+        """Return the figures of a rollout.
+
+        Args:
+            label: Name in tables.
+            episodes: The rollout.
+            record: What the evaluation is.
+            points: Number of points of the task.
+            reference: Delta-v of the open-loop optimum of every episode [m/s], NaN where there is none, shape (E,).
+        """
+        several = len(episodes.agents) > 1
+        figures: dict[str, FloatArray] = {"return": episodes.returns}
+        if points:
+            figures["inspected points"] = np.rint(episodes.inspected_fraction * points)
+        figures["inspected fraction"] = episodes.inspected_fraction
+        figures["delta-v per deputy" if several else "delta-v"] = episodes.delta_v
+        figures["length"] = episodes.length.astype(np.float64)
+        if reference is not None:
+            figures[GAP] = episodes.delta_v - reference
+        if episodes.closest is not None:
+            figures["closest deputies"] = episodes.closest
+        figures |= _terms(episodes.terms)
+        figures |= episodes.metrics
+        return cls(
+            label,
+            Block(_names(episodes.status), figures),
+            {name: _of_agent(agent) for name, agent in episodes.agents.items()},
+            {**FIGURES, **episodes.units},
+            _begins(episodes),
+            record,
+            episodes.trajectories,
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the estimates as plain dictionaries and numbers for JSON; ``agents`` where there are several."""
+        told = _told(self.team, self.units)
+        if len(self.agents) > 1:
+            told["agents"] = {name: _told(agent, self.units) for name, agent in self.agents.items()}
+        return told
+
+    def columns(self) -> dict[str, AnyArray]:
+        """Return the columns of a table with a row for each episode and agent, episode by episode."""
+        agents, count = list(self.agents.values()), len(self)
+
+        def each(array: AnyArray) -> AnyArray:
+            return array.repeat(len(agents))
+
+        def own(arrays: Sequence[AnyArray]) -> AnyArray:
+            return np.stack(arrays, axis=1).reshape(-1)
+
+        table: dict[str, AnyArray] = {
+            "episode": each(np.arange(count)),
+            "agent": np.tile(np.array(list(self.agents), dtype=object), count),
+            "status": own([agent.status for agent in agents]),
+        }
+        missing = np.full(count, np.nan)
+        for name in dict.fromkeys(name for agent in agents for name in agent.figures):
+            table[name] = own([agent.figures.get(name, missing) for agent in agents])
+        table[f"{EPISODE}status"] = each(self.team.status)
+        table |= {f"{EPISODE}{name}": each(values) for name, values in self.team.figures.items()}
+        table |= {f"{BEGIN}{name}": each(values) for name, values in self.begins.items()}
+        return table
+
+    @classmethod
+    def of_columns(
+        cls, label: str, table: Mapping[str, AnyArray], units: Mapping[str, str], record: Mapping[str, Any]
+    ) -> Evaluation:
+        """Return the evaluation of a table that `columns` has made.
+
+        Raises:
+            KeyError: A column is missing.
+            ValueError: The rows are not those of episodes and agents.
+        """
+        names = list(dict.fromkeys(table["agent"].tolist()))
+        count = len(table["episode"]) // max(len(names), 1)
+        if (
+            not names
+            or count < 1
+            or not np.array_equal(table["episode"], np.arange(count).repeat(len(names)))
+            or table["agent"].tolist() != names * count
+        ):
+            raise ValueError("the rows are not one for each episode and agent")
+        first = slice(None, None, len(names))
+        agents = {}
+        for place, name in enumerate(names):
+            figures = {
+                column: values[place :: len(names)]
+                for column, values in table.items()
+                if not column.startswith((EPISODE, BEGIN)) and column not in ("episode", "agent", "status")
+            }
+            some = {column: values for column, values in figures.items() if not np.isnan(values).all()}
+            agents[name] = Block(table["status"][place :: len(names)], some)
+
+        def starting(start: str) -> dict[str, FloatArray]:
+            return {name.removeprefix(start): table[name][first] for name in table if name.startswith(start)}
+
+        team = starting(EPISODE)
+        status = team.pop("status")
+        return cls(label, Block(status, team), agents, units, starting(BEGIN), record)
+
+
+def _of_agent(agent: AgentEpisodes) -> Block:
+    figures: dict[str, FloatArray] = {
+        "return": agent.returns,
+        "inspected first": agent.inspected.astype(np.float64),
+        "delta-v": agent.delta_v,
+        "length": agent.length.astype(np.float64),
+    }
+    return Block(_names(agent.status), {**figures, **_terms(agent.terms), **agent.metrics})
+
+
+def _terms(terms: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    return {f"reward/{name}": values for name, values in terms.items()}
+
+
+def _names(status: AnyArray) -> AnyArray:
+    names = np.array([item.name.lower() for item in DoneStatus], dtype=object)
+    return np.asarray(names[status])
+
+
+def _begins(episodes: Episodes) -> dict[str, FloatArray]:
+    told: dict[str, FloatArray] = {}
+    for place, name in enumerate(episodes.agents):
+        for what, start in (("position", ""), ("velocity", "v")):
+            for axis, letter in enumerate(_AXES):
+                told[f"{name}/{start}{letter}"] = episodes.begins[what][:, place, axis]
+    return told | {"sun_angle": episodes.begins["sun_angle"]}
+
+
+def _told(block: Block, units: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        "success": {
+            "rate": block.success_rate,
+            "interval": block.success_interval.as_list(),
+            "statuses": block.statuses,
+        },
+        "figures": {name: item.as_dict() for name, item in block.estimates(units).items()},
+    }

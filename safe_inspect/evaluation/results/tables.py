@@ -1,0 +1,111 @@
+"""Evaluations as text: estimates of every figure, and evaluations side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from safe_inspect.evaluation.results.results import Block, Evaluation
+from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate
+
+Row = Sequence[str]
+
+
+def evaluation_table(evaluation: Evaluation) -> str:
+    """Return the table of an evaluation; a block for each agent where there are several."""
+    blocks = {"": evaluation.team}
+    if len(evaluation.agents) > 1:
+        blocks |= evaluation.agents
+    head = ("", "mean", "std", "IQM", "95 % interval of the IQM", "min", "max", "unit")
+    rows = {
+        name: [
+            head,
+            *(_row(figure, item, len(evaluation)) for figure, item in block.estimates(evaluation.units).items()),
+        ]
+        for name, block in blocks.items()
+    }
+    lines = [f"{evaluation.label}: {len(evaluation)} episodes, {ends(evaluation.team)}"]
+    told = iter(aligned(list(rows.values())))
+    lines += next(told)
+    for (name, block), table in zip(list(blocks.items())[1:], told, strict=True):
+        lines += [f"{name}: {ends(block)}", *table[1:]]
+    return "\n".join(lines)
+
+
+def ends(block: Block) -> str:
+    """Return the success rate with Wilson's interval, and how the episodes ended."""
+    interval = block.success_interval
+    told = ", ".join(f"{name} {count}" for name, count in block.statuses.items())
+    return (
+        f"success {100 * block.success_rate:.1f} % "
+        f"(95 % interval {100 * interval.low:.1f} to {100 * interval.high:.1f} %; {told})"
+    )
+
+
+def aligned(blocks: Sequence[Sequence[Row]]) -> list[list[str]]:
+    """Return the lines of every block; all have the same columns, the first and the last to the left."""
+    count = len(blocks[0][0])
+    widths = [max(len(row[column]) for rows in blocks for row in rows) for column in range(count)]
+    return [
+        [
+            (
+                "  "
+                + "  ".join(
+                    cell.ljust(width) if column in (0, count - 1) else cell.rjust(width)
+                    for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+                )
+            ).rstrip()
+            for row in rows
+        ]
+        for rows in blocks
+    ]
+
+
+def number(value: float) -> str:
+    """Return a number with four digits behind the point, more of a small one; ``-`` for none."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.4f}" if value == 0.0 or abs(value) >= 0.001 else f"{value:.3g}"
+
+
+def span(interval: Interval) -> str:
+    """Return an interval; ``-`` for none."""
+    if not math.isfinite(interval.low):
+        return "-"
+    return f"{number(interval.low)} to {number(interval.high)}"
+
+
+def _row(name: str, item: Estimate, episodes: int) -> Row:
+    unit = item.unit if item.count == episodes else f"{item.unit} ({item.count} of {episodes})"
+    return (
+        name,
+        number(item.mean),
+        number(item.standard_deviation),
+        number(item.iqm),
+        span(item.iqm_interval),
+        number(item.minimum),
+        number(item.maximum),
+        unit,
+    )
+
+
+def pooled_table(evaluations: Sequence[Evaluation]) -> str:
+    """Return the table of several sources together, such as those of several training seeds.
+
+    The intervals come from a bootstrap that resamples the episodes of each source by themselves.
+    """
+    head = ("", "mean", "std", "IQM", "95 % interval of the IQM", "min", "max", "unit")
+    rows: list[Row] = [head]
+    wins = estimate([np.asarray(item.team.status == "win", dtype=np.float64) for item in evaluations])
+    episodes = sum(map(len, evaluations))
+    for name in evaluations[0].team.figures:
+        unit = evaluations[0].units.get(name, "-")
+        rows.append(_row(name, estimate([item.team.figures[name] for item in evaluations], unit), episodes))
+    (table,) = aligned([rows])
+    rates = ", ".join(f"{100 * item.team.success_rate:.1f}" for item in evaluations)
+    interval = wins.mean_interval
+    line = f"{len(evaluations)} sources together: {episodes} episodes, success {100 * wins.mean:.1f} % "
+    line += f"(95 % interval {100 * interval.low:.1f} to {100 * interval.high:.1f} %; each: {rates})"
+    return "\n".join([line, *table])

@@ -1,0 +1,123 @@
+"""Recorded episodes as a table: a row for each episode, step and deputy, and back."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.evaluation.results.results import EvaluationError
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.types import AnyArray
+
+_KEY = b"safe_inspect"
+_AXES = ("x", "y", "z")
+
+
+def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
+    """Return a table of PyArrow.
+
+    Columns: ``episode``, ``step``, ``deputy`` (name), ``time`` [s], ``x``, ``y``, ``z`` [m], ``vx``, ``vy``, ``vz``
+    [m/s], ``ux``, ``uy``, ``uz`` (the thrust held over the step that begins there, NaN at the end [N]), ``delta_v``
+    [m/s], ``sun_angle`` [rad], ``inspected`` (points of the team so far) and ``inspected_own`` (those that the deputy
+    was the first to inspect). Hill's frame. The metadata hold the points and when they were inspected.
+    """
+    import pyarrow  # type: ignore[import-untyped]
+
+    parts = [_columns(trajectory) for trajectory in trajectories]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    facts = [
+        {
+            "slot": trajectory.slot,
+            "status": int(trajectory.status),
+            "deputies": list(trajectory.deputies),
+            "mean_motion": trajectory.mean_motion,
+            "points": trajectory.points.tolist(),
+            "inspected_at": [when if np.isfinite(when) else None for when in trajectory.inspected_at.tolist()],
+            "inspector": trajectory.inspector.tolist(),
+        }
+        for trajectory in trajectories
+    ]
+    table = pyarrow.table({name: pyarrow.array(values) for name, values in columns.items()})
+    return table.replace_schema_metadata({_KEY: json.dumps(facts).encode()})
+
+
+def read_trajectories(path: str | os.PathLike[str]) -> tuple[Trajectory, ...]:
+    """Return the recorded episodes of a Parquet file, or of an evaluation's folder.
+
+    Raises:
+        EvaluationError: It is missing or damaged.
+    """
+    from pyarrow import ArrowException, parquet
+
+    file = Path(path).expanduser()
+    file = file / "trajectories.parquet" if file.is_dir() else file
+    if not file.is_file():
+        raise EvaluationError(f"{file}: there are no recorded episodes; evaluate with --record and --output")
+    try:
+        table = parquet.read_table(file)
+        facts = json.loads(table.schema.metadata[_KEY])
+        columns = {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
+        return tuple(_trajectory(columns, fact) for fact in facts)
+    except (OSError, ArrowException, KeyError, TypeError, ValueError) as error:
+        raise EvaluationError(f"{file}: the recorded episodes are damaged ({error}); evaluate again") from None
+
+
+def _columns(trajectory: Trajectory) -> dict[str, AnyArray]:
+    states, deputies = trajectory.position.shape[:2]
+
+    def each(array: AnyArray) -> AnyArray:
+        return array.repeat(deputies)
+
+    control = np.concatenate((trajectory.control, np.full((1, deputies, 3), np.nan)))
+    columns: dict[str, AnyArray] = {
+        "episode": np.full(states * deputies, trajectory.slot),
+        "step": each(np.arange(states)),
+        "deputy": np.tile(np.array(trajectory.deputies, dtype=object), states),
+        "time": each(trajectory.time),
+    }
+    for start, array in (("", trajectory.position), ("v", trajectory.velocity), ("u", control)):
+        columns |= {f"{start}{letter}": array[..., axis].reshape(-1) for axis, letter in enumerate(_AXES)}
+    count = len(trajectory.points)
+    own = np.stack([trajectory.coverage_of(deputy) for deputy in range(deputies)], axis=1) if count else None
+    columns["delta_v"] = trajectory.delta_v.reshape(-1)
+    columns["sun_angle"] = each(trajectory.sun_angle)
+    columns["inspected"] = each(np.rint(trajectory.coverage * count).astype(np.int64) if count else _none(states))
+    columns["inspected_own"] = (
+        np.rint(own * count).astype(np.int64).reshape(-1) if own is not None else _none(states * deputies)
+    )
+    return columns
+
+
+def _none(count: int) -> AnyArray:
+    return np.zeros(count, dtype=np.int64)
+
+
+def _trajectory(columns: dict[str, AnyArray], fact: dict[str, Any]) -> Trajectory:
+    rows = columns["episode"] == fact["slot"]
+    deputies = len(fact["deputies"])
+
+    def vectors(start: str) -> AnyArray:
+        return np.stack([columns[f"{start}{letter}"][rows] for letter in _AXES], axis=-1).reshape(-1, deputies, 3)
+
+    when = [np.inf if time is None else time for time in fact["inspected_at"]]
+    return Trajectory(
+        time=columns["time"][rows][::deputies],
+        position=vectors(""),
+        velocity=vectors("v"),
+        control=vectors("u")[:-1],
+        delta_v=columns["delta_v"][rows].reshape(-1, deputies),
+        sun_angle=columns["sun_angle"][rows][::deputies],
+        points=np.array(fact["points"], dtype=np.float64).reshape(-1, 3),
+        inspected_at=np.array(when, dtype=np.float64),
+        inspector=np.array(fact["inspector"], dtype=np.int64),
+        status=DoneStatus(fact["status"]),
+        slot=int(fact["slot"]),
+        deputies=tuple(fact["deputies"]),
+        mean_motion=float(fact["mean_motion"]),
+    )

@@ -1,0 +1,1 @@
+"""Flying episodes and recording them."""

@@ -1,0 +1,73 @@
+"""`Recorder`: keeps the states of the first rows of a batch, step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.types import AnyArray, IntArray
+
+_KEPT = ("time", "position", "velocity", "control", "delta_v", "sun_angle")
+
+
+class Recorder:
+    """Records the first rows of a batch from a fresh reset on.
+
+    Args:
+        environment: The batch.
+        rows: How many rows are recorded.
+        first_slot: Global index of the environment slot of the first row.
+    """
+
+    def __init__(self, environment: TeamEnvironment, rows: int, first_slot: int) -> None:
+        self._environment = environment
+        self._rows = rows
+        self._slot = first_slot
+        self._states: dict[str, list[AnyArray]] = {name: [] for name in _KEPT}
+        points = environment.simulation.world.offers.world.get("points", {})
+        self._body = next(iter(points), None)
+        self._points = points[self._body].points if self._body is not None else np.zeros((0, 3))
+        self._inspected_at = np.full((rows, len(self._points)), np.inf)
+        self._inspector = np.full((rows, len(self._points)), -1, dtype=np.int64)
+        self.keep()
+
+    def keep(self) -> None:
+        """Record the current state; what follows the end of an episode is cut in `trajectories`."""
+        if not self._rows:
+            return
+        state = self._environment.state
+        deputies = self._environment.simulation.world.num_deputies
+        for name, kept in self._states.items():
+            array = state.arrays.get(name, np.zeros(state.num_envs))[: self._rows]  # no sun: at the angle 0
+            kept.append((array[:, :deputies] if array.ndim > 1 else array).copy())
+        if self._body is not None:
+            inspector = state.points[self._body].inspector[: self._rows]
+            now = np.broadcast_to(state.time[: self._rows, None], inspector.shape)
+            fresh = (inspector >= 0) & np.isinf(self._inspected_at)
+            self._inspected_at[fresh] = now[fresh]
+            self._inspector[fresh] = inspector[fresh]
+
+    def trajectories(self, length: IntArray, status: AnyArray) -> list[Trajectory]:
+        """Return the recorded episodes, each cut at its own number of steps."""
+        if not self._rows:
+            return []
+        whole = {name: np.stack(kept, axis=1) for name, kept in self._states.items()}
+        made = []
+        for row in range(self._rows):
+            states = {name: array[row, : length[row] + 1] for name, array in whole.items()}
+            seen = self._inspected_at[row] <= states["time"][-1]  # not what it coasted past
+            made.append(
+                Trajectory(
+                    **(states | {"control": states["control"][1:]}),  # the thrust held over the step that led there
+                    points=self._points,
+                    inspected_at=np.where(seen, self._inspected_at[row], np.inf),
+                    inspector=np.where(seen, self._inspector[row], -1),
+                    status=DoneStatus(int(status[row])),
+                    slot=self._slot + row,
+                    deputies=self._environment.simulation.world.platforms,
+                    mean_motion=self._environment.simulation.world.offers.world.get("mean_motion", 0.0),
+                )
+            )
+        return made

@@ -1,0 +1,36 @@
+"""`record_episode`: fly and record one episode by its number, without those before it."""
+
+from __future__ import annotations
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.evaluation.rollouts.crew import Crew, Policies, assign
+from safe_inspect.evaluation.rollouts.recorder import Recorder
+from safe_inspect.evaluation.rollouts.tally import Tally
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+
+
+def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, seed: int = 0) -> Trajectory:
+    """Return the episode that `rollout` with this seed flies in the environment slot `episode`.
+
+    Args:
+        spec: The task.
+        policies: Who flies; see `safe_inspect.evaluation.rollouts.rollout`.
+        episode: Number of the episode, from 0.
+        seed: Seed of the run.
+
+    Raises:
+        SafeInspectError: An agent has no policy, a policy no agent, or one policy flies agents that differ.
+    """
+    spec, flying = assign(spec, policies)
+    environment = TeamEnvironment(spec, 1, seed=seed, first_slot=episode)
+    observations = environment.reset()
+    crew = Crew(environment, flying, episode)
+    tally, recorder = Tally(environment), Recorder(environment, 1, episode)
+    while tally.running.any():
+        transition = environment.step(crew(observations, tally.running))
+        pairs = zip(environment.groups, transition.groups, strict=True)
+        observations = tuple(found.observation for group, found in pairs if not group.scripted)
+        recorder.keep()
+        tally.add(transition)
+    return recorder.trajectories(tally.whole["length"], tally.whole["status"])[0]

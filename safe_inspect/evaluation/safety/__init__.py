@@ -1,0 +1,1 @@
+"""What safety filters are held against."""

@@ -1,0 +1,200 @@
+"""`safety_report`: does the safety filter keep its constraints against adversaries, at the steps and between them?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.core import BatchedEnvironment
+from safe_inspect.errors import ConfigError
+from safe_inspect.evaluation.safety.adversaries import ADVERSARIES, adversarial_thrust
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.types import AnyArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class SafetyReport:
+    """What came of a run against adversaries.
+
+    Attributes:
+        names: The constraints, C of them.
+        units: Unit of each one's plain safety quantity.
+        steps: Filtered steps, over all environments.
+        starts_refused: Initial states that were unsafe by the constraints themselves.
+        least_at_steps: Smallest plain safety quantity at the beginning and end of holds, shape (C,).
+        least_between: Smallest between them, shape (C,).
+        violations_at_steps: Steps with a negative quantity at their end, shape (C,).
+        violations_between: Moments within holds with a negative quantity, shape (C,).
+        moments: Moments within holds that were looked at.
+        interventions: Steps in which the filter changed the thrust, by adversary, shape (K,).
+        flown: Steps of each adversary, shape (K,).
+        infeasible: Steps in which the filter could promise nothing.
+        ends: Episodes that ended, by `DoneStatus`, shape (4,).
+        step_size: Length of a step [s].
+        worst: Quantities of the environment that came nearest to a violation, over its steps, shape (T, C).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    steps: int
+    starts_refused: int
+    least_at_steps: FloatArray
+    least_between: FloatArray
+    violations_at_steps: IntArray
+    violations_between: IntArray
+    moments: int
+    interventions: IntArray
+    flown: IntArray
+    infeasible: int
+    ends: IntArray
+    step_size: float
+    worst: AnyArray
+
+    @property
+    def violations(self) -> int:
+        """All violations, at the steps and between them."""
+        return int(self.violations_at_steps.sum() + self.violations_between.sum())
+
+    def __str__(self) -> str:
+        width = max(len("constraint"), *map(len, self.names))
+        lines = [
+            f"{self.steps:,} filtered steps, {self.moments:,} moments between them",
+            f"{'constraint':<{width}}  smallest phi: {'at steps':>12} {'between':>12}  violations: at steps  between",
+        ]
+        for j, name in enumerate(self.names):
+            lines.append(
+                f"{name:<{width}}                {self.least_at_steps[j]:12.3g} {self.least_between[j]:12.3g}"
+                f"{self.violations_at_steps[j]:>22,} {self.violations_between[j]:>8,}"
+            )
+        for k, kind in enumerate(ADVERSARIES):
+            if self.flown[k]:
+                lines.append(f"interventions, {kind}: {100.0 * self.interventions[k] / self.flown[k]:.1f} % of steps")
+        lines.append(f"infeasible steps: {self.infeasible:,}; initial states refused: {self.starts_refused:,}")
+        lines.append(f"episodes ended: {self.ends[1]:,} won, {self.ends[2]:,} lost, {self.ends[3]:,} out of time")
+        return "\n".join(lines)
+
+
+def safety_report(
+    spec: EnvironmentSpec,
+    steps: int = 1_000_000,
+    num_envs: int = 1024,
+    seed: int = 0,
+    substeps: int = 10,
+    progress: Callable[[int, int], None] | None = None,
+) -> SafetyReport:
+    """Fly the adversaries under the task's own safety glue and look at every constraint.
+
+    Args:
+        spec: The task. Its agent has a safety glue, enabled or not; without it enabled nothing is filtered.
+        steps: Filtered steps, over all environments; rounded up to whole steps of the batch.
+        num_envs: Number of environments, N.
+        seed: Seed of the initial states and of the random adversary.
+        substeps: Every hold is looked at in this many equal parts.
+        progress: Called with the steps done and the steps asked for.
+
+    Raises:
+        ConfigError: The agent has no safety glue.
+        ValueError: A number is not positive.
+    """
+    if min(steps, num_envs, substeps) < 1:
+        raise ValueError(f"steps, num_envs and substeps are at least 1, not {steps}, {num_envs} and {substeps}")
+    glues = [glue for glue in spec.agents[0].action_glues if isinstance(glue, SafetyGlue)]
+    if not glues:
+        raise ConfigError(f"the agent {spec.agents[0].name!r} has no safety glue, so there is nothing to report")
+    num_envs = min(num_envs, steps)
+    holds = -(-steps // num_envs)
+    environment = BatchedEnvironment(spec, num_envs, seed=seed)
+    environment.reset()
+    watch = _Watch(glues[0], environment, substeps)
+    slots = np.arange(num_envs)
+    kinds = slots % len(ADVERSARIES)
+    low, high = environment.action_layout.low, environment.action_layout.high
+    interventions, flown = np.zeros((2, len(ADVERSARIES)), dtype=np.int64)
+    ends = np.zeros(4, dtype=np.int64)
+    infeasible = 0
+    history = [watch.begin()]
+    refused = int((history[0] < 0.0).any(axis=1).sum())
+    for hold in range(holds):
+        share = adversarial_thrust(environment.view(), hold, slots, seed)
+        transition = environment.step((low + 0.5 * (share + 1.0) * (high - low))[:, None])
+        history.append(watch.end(transition.step.control))
+        flown += np.bincount(kinds, minlength=len(ADVERSARIES))
+        interventions += np.bincount(kinds[transition.step.intervening], minlength=len(ADVERSARIES))
+        if transition.step.filtered is not None:
+            infeasible += int(transition.step.filtered.infeasible.sum())
+        done = np.flatnonzero(transition.done[:, 0])
+        if len(done):
+            ends += np.bincount(transition.status[done, 0], minlength=4)
+            environment.reset(done)
+        if progress is not None:
+            progress((hold + 1) * num_envs, holds * num_envs)
+    trace = np.stack(history)
+    scale = np.median(np.abs(trace), axis=(0, 1)) + 1e-12
+    row = int(np.argmin((trace / scale).min(axis=(0, 2))))
+    return SafetyReport(
+        names=watch.names,
+        units=tuple(glues[0].units.get(name, "-") for name in watch.names),
+        steps=holds * num_envs,
+        starts_refused=refused,
+        least_at_steps=watch.least_at_steps,
+        least_between=watch.least_between,
+        violations_at_steps=watch.violations_at_steps,
+        violations_between=watch.violations_between,
+        moments=holds * num_envs * (substeps - 1),
+        interventions=interventions,
+        flown=flown,
+        infeasible=infeasible,
+        ends=ends,
+        step_size=spec.step_size,
+        worst=trace[:, row],
+    )
+
+
+class _Watch:
+    """Looks at the constraints along the holds, in double precision; the history is kept in single."""
+
+    def __init__(self, glue: SafetyGlue, environment: BatchedEnvironment, substeps: int) -> None:
+        from safe_inspect.dynamics.cwh import transition
+
+        self._glue, self._environment, self._substeps = glue, environment, substeps
+        world = environment.simulation.world
+        self._part = transition(world.mean_motion, 1.0, world.step_size / substeps)
+        self._turn = world.sun_rate * world.step_size / substeps
+        self.names = tuple(glue.safety({name: array[:1] for name, array in self._states().items()}))
+        count = len(self.names)
+        self.least_at_steps, self.least_between = np.full((2, count), np.inf)
+        self.violations_at_steps, self.violations_between = np.zeros((2, count), dtype=np.int64)
+
+    def begin(self) -> AnyArray:
+        """Look at the states in which the run begins, shape (N, C)."""
+        phi = self._phi(self._states())
+        self.least_at_steps = np.minimum(self.least_at_steps, phi.min(axis=0))
+        return phi.astype(np.float32)
+
+    def end(self, control: FloatArray) -> AnyArray:
+        """Look along the hold that has just ended, and at its end, shape (N, C)."""
+        from safe_inspect.dynamics.propagation import propagate
+
+        before, world = self._environment.simulation.before, self._environment.simulation.world
+        position, velocity = before.position[:, 0].copy(), before.velocity[:, 0].copy()
+        acceleration = control / world.masses[0]
+        for part in range(1, self._substeps):
+            propagate(position, velocity, acceleration, *self._part, position, velocity)
+            sun = before.sun_angle + part * self._turn
+            phi = self._phi({"position": position, "velocity": velocity, "sun_angle": sun})
+            self.least_between = np.minimum(self.least_between, phi.min(axis=0))
+            self.violations_between += (phi < 0.0).sum(axis=0)
+        phi = self._phi(self._states())
+        self.least_at_steps = np.minimum(self.least_at_steps, phi.min(axis=0))
+        self.violations_at_steps += (phi < 0.0).sum(axis=0)
+        return phi.astype(np.float32)
+
+    def _states(self) -> dict[str, FloatArray]:
+        state = self._environment.state
+        return {"position": state.position[:, 0], "velocity": state.velocity[:, 0], "sun_angle": state.sun_angle}
+
+    def _phi(self, states: dict[str, FloatArray]) -> FloatArray:
+        return np.stack(list(self._glue.safety(states).values()), axis=1)

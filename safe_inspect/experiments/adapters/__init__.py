@@ -1,0 +1,1 @@
+"""The environments as RLlib takes them, and the algorithm's configuration."""

@@ -1,0 +1,190 @@
+"""Build RLlib's `AlgorithmConfig` from checked settings. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, cast
+
+from safe_inspect.errors import ConfigError, Problem, did_you_mean
+from safe_inspect.experiments.adapters.environment import ENVIRONMENT
+from safe_inspect.experiments.modules.policy_facts import policy_texts
+from safe_inspect.experiments.runs.checkpoints import SINGLE
+from safe_inspect.experiments.settings.policies import PolicySettings
+from safe_inspect.experiments.settings.translation import Translation
+
+if TYPE_CHECKING:
+    from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
+
+#: Attribute of `AlgorithmConfig` for a key whose name is another.
+ATTRIBUTES = {"lambda": "lambda_"}
+
+_OWN = (
+    "algorithm",
+    "model_config",
+    "torch_num_threads",
+    "env_runner",
+    "learner",
+    "learner_threads",
+    "evaluation_config",
+)
+_UNSET = -1  # RLlib's mark of a removed attribute
+
+
+class PolicyOf:
+    """RLlib's function from an agent to its policy.
+
+    Args:
+        policies: The policies by name.
+    """
+
+    def __init__(self, policies: Mapping[str, PolicySettings]) -> None:
+        self._by_agent = {agent: policy.name for policy in policies.values() for agent in policy.agents}
+
+    def __call__(self, agent: str, episode: Any = None, **kwargs: Any) -> str:
+        """Return the name of the policy that flies an agent."""
+        return self._by_agent[agent]
+
+
+def build_config(
+    rllib: Translation, env_config: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
+) -> AlgorithmConfig:
+    """Return the configuration of the algorithm, ready for Tune.
+
+    Args:
+        rllib: The settings of one trial, from `translate_rllib`, without problems.
+        env_config: What the environments are built from; see `environment_settings`.
+        policies: The policies by name where there are several agents.
+
+    Raises:
+        ConfigError: A key that the algorithm does not have, or values that it refuses together.
+        CheckpointError: A policy's checkpoint that cannot be read.
+    """
+    from safe_inspect.experiments.adapters.callbacks import RunCallbacks
+
+    settings = rllib.settings
+    config = default_config(settings["algorithm"])
+    _check_names(config, rllib)
+    _apply(config, settings)
+    config.environment(ENVIRONMENT, env_config={**env_config, "several": bool(policies)}, disable_env_checking=True)
+    config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
+    config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
+    config.callbacks(callbacks_class=RunCallbacks)
+    _set_policies(config, settings, policies or {}, policy_texts(env_config, policies or {}))
+    if settings["env_runner"] == "batched":
+        from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
+
+        config.env_runners(env_runner_cls=BatchedTeamRunner if policies else BatchedEnvRunner)
+    if settings["learner"] == "fast":
+        from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
+
+        own = {THREADS: settings["learner_threads"], **config.learner_config_dict}
+        config.training(learner_class=FastPPOLearner, learner_config_dict=own)
+    evaluation = settings.get("evaluation_config")
+    if evaluation is not None:
+        config.evaluation(evaluation_config={ATTRIBUTES.get(key, key): item for key, item in evaluation.items()})
+    try:
+        config.copy(copy_frozen=False).validate()
+    except ValueError as error:
+        raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
+    return config
+
+
+def claimed_processors(config: AlgorithmConfig) -> float:
+    """Return how many logical processors a trial claims."""
+    trainable: Any = config.algo_class
+    request = trainable.default_resource_request(config.copy(copy_frozen=False))
+    return float(sum(bundle.get("CPU", 0.0) for bundle in request.bundles))
+
+
+def environment_settings(experiment: Mapping[str, Any], rllib: Mapping[str, Any], **more: Any) -> dict[str, Any]:
+    """Return what RLlib hands to the environments: the resolved configuration, the seed, and the run's own.
+
+    The configuration is JSON text, as Tune would resolve a `grid_search` within a mapping once more.
+    """
+    return {
+        "experiment": json.dumps(experiment),
+        "seed": int(rllib.get("seed") or 0),
+        "torch_num_threads": rllib["torch_num_threads"],
+        **more,
+    }
+
+
+def default_config(algorithm: str) -> AlgorithmConfig:
+    """Return RLlib's own defaults of an algorithm, on the current API stack."""
+    import ray.rllib  # registers its algorithms with Tune  # noqa: F401
+    from ray.tune.registry import get_trainable_cls
+
+    trainable: Any = get_trainable_cls(algorithm)  # type: ignore[no-untyped-call]
+    config: AlgorithmConfig = trainable.get_default_config()
+    return config
+
+
+def attribute_names(config: AlgorithmConfig) -> set[str]:
+    """Return the public attributes and settable properties of a configuration, removed ones left out."""
+    names = {name for name, value in vars(config).items() if not (type(value) is int and value == _UNSET)}
+    names |= {
+        name
+        for name, member in inspect.getmembers(type(config), lambda item: isinstance(item, property))
+        if member.fset is not None
+    }
+    return {name for name in names if not name.startswith("_")}
+
+
+def _check_names(config: AlgorithmConfig, rllib: Translation) -> None:
+    names = attribute_names(config)
+    problems = []
+    for name in dict.fromkeys((*rllib.unchecked, *sorted(rllib.given))):
+        attribute = ATTRIBUTES.get(name, name)
+        if name in _OWN or attribute in names:
+            continue
+        message = f"{rllib.settings['algorithm']} has no key `{name}`"
+        problems.append(Problem(message, f"rllib_configs.{name}", hint=did_you_mean(name, names)))
+    if problems:
+        raise ConfigError(problems)
+
+
+def _apply(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
+    names = attribute_names(config)
+    for name, value in settings.items():
+        attribute = ATTRIBUTES.get(name, name)
+        if name not in _OWN and attribute in names:  # a default of ours may not concern this algorithm
+            setattr(config, attribute, value)
+
+
+def _set_policies(
+    config: AlgorithmConfig,
+    settings: Mapping[str, Any],
+    policies: Mapping[str, PolicySettings],
+    texts: Mapping[str, Mapping[str, str]],
+) -> None:
+    """Tell RLlib which policies there are, which agents they fly and what each has of its own."""
+    from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
+
+    from safe_inspect.experiments.modules.fresh_policy import policy_spec
+
+    model, algorithm = settings["model_config"], settings["algorithm"]
+    if not policies:
+        config.rl_module(rl_module_spec=policy_spec(model, algorithm, texts.get(SINGLE)))
+        return
+    specs = {}
+    for name, policy in policies.items():
+        if policy.trains:
+            own = {**model, **policy.settings.get("model_config", {})}
+            specs[name] = policy_spec(own, algorithm, texts.get(name))
+        else:
+            from safe_inspect.experiments.modules.frozen import frozen_spec
+
+            specs[name] = frozen_spec(policy)
+    config.rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=specs))
+    overrides = {
+        name: {ATTRIBUTES.get(key, key): value for key, value in policy.settings.items() if key != "model_config"}
+        for name, policy in policies.items()
+    }
+    config.multi_agent(
+        policies=set(policies),
+        policy_mapping_fn=cast(Any, PolicyOf(policies)),
+        policies_to_train=[name for name, policy in policies.items() if policy.trains],
+        algorithm_config_overrides_per_module={name: own for name, own in overrides.items() if own},
+    )

@@ -1,0 +1,83 @@
+"""RLlib callbacks of a training run: place the environments, log each episode, load a checkpoint."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from ray.rllib.callbacks.callbacks import RLlibCallback
+
+from safe_inspect.experiments.adapters.training_env import TrainingEnv
+from safe_inspect.experiments.sampling.episode_sums import Report
+
+#: Values of an episode that RLlib logs by itself, under other names.
+LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})
+
+
+class RunCallbacks(RLlibCallback):
+    """What a run does at RLlib's hooks."""
+
+    def on_algorithm_init(self, *, algorithm: Any, metrics_logger: Any = None, **kwargs: Any) -> None:
+        """Set Torch's threads, and continue from a checkpoint when the run says so."""
+        set_threads(algorithm.config.env_config)
+        checkpoint = algorithm.config.env_config.get("continue_from")
+        # A finished checkpoint carries this key too, and is loaded where its own start may be long gone.
+        if checkpoint and Path(checkpoint["path"]).is_dir():
+            algorithm.restore_from_path(checkpoint["path"])
+            algorithm._iteration = checkpoint["iteration"]
+            algorithm._time_total = checkpoint["seconds"]
+
+    def on_environment_created(
+        self, *, env_runner: Any, metrics_logger: Any = None, env: Any, env_context: Any, **kwargs: Any
+    ) -> None:
+        """Give the environments of a stock runner their slots; the batched runner builds its own in place."""
+        set_threads(env_context)
+        index, evaluation = env_runner.worker_index or 0, bool(env_runner.config.in_evaluation)
+        if isinstance(env, TrainingEnv):
+            env.place(index, evaluation)
+        for place, single in enumerate(getattr(env, "envs", ())):
+            single.unwrapped.place(index, len(env.envs), place, evaluation)
+
+    def on_episode_end(
+        self,
+        *,
+        episode: Any,
+        env_runner: Any = None,
+        metrics_logger: Any = None,
+        env: Any = None,
+        env_index: int = 0,
+        **kwargs: Any,
+    ) -> None:
+        """Log what a stock runner's environment says about the episode that ends."""
+        one = isinstance(env, TrainingEnv)
+        report = env.report(env_index) if one else env.envs[env_index].unwrapped.report()
+        if report is not None and metrics_logger is not None:
+            log_reports(metrics_logger, env_runner.config, [report])
+
+
+def log_reports(logger: Any, config: Any, reports: list[Report]) -> None:
+    """Log the means of what some episodes came to.
+
+    Args:
+        logger: RLlib's `MetricsLogger`.
+        config: RLlib's configuration.
+        reports: The episodes, in the order of their ends.
+    """
+    window = window_of(config)
+    for name in reports[-1]:
+        if name not in LOGGED_BY_RLLIB:
+            values = [report[name] for report in reports[-window:] if name in report]
+            logger.log_value(tuple(name.split("/")), sum(values) / len(values), reduce="mean", window=window)
+
+
+def window_of(config: Any) -> int:
+    """Return over how many episodes a runner's means go: it keeps its part of the window, as RLlib's own do."""
+    return int(max(1, math.ceil(config.metrics_num_episodes_for_smoothing / (config.num_env_runners or 1))))
+
+
+def set_threads(config: Any) -> None:
+    """Set the number of Torch's threads of this process."""
+    import torch
+
+    torch.set_num_threads(int(config.get("torch_num_threads", 1)))

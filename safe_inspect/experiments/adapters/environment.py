@@ -1,0 +1,118 @@
+"""How RLlib's runners get their environments: makers, seeds and slots.
+
+A runner w has M environments in the global slots (w - 1) M to w M - 1. An episode is a function of the seed, its slot
+and its number within the slot, so it does not matter which runner flies it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import SafeInspectError
+
+#: The name under which RLlib knows the environment, in checkpoints too.
+ENVIRONMENT = "safe_inspect"
+
+#: Builds the environments from the resolved configuration, the number, the seed and the first slot.
+EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], TeamEnvironment]
+
+#: The maker of this package's own environments.
+DEFAULT_MAKER = "safe_inspect.experiments.adapters.environment:make_environment"
+
+
+def make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> TeamEnvironment:
+    """Build the environments of a resolved configuration."""
+    from safe_inspect.environments import build_spec
+
+    return TeamEnvironment(build_spec(experiment), num_envs, seed=seed, first_slot=first_slot)
+
+
+def find_maker(path: str) -> EnvironmentMaker:
+    """Return the function that ``module:function`` names."""
+    module, _, function = path.partition(":")
+    maker: EnvironmentMaker = getattr(importlib.import_module(module), function)
+    return maker
+
+
+def first_slot(worker_index: int, num_envs: int) -> int:
+    """Return the global index of a runner's first environment slot.
+
+    Remote runners count from 1, and runner w has the slots (w - 1) M to w M - 1; a local runner, which
+    samples only where there is no remote one, has the first slots.
+    """
+    return max(worker_index - 1, 0) * num_envs
+
+
+def stream_seed(seed: int, attempt: int = 0, evaluation: bool = False) -> int:
+    """Return the seed of the environments, 0 to 2**64 - 1.
+
+    The first attempt trains with the seed of the run. Episodes of the evaluation and of a resumed
+    run, whose slots count their episodes from 0 again, come from other seeds.
+    """
+    number = 2 * attempt + int(evaluation)
+    if number == 0:
+        return seed % 2**64
+    # The finaliser of SplitMix64, so that neighbouring runs do not share seeds.
+    mixed = (seed + number * 0x9E3779B97F4A7C15) % 2**64
+    mixed = ((mixed ^ (mixed >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
+    mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) % 2**64
+    return mixed ^ (mixed >> 31)
+
+
+def seed_of(config: Mapping[str, Any], evaluation: bool) -> int:
+    """Return the seed of a runner's environments and actions, from RLlib's environment configuration."""
+    return stream_seed(int(config.get("seed") or 0), int(config.get("attempt", 0)), evaluation)
+
+
+def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: bool) -> TeamEnvironment:
+    """Build the environments of a runner.
+
+    Args:
+        config: RLlib's environment configuration, see `environment_settings` in `algorithm`.
+        num_envs: Number of environments.
+        slot: Global index of the first environment slot.
+        evaluation: Whether they serve the evaluation.
+    """
+    maker = find_maker(config.get("maker", DEFAULT_MAKER))
+    experiment = config["experiment"]
+    if isinstance(experiment, str):
+        experiment = json.loads(experiment)
+    with Reported(config):
+        return maker(experiment, num_envs, seed_of(config, evaluation), slot)
+
+
+class Reported:
+    """Leaves a user's error in a file, because RLlib's remote runners end without passing it on."""
+
+    def __init__(self, config: Mapping[str, Any]) -> None:
+        self._file = config.get("failure_file")
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if self._file and isinstance(error, SafeInspectError):
+            Path(self._file).write_text(json.dumps({"error": type(error).__name__, "message": str(error)}))
+
+
+def register(maker: str = DEFAULT_MAKER) -> None:
+    """Tell RLlib how to create the environment; needed in each process that builds or restores an algorithm."""
+    from ray.tune.registry import register_env
+
+    def create(config: Mapping[str, Any]) -> Any:
+        """Create what RLlib's stock runner takes; the batched runner builds its environments itself."""
+        rest = {"maker": maker} | {key: value for key, value in config.items() if key != "num_envs"}
+        if rest.get("several"):
+            from safe_inspect.experiments.adapters.multi_agent_env import TeamMultiAgentEnv
+
+            return TeamMultiAgentEnv(rest)
+        from safe_inspect.experiments.adapters.training_env import TrainingEnv
+
+        return TrainingEnv(rest, int(config.get("num_envs", 1)))
+
+    register_env(ENVIRONMENT, create)

@@ -1,0 +1,134 @@
+"""`TeamMultiAgentEnv`: an environment with several agents as RLlib's `MultiAgentEnv`. A façade without a formula."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from ray.rllib.env.multi_agent_env import MultiAgentEnv
+
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot
+from safe_inspect.experiments.sampling.episode_sums import EpisodeSums, Report
+from safe_inspect.experiments.sampling.sampler import Seat, seats_of
+from safe_inspect.types import AnyArray
+
+ByAgent = dict[Any, Any]
+
+
+class TeamMultiAgentEnv(MultiAgentEnv):
+    """One environment; its agents that act from outside observe and act in every step until they end.
+
+    An agent that has ended appears no more until the next reset, while the others go on. Use it with RLlib like this:
+
+    ```python
+    tune.register_env("inspection", TeamMultiAgentEnv)
+    config.environment("inspection", env_config={"cfg": "configs/multiagent-translational-inspection/experiment.yml"})
+    ```
+
+    Args:
+        config: ``cfg``: the experiment's file, with ``overrides``, or ``experiment``: its resolved configuration;
+            ``seed``: the seed of the run (the experiment's own unless given).
+    """
+
+    def __init__(self, config: Mapping[str, Any]) -> None:
+        self._config = _resolved(config)
+        self._where = (0, False)
+        self._build()
+        self.possible_agents = [seat.agent for seat in self._seats]
+        self.agents = list(self.possible_agents)
+        acting = self.team.acting
+        self.observation_spaces = {seat.agent: box(acting[seat.group].observation_layout) for seat in self._seats}
+        self.action_spaces = {seat.agent: action_space(acting[seat.group].action_layout) for seat in self._seats}
+        super().__init__()  # type: ignore[no-untyped-call]
+
+    def place(self, worker_index: int, num_envs: int, index: int, evaluation: bool) -> None:
+        """Take a slot of a runner; call it before the first reset.
+
+        Args:
+            worker_index: Index of the runner.
+            num_envs: Number of its environments.
+            index: Which of them this is.
+            evaluation: Whether it serves the evaluation.
+        """
+        where = (first_slot(worker_index, num_envs) + index, evaluation)
+        if where != self._where:
+            self._where = where
+            self._build()
+
+    def _build(self) -> None:
+        self.team = build_team(self._config, 1, *self._where)
+        self._seats: tuple[Seat, ...] = seats_of(self.team)
+        self._groups = [self.team.groups.index(group) for group in self.team.acting]
+        self._sums = EpisodeSums(self.team)
+        self._report: Report | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[ByAgent, ByAgent]:
+        """Begin a new episode.
+
+        Args:
+            seed: Not used in a training, whose episodes are functions of the run's seed, the slot and the episode.
+            options: Not used.
+        """
+        self.agents = list(self.possible_agents)
+        with Reported(self._config):
+            observations = self.team.reset(seed=seed if self._config.get("seeded_by_reset") else None)
+        self._sums.restart(np.arange(1))
+        return self._told(observations, self.agents), {agent: {} for agent in self.agents}
+
+    def step(  # type: ignore[override]  # Gymnasium's signature is that of one agent
+        self, action_dict: Mapping[Any, AnyArray]
+    ) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, ByAgent]:
+        """Take a step with the actions of the agents that have not ended; they are clipped to their bounds."""
+        actions = [np.zeros((1, group.size, group.action_layout.size)) for group in self.team.acting]
+        for seat in self._seats:
+            if seat.agent in self.agents:
+                actions[seat.group][0, seat.member] = action_dict[seat.agent]
+        with Reported(self._config):
+            transition = self.team.step(actions)
+        self._sums.add(transition)
+        found = [transition.groups[index] for index in self._groups]
+        flying = [seat for seat in self._seats if seat.agent in self.agents]
+        observations = self._told([group.observation for group in found], self.agents)
+        rewards: ByAgent = {}
+        terminated: ByAgent = {}
+        truncated: ByAgent = {}
+        infos: ByAgent = {}
+        for seat in flying:
+            agent, group, member = seat.agent, found[seat.group], seat.member
+            rewards[agent] = float(group.reward[0, member])
+            terminated[agent] = bool(group.terminated[0, member])
+            truncated[agent] = bool(group.truncated[0, member])
+            infos[agent] = {f"reward/{name}": float(value[0, member]) for name, value in group.terms.items()}
+        over = bool(transition.over[0])
+        self._report = self._sums.reports([0], transition)[0] if over else None
+        cut = over and any(truncated.values())
+        if cut:
+            # RLlib takes an episode for terminated, and bootstraps no value, once each agent is named as done. So those
+            # that are truncated with the whole episode are named under `__all__` alone.
+            truncated = {agent: False for agent in truncated if not truncated[agent]}
+        terminated["__all__"], truncated["__all__"] = over and not cut, cut
+        if not over:
+            self.agents = [agent for agent in self.agents if not (terminated[agent] or truncated[agent])]
+        return observations, rewards, terminated, truncated, infos
+
+    def report(self) -> Report | None:
+        """Return what the episode came to, once it has ended."""
+        return self._report
+
+    def _told(self, observations: Any, agents: Sequence[Any]) -> ByAgent:
+        return {
+            seat.agent: observations[seat.group][0, seat.member].copy() for seat in self._seats if seat.agent in agents
+        }
+
+
+def _resolved(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Read the experiment's file where a user names one."""
+    rest = dict(config)
+    if "experiment" not in rest:
+        from safe_inspect.config.experiment import load_experiment
+
+        experiment = load_experiment(rest.pop("cfg"), rest.pop("overrides", ()))
+        rest = {"seed": experiment.spec.seed, "seeded_by_reset": True} | rest | {"experiment": experiment.resolved}
+    return rest

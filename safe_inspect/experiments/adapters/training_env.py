@@ -1,0 +1,95 @@
+"""`TrainingEnv`: one agent's batched environment as RLlib's stock runner takes it.
+
+RLlib hands a registered creator the number of environments, but not the index of the runner. So the environment is
+placed afterwards, by a callback, and then takes the slots of its runner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector import VectorEnv as _VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot
+from safe_inspect.experiments.sampling.episode_sums import EpisodeSums, Report
+from safe_inspect.types import AnyArray, BoolArray
+
+
+class TrainingEnv(_VectorEnv[Any, Any, Any]):
+    """N environments whose one agent acts from outside; an ended one begins again in the next step.
+
+    Args:
+        config: RLlib's environment configuration, see `environment_settings` in `algorithm`.
+        num_envs: Number of environments.
+
+    Attributes:
+        reports: What the episodes that ended in the last step came to, by environment.
+    """
+
+    def __init__(self, config: Mapping[str, Any], num_envs: int) -> None:
+        self._config = dict(config)
+        self.num_envs = num_envs
+        self.metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}
+        self._where = (0, False)
+        self._build()
+        acting = [agent for group in self.team.acting for agent in group.agents]
+        if len(acting) != 1:
+            raise SafeInspectError(f"one agent acts from outside here, not {', '.join(acting)}")
+        group = self.team.acting[0]
+        self.single_observation_space = box(group.observation_layout)
+        self.single_action_space = action_space(group.action_layout)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def place(self, worker_index: int, evaluation: bool) -> None:
+        """Take the slots of a runner; call it before the first reset."""
+        where = (first_slot(worker_index, self.num_envs), evaluation)
+        if where != self._where:
+            self._where = where
+            self._build()
+
+    def _build(self) -> None:
+        self.team = build_team(self._config, self.num_envs, *self._where)
+        self._group = self.team.groups.index(self.team.acting[0]) if self.team.acting else 0
+        self._sums = EpisodeSums(self.team)
+        self._ended: BoolArray = np.zeros(self.num_envs, dtype=np.bool_)
+        self.reports: dict[int, Report] = {}
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[AnyArray, dict[str, Any]]:
+        """Begin a new episode in every slot.
+
+        RLlib's seed is not used: the episodes are functions of the run's seed, the slot and the episode.
+        """
+        with Reported(self._config):
+            observations = self.team.reset()[0][:, 0].copy()
+        self._sums.restart(np.arange(self.num_envs))
+        self._ended[:] = False
+        return observations, {}
+
+    def step(self, actions: AnyArray) -> tuple[AnyArray, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
+        """Take a step; what has ended before begins again instead."""
+        again = np.flatnonzero(self._ended)
+        with Reported(self._config):
+            transition = self.team.step([np.where(self._ended[:, None], 0.0, actions)[:, None]])
+            self._sums.add(transition)
+            found = transition.groups[self._group]
+            observations, rewards = found.observation[:, 0].copy(), found.reward[:, 0].copy()
+            terminated, truncated = found.terminated[:, 0].copy(), found.truncated[:, 0].copy()
+            if len(again):
+                self._sums.restart(again)
+                observations[again] = self.team.reset(again)[0][:, 0]
+                rewards[again], terminated[again], truncated[again] = 0.0, False, False
+        self._ended = terminated | truncated
+        rows = np.flatnonzero(self._ended)
+        self.reports = dict(zip(rows.tolist(), self._sums.reports(rows, transition), strict=True))
+        return observations, rewards, terminated, truncated, {}
+
+    def report(self, index: int) -> Report | None:
+        """Return what the episode of an environment that has just ended came to."""
+        return self.reports.get(index)

@@ -1,0 +1,181 @@
+"""`export_policy`: a policy of a checkpoint as an ONNX file. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.config.experiment import Experiment, load_experiment
+from safe_inspect.config.spec import AgentSpec
+from safe_inspect.errors import CheckpointError, did_you_mean
+from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
+from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo, seal
+from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.experiments.export.export_check import Difference, compare, flown_readings, random_readings, worst
+from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
+from safe_inspect.experiments.modules.policy import load_policy
+from safe_inspect.experiments.modules.policy_facts import policy_info
+from safe_inspect.experiments.modules.sources import configuration_of
+from safe_inspect.experiments.runs.checkpoints import MODULES, SEAL, SINGLE, find_newest, policy_folder, read_checkpoint
+from safe_inspect.experiments.runs.run_folder import RunFolder
+from safe_inspect.outputs import new_file
+
+_RANDOM_ROWS = 4096
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A file that was written.
+
+    Attributes:
+        path: The file.
+        info: What it says.
+        difference: How far it is from the checkpoint, over random and flown observations together.
+        flown: How many of the observations were flown.
+    """
+
+    path: Path
+    info: PolicyInfo
+    difference: Difference
+    flown: int
+
+
+def export_policy(
+    checkpoint: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    policy: str | None = None,
+    experiment: Experiment | None = None,
+) -> Exported:
+    """Write a policy as an ONNX file, with the normalisers and the scaling of the actions inside.
+
+    The file is compared with the checkpoint before it gets its name; a file of that name is replaced at once.
+
+    Args:
+        checkpoint: The checkpoint's folder.
+        output: The file.
+        policy: Name of the policy, where the checkpoint holds several.
+        experiment: The experiment that it was trained with; that of the run in which the checkpoint lies unless given.
+
+    Raises:
+        CheckpointError: The checkpoint is missing, damaged or of another task, the policy cannot stand in a file, or
+            the file's outputs are not the checkpoint's.
+        ConfigError: A normaliser is none of this package's own, or the run's configuration has mistakes.
+        OutputError: The file cannot be written.
+        SafeInspectError: The package onnx or onnxruntime is not installed.
+    """
+    require_onnx()
+    folder = policy_folder(checkpoint, policy)
+    own = configuration_of(checkpoint)
+    if experiment is None:
+        if own is None:
+            raise CheckpointError(
+                f"{checkpoint}: the checkpoint lies in no folder of a training run, so its task is not known; give the "
+                "experiment with --cfg"
+            )
+        experiment = load_experiment(own)
+    title = f"{checkpoint}, policy {folder.name}"
+    agents = _agents(experiment, folder.name, title)
+    loaded = load_policy(checkpoint, folder.name)
+    module = loaded.module
+    check_module(module, title)
+    if loaded.info is None:
+        raise CheckpointError(
+            f"{title}: the checkpoint does not say what the policy sees and does, so it is not exported; train again"
+        )
+    for agent in agents:
+        check_layout(title, loaded.info, agent)
+    info = replace(
+        policy_info(experiment, folder.name, agents, exportable=True),
+        configuration=_portable(experiment.resolved),
+        training=training_facts(checkpoint),
+    )
+    path = Path(output).expanduser()
+    with new_file(path, "give another --output") as work:
+        work.write_bytes(seal(build_file(module, info, title)))
+        written = load_onnx(work)
+        flown = flown_readings(written, experiment.spec)
+        random = random_readings(agents[0], _RANDOM_ROWS)
+        difference = worst(*(compare(written, module, agents[0], readings) for readings in (random, flown)))
+        if not difference.passes:
+            raise CheckpointError(
+                f"{title}: the exported policy is not the checkpoint's: it differs by {difference.action:.1e} of the "
+                f"action's range and by {difference.inputs:.1e} of the net's outputs; no file is left. Please report it"
+            )
+    return Exported(path, info, difference, len(flown))
+
+
+def _portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a resolved configuration that names no folder of this machine."""
+    found: dict[str, Any] = json.loads(json.dumps(configuration))
+    task = found.get("config", {}).get("config", {}).get("env_config", {})
+    if isinstance(task, dict) and Path(str(task.get("output_path") or "")).is_absolute():
+        task["output_path"] = "output"
+    return found
+
+
+def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
+    """Return a checkpoint's folder; of a run's folder, or of one within it, the newest complete checkpoint.
+
+    Raises:
+        CheckpointError: There is none.
+    """
+    folder = Path(path).expanduser()
+    if not folder.is_dir():
+        raise CheckpointError(f"{path}: there is no such checkpoint")
+    if (folder / SEAL).is_file() or folder.name.startswith("checkpoint_"):
+        return folder
+    found = find_newest(folder)
+    if found.newest is None:
+        why = f" ({found.refused[0]})" if found.refused else ""
+        raise CheckpointError(
+            f"{path}: this is neither a checkpoint nor the folder of a run that has a complete one{why}"
+        )
+    return found.newest.path
+
+
+def policies_in(checkpoint: str | os.PathLike[str]) -> list[str]:
+    """Return the names of the policies of a checkpoint.
+
+    Raises:
+        CheckpointError: The checkpoint is missing or damaged, or holds no policy.
+    """
+    read_checkpoint(checkpoint)
+    modules = Path(checkpoint) / MODULES
+    names = sorted(item.name for item in modules.iterdir() if item.is_dir()) if modules.is_dir() else []
+    if not names:
+        raise CheckpointError(f"{checkpoint}: the checkpoint holds no policy")
+    return names
+
+
+def training_facts(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what the checkpoint and the folder of its run say about the training; nothing of the machine."""
+    found = read_checkpoint(checkpoint)
+    facts: dict[str, Any] = {"iteration": found.iteration, "steps": found.steps, "seconds": round(found.seconds, 1)}
+    own = configuration_of(checkpoint)
+    if own is None:
+        return facts
+    try:
+        record = json.loads(RunFolder(own.parent).record.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return facts
+    facts |= {key: record[key] for key in ("seed", "git_commit", "python") if record.get(key) is not None}
+    facts |= {"trained_by": record["safe_inspect"]} if "safe_inspect" in record else {}
+    if record.get("attempts"):
+        facts |= {"started": record["attempts"][0].get("started"), "attempts": len(record["attempts"])}
+    return facts
+
+
+def _agents(experiment: Experiment, name: str, title: str) -> list[AgentSpec]:
+    """Return the agents that a policy flies."""
+    outside = [agent for agent in experiment.spec.agents if agent.pilot is None]
+    if name == SINGLE and len(outside) == 1:
+        return outside
+    agents = [agent for agent in outside if agent.policy == name]
+    if not agents:
+        known = did_you_mean(name, {agent.policy for agent in outside})
+        raise CheckpointError(f"{title}: the experiment has no policy of that name; {known}; give the run's own --cfg")
+    return agents

@@ -1,0 +1,172 @@
+"""How far an exported policy is from the checkpoint. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import torch
+from ray.rllib.core.columns import Columns
+
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.environments.layout import action_layout
+from safe_inspect.evaluation.policies import with_scripted
+from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy
+from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.glues.base import controller_of, sensor_of
+from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
+from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.types import AnyArray, FloatArray
+
+#: Largest difference that passes, relative to the range of the action or to the outputs of the net.
+TOLERANCE = 1e-5
+
+_SPREAD = 1.5
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far a file's outputs are from the checkpoint's.
+
+    Attributes:
+        rows: Number of observations.
+        action: Largest difference of the output `thrust`, relative to the range of the element [-].
+        inputs: Largest difference of the output `action_dist_inputs`, relative to the row's largest (1 at least) [-].
+        undecided: Rows of a categorical policy in which two levels are equally likely within the tolerance; they are
+            left out of `action`.
+    """
+
+    rows: int
+    action: float
+    inputs: float
+    undecided: int = 0
+
+    @property
+    def passes(self) -> bool:
+        """Whether the file is as good as the checkpoint; NaN is not."""
+        return bool(self.action <= TOLERANCE and self.inputs <= TOLERANCE)
+
+
+def compare(policy: OnnxPolicy, module: Any, agent: AgentSpec, readings: AnyArray) -> Difference:
+    """Compare a file with the checkpoint's module on observations in SI units, float32, shape (R, O).
+
+    The module sees what the agent's own glues make of the readings, and its actions pass through them.
+    """
+    thrust, inputs = policy.outputs(readings)
+    observation = np.ascontiguousarray(_through_glues(agent, readings), dtype=np.float32)
+    with torch.no_grad():
+        outputs = module.forward_inference({Columns.OBS: torch.from_numpy(observation)})
+    wanted = outputs[Columns.ACTION_DIST_INPUTS].numpy()
+    scale = np.maximum(np.abs(wanted).max(axis=1, keepdims=True), 1.0)
+    value, sure = _commanded(policy, agent, wanted)
+    low, high = (np.array([getattr(element, side) for element in policy.info.action]) for side in ("low", "high"))
+    reach = np.where(np.isfinite(high - low), high - low, 1.0)
+    off = np.abs(thrust - value) / reach
+    return Difference(
+        len(readings),
+        float(off[sure].max(initial=0.0)),
+        float((np.abs(inputs - wanted) / scale).max(initial=0.0)),
+        int((~sure).sum()),
+    )
+
+
+def random_readings(agent: AgentSpec, rows: int, seed: int = 0) -> AnyArray:
+    """Return readings that the glues turn into numbers all over the net's inputs, float32, shape (rows, O)."""
+    generator = np.random.default_rng(seed)
+    parts = []
+    for glue in agent.observation_glues:
+        low, high = glue.bounds(agent.parts)
+        bounded = np.isfinite(low) & np.isfinite(high)
+        low, high = np.where(bounded, low, 0.0), np.where(bounded, high, 0.0)
+        size = (rows, len(low))
+        values = np.where(bounded, generator.uniform(low, high, size), _SPREAD * generator.standard_normal(size))
+        if isinstance(glue, ObserveSensor):
+            scale, normalizer, *limits = glue.prepared(sensor_of(agent.parts, glue.sensor))
+            values = (values if normalizer is None else normalizer.inverse(values, *limits)) / scale
+        parts.append(values)
+    return np.concatenate(parts, axis=1).astype(np.float32)
+
+
+def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
+    """Return what the file's own flights observe in SI units, float32, shape (R, O); agents of others coast."""
+    mine = [agent.name for agent in spec.agents if agent.name in policy.info.agents and agent.pilot is None]
+    others = [agent.name for agent in spec.agents if agent.name not in mine and agent.pilot is None]
+    raw = policy.prepare(spec, mine)
+    seen: list[AnyArray] = []
+
+    def fly(observation: AnyArray) -> FloatArray:
+        seen.append(observation)
+        return policy(observation)
+
+    task = with_scripted(raw, "zero-thrust", others) if others else raw
+    rollout(task, fly, episodes=episodes, seed=seed, num_envs=episodes)
+    return np.concatenate(seen)
+
+
+def _through_glues(agent: AgentSpec, readings: AnyArray) -> FloatArray:
+    """Return what the agent's observation glues make of readings, shape (R, O)."""
+    parts, first = [], 0
+    for glue in agent.observation_glues:
+        size = len(glue.names(agent.parts))
+        part = readings[:, first : first + size].astype(np.float64)
+        if isinstance(glue, ObserveSensor):
+            view: Any = SimpleNamespace(group=SimpleNamespace(sensors=agent.sensors), reading=_Reading(part))
+            part = glue(view)
+        parts.append(part)
+        first += size
+    return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """Stands for `View.reading`."""
+
+    values: FloatArray
+
+    def __call__(self, sensor: str) -> FloatArray:
+        return self.values
+
+
+def _commanded(policy: OnnxPolicy, agent: AgentSpec, inputs: AnyArray) -> tuple[FloatArray, AnyArray]:
+    """Return what the controllers get for the outputs of the net, shape (R, A), and which rows are clear-cut, (R,)."""
+    sure = np.ones(len(inputs), dtype=np.bool_)
+    if policy.info.distribution == "gaussian":
+        layout = action_layout(agent)
+        mean = inputs[:, : layout.size].astype(np.float64)
+        action = np.minimum(np.maximum(mean, layout.low), layout.high)
+    else:
+        indices, first = [], 0
+        for element in policy.info.action:
+            logits = inputs[:, first : first + len(element.levels)]
+            ordered = np.sort(logits, axis=1)
+            sure &= ordered[:, -1] - ordered[:, -2] > TOLERANCE * np.maximum(np.abs(ordered).max(axis=1), 1.0)
+            indices.append(np.argmax(logits, axis=1))
+            first += len(element.levels)
+        action = np.stack(indices, axis=1).astype(np.float64)
+    values, first = [], 0
+    for glue in (leaf for outer in agent.action_glues for leaf in outer.leaves()):
+        size = len(glue.names(agent.parts))
+        part = action[:, first : first + size]
+        if isinstance(glue, DiscreteControllerGlue):
+            part = glue.table[part.astype(np.int64)]
+        elif isinstance(glue, ControllerGlue) and glue.normalization.active is not None:
+            part = glue.normalization.active.inverse(part, *controller_of(agent.parts, glue.controller).limits)
+        values.append(part)
+        first += size
+    return np.concatenate(values, axis=1), sure
+
+
+def worst(first: Difference, *others: Difference) -> Difference:
+    """Return the larger of each figure, over all rows together."""
+    for other in others:
+        first = replace(
+            first,
+            rows=first.rows + other.rows,
+            action=float(np.maximum(first.action, other.action)),
+            inputs=float(np.maximum(first.inputs, other.inputs)),
+            undecided=first.undecided + other.undecided,
+        )
+    return first

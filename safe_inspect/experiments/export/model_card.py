@@ -1,0 +1,130 @@
+"""The model card of a trained policy, written from facts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+#: Where a policy may be used, for every card.
+LIMITS = (
+    "It was trained and evaluated in this package's simulation alone: linear dynamics about a circular orbit, a point "
+    "mass, exact readings of the sensors, thrust that is held for a step.",
+    "It knows one task: the bodies, the distribution of the initial states and the limits of its experiment. "
+    "Evaluate it again before it flies in another.",
+    "It guarantees nothing. Limits that must not be violated are kept by the run-time assurance, where an experiment "
+    "switches it on.",
+)
+
+
+@dataclass(frozen=True)
+class CardFacts:
+    """What a card says.
+
+    Attributes:
+        name: Name of the policy.
+        title: What it does, one sentence.
+        command: Command of the training.
+        training: What `safe_inspect.experiments.export.export.training_facts` found.
+        machine: On what it was trained.
+        date: When the card was written.
+        versions: Versions of the packages that exported it.
+        exported: For each ONNX file its name, agents, kind of actions and largest difference from the checkpoint.
+        observation: Name and unit of each element of the observation of each file.
+        evaluations: Contents of the `evaluation.json` of each evaluation, by a title.
+        seeds: Other seeds of the recipe and what they reached, one line each.
+        limits: Limits of use beside those of every policy.
+    """
+
+    name: str
+    title: str
+    command: str
+    training: Mapping[str, Any]
+    machine: str
+    date: str
+    versions: Mapping[str, str]
+    exported: Sequence[Sequence[str]]
+    observation: Mapping[str, Sequence[str]]
+    evaluations: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    seeds: Sequence[str] = ()
+    limits: Sequence[str] = ()
+
+
+def model_card(facts: CardFacts) -> str:
+    """Return the card as Markdown.
+
+    Raises:
+        KeyError: An evaluation is none of `safe-inspect evaluate`.
+    """
+    training = facts.training
+    steps, seconds = training.get("steps"), training.get("seconds")
+    lines = [f"# {facts.name}", "", facts.title, "", "## Use", "", "```sh"]
+    lines += [f"safe-inspect evaluate --policy {facts.name}", "```", "", "## Training", "", "```sh", facts.command]
+    lines += ["```", ""]
+    lines += _table(
+        ("", ""),
+        [
+            ("seed", training.get("seed", "unknown")),
+            ("environment steps", "unknown" if steps is None else f"{steps:,}"),
+            ("iterations", training.get("iteration", "unknown")),
+            ("wall time", "unknown" if seconds is None else f"{seconds / 60:.1f} min"),
+            ("machine", facts.machine),
+            ("begun", training.get("started", "unknown")),
+            ("trained by", f"safe_inspect {training.get('trained_by', 'unknown')}, {_commit(training)}"),
+            ("exported", f"{facts.date} by {', '.join(f'{name} {text}' for name, text in facts.versions.items())}"),
+        ],
+    )
+    lines += ["", "`experiment.resolved.yml` beside this card is the whole experiment.", ""]
+    if facts.seeds:
+        lines += ["Other seeds of the same recipe:", "", *(f"- {line}" for line in facts.seeds), ""]
+    lines += ["## Evaluation", ""]
+    for title, evaluation in facts.evaluations.items():
+        lines += [*_evaluation(title, evaluation), ""]
+    if not facts.evaluations:
+        lines += ["None was given.", ""]
+    lines += ["## Files", ""]
+    lines += _table(("file", "agents", "action", "largest difference from the checkpoint"), facts.exported)
+    for file, elements in facts.observation.items():
+        lines += ["", f"`{file}` reads, in this order: {', '.join(f'`{element}`' for element in elements)}."]
+    lines += ["", "## Limits of use", "", *(f"- {limit}" for limit in (*facts.limits, *LIMITS)), ""]
+    return "\n".join(lines)
+
+
+def _commit(training: Mapping[str, Any]) -> str:
+    commit = str(training.get("git_commit") or "")
+    changed = ", with changes that were not committed" if commit.endswith("+") else ""
+    return f"commit {commit.rstrip('+')[:12]}{changed}" if commit else "commit unknown"
+
+
+def _evaluation(title: str, content: Mapping[str, Any]) -> list[str]:
+    lines = [f"### {title}", "", f"{content['episodes']:,} episodes, seed {content['seed']}.", ""]
+    blocks = {"": content, **content.get("agents", {})}
+    for name, block in blocks.items():
+        success, figures = block["success"], block["figures"]
+        low, high = success["interval"]
+        ends = ", ".join(f"{end} {count}" for end, count in success["statuses"].items())
+        lines += [
+            f"{name + ': s' if name else 'S'}uccess {100 * success['rate']:.1f} % "
+            f"(95 % interval {_number(low, 100)} to {_number(high, 100)} %; {ends}).",
+            "",
+        ]
+        rows = [
+            (
+                figure,
+                *(_number(item[key]) for key in ("mean", "standard_deviation", "iqm")),
+                " to ".join(_number(end) for end in item["iqm_interval"]),
+                item["unit"],
+            )
+            for figure, item in figures.items()
+        ]
+        lines += [*_table(("figure", "mean", "std", "IQM", "95 % interval of the IQM", "unit"), rows), ""]
+    return lines[:-1]
+
+
+def _number(value: float | None, factor: float = 1.0) -> str:
+    return "-" if value is None else f"{factor * value:.4g}"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return lines + ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in rows]

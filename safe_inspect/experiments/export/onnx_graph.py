@@ -1,0 +1,228 @@
+"""From RLlib's module of a policy to an ONNX graph. Importing this module loads Ray and Torch; `onnx` is loaded late.
+
+The graph is written node by node, as the nets are small: so it holds plain layers that every runtime knows, and no
+exporter stands between the weights and the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
+
+from safe_inspect.errors import CheckpointError, SafeInspectError
+from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
+from safe_inspect.evaluation.policy_files.raw_values import columns
+from safe_inspect.types import AnyArray
+from safe_inspect.version import __version__
+
+#: Of ONNX: what `LayerNormalization` needs, and runtimes of 2022 and later know.
+OPSET, IR_VERSION = 17, 8
+
+_SIMPLE = {
+    torch.nn.Tanh: ("Tanh", ()),
+    torch.nn.ReLU: ("Relu", ()),
+    torch.nn.Sigmoid: ("Sigmoid", ()),
+    torch.nn.ELU: ("Elu", ("alpha",)),
+    torch.nn.LeakyReLU: ("LeakyRelu", (("alpha", "negative_slope"),)),
+    torch.nn.Identity: ("Identity", ()),
+}
+
+
+def require_onnx() -> Any:
+    """Return the module `onnx`.
+
+    Raises:
+        SafeInspectError: It is not installed.
+    """
+    try:
+        import onnx  # type: ignore[import-untyped,import-not-found,unused-ignore]
+    except ImportError:
+        raise SafeInspectError(
+            "ONNX files are written by the package onnx, which is not installed; pip install 'safe_inspect[onnx]'"
+        ) from None
+    return onnx
+
+
+def check_module(module: Any, title: str) -> None:
+    """Refuse a module whose layers are not known.
+
+    Raises:
+        CheckpointError: It is recurrent, or none of RLlib's own for PPO.
+    """
+    if module.is_stateful():
+        raise CheckpointError(f"{title}: the policy is recurrent; only policies without memory can be exported")
+    own = DefaultPPOTorchRLModule
+    names = ("_forward", "_forward_inference", "forward_inference")
+    if not isinstance(module, own) or any(getattr(type(module), name) is not getattr(own, name) for name in names):
+        raise CheckpointError(
+            f"{title}: the policy is a module of its own kind ({type(module).__name__}); only RLlib's own modules of "
+            "PPO can be exported"
+        )
+    if type(module.pi) not in (TorchMLPHead, TorchFreeLogStdMLPHead) or _encoder(module) is None:
+        raise CheckpointError(
+            f"{title}: the policy has layers other than a multilayer perceptron's; only such can be exported"
+        )
+
+
+def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
+    """Return the bytes of the ONNX file of a policy, not yet sealed.
+
+    Args:
+        module: RLlib's module, which `check_module` has let pass.
+        info: The facts of the file.
+        title: The checkpoint, for messages.
+
+    Raises:
+        CheckpointError: A layer is of a kind that is not known.
+        SafeInspectError: The package onnx is not installed.
+    """
+    onnx = require_onnx()
+    graph = _Graph(onnx, title)
+    value = graph.net(_encoder(module), graph.normalised("observation", info))
+    inputs = graph.distribution(module.pi, value)
+    graph.node("Identity", [inputs], name="action_dist_inputs")
+    if info.distribution == "gaussian":
+        graph.scaled(inputs, info)
+    else:
+        graph.chosen(inputs, info)
+    width = sum(len(element.levels) for element in info.action) or 2 * len(info.action)
+    tensor = onnx.helper.make_tensor_value_info
+    model = onnx.helper.make_model(
+        onnx.helper.make_graph(
+            graph.nodes,
+            "policy",
+            [tensor("observation", onnx.TensorProto.FLOAT, ["N", len(info.observation)])],
+            [
+                tensor("thrust", onnx.TensorProto.FLOAT, ["N", len(info.action)]),
+                tensor("action_dist_inputs", onnx.TensorProto.FLOAT, ["N", width]),
+            ],
+            graph.constants,
+        ),
+        opset_imports=[onnx.helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="safe_inspect",
+        producer_version=__version__,
+    )
+    onnx.helper.set_model_props(model, info.metadata())
+    onnx.checker.check_model(model, full_check=True)
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
+
+
+def _encoder(module: Any) -> Any:
+    """Return the layers before the policy's head; None when they are no perceptron."""
+    encoder = getattr(module.encoder, "actor_encoder", None) or getattr(module.encoder, "encoder", None)
+    layers = getattr(getattr(encoder, "net", None), "mlp", None)
+    return layers if isinstance(layers, torch.nn.Sequential) else None
+
+
+class _Graph:
+    """The nodes and constants of a graph that is being written."""
+
+    def __init__(self, onnx: Any, title: str) -> None:
+        self._onnx, self._title = onnx, title
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def node(self, kind: str, inputs: Sequence[str], *, name: str = "", **attributes: Any) -> str:
+        """Add a node and return the name of its output."""
+        name = name or f"{kind.lower()}_{len(self.nodes)}"
+        self.nodes.append(self._onnx.helper.make_node(kind, list(inputs), [name], name=f"node_{name}", **attributes))
+        return name
+
+    def constant(self, value: Any, name: str = "constant", dtype: Any = np.float32) -> str:
+        """Add a constant and return its name."""
+        name = f"{name}_{len(self.constants)}"
+        array = np.ascontiguousarray(np.asarray(value), dtype=dtype)
+        self.constants.append(self._onnx.numpy_helper.from_array(array, name))
+        return name
+
+    def normalised(self, value: str, info: PolicyInfo) -> str:
+        """(value - centre) / width, element by element."""
+        centre, width = columns(info.observation, "centre"), columns(info.observation, "width")
+        if np.any(centre != 0.0):
+            value = self.node("Sub", [value, self.constant(centre, "centre")])
+        return self.node("Div", [value, self.constant(width, "width")]) if np.any(width != 1.0) else value
+
+    def net(self, layers: Any, value: str) -> str:
+        """The layers one after the other."""
+        for layer in layers:
+            value = self._layer(layer, value)
+        return value
+
+    def distribution(self, head: Any, value: str) -> str:
+        """The head's outputs: logits, or means and logarithms of standard deviations."""
+        value = self.net(head.net.mlp, value)
+        limit = float(head.log_std_clip_param_const) if head.clip_log_std else 0.0
+        if isinstance(head, TorchFreeLogStdMLPHead):
+            deviation = _array(head.log_std)[None, :]
+            if head.clip_log_std:
+                deviation = np.clip(deviation, -limit, limit)
+            spread = self.node("Expand", [self.constant(deviation, "log_std"), self.node("Shape", [value])])
+            return self.node("Concat", [value, spread], axis=1)
+        if not head.clip_log_std:
+            return value
+        width = int(head.net.mlp[-1].out_features) // 2
+        bounds = [self.constant(-limit, "log_std_low"), self.constant(limit, "log_std_high")]
+        spread = self.node("Clip", [self.part(value, width, 2 * width), *bounds])
+        return self.node("Concat", [self.part(value, 0, width), spread], axis=1)
+
+    def scaled(self, inputs: str, info: PolicyInfo) -> None:
+        """Thrust = clip(offset + gain * mean, low, high)."""
+        value = self.part(inputs, 0, len(info.action))
+        gain, offset, low, high = (columns(info.action, name) for name in ("gain", "offset", "low", "high"))
+        if np.any(gain != 1.0):
+            value = self.node("Mul", [value, self.constant(gain, "gain")])
+        if np.any(offset != 0.0):
+            value = self.node("Add", [value, self.constant(offset, "offset")])
+        value = self.node("Max", [value, self.constant(low, "low")])
+        self.node("Min", [value, self.constant(high, "high")], name="thrust")
+
+    def chosen(self, inputs: str, info: PolicyInfo) -> None:
+        """Thrust = levels[argmax of the logits], element by element; the first of equal ones."""
+        values, first = [], 0
+        for element in info.action:
+            logits = self.part(inputs, first, first + len(element.levels))
+            index = self.node("ArgMax", [logits], axis=1, keepdims=1)
+            values.append(self.node("Gather", [self.constant(element.levels, "levels"), index], axis=0))
+            first += len(element.levels)
+        self.node("Concat", values, name="thrust", axis=1)
+
+    def part(self, value: str, first: int, last: int) -> str:
+        """Columns `first` to `last` - 1."""
+        ends = [self.constant([end], "column", np.int64) for end in (first, last, 1)]
+        return self.node("Slice", [value, *ends])
+
+    def _layer(self, layer: Any, value: str) -> str:
+        if type(layer) is torch.nn.Linear:
+            inputs = [value, self.constant(_array(layer.weight), "weight")]
+            if layer.bias is not None:
+                inputs.append(self.constant(_array(layer.bias), "bias"))
+            return self.node("Gemm", inputs, transB=1)
+        if type(layer) is torch.nn.LayerNorm and len(layer.normalized_shape) == 1:
+            scale = np.ones(layer.normalized_shape) if layer.weight is None else _array(layer.weight)
+            inputs = [value, self.constant(scale, "scale")]
+            if layer.bias is not None:
+                inputs.append(self.constant(_array(layer.bias), "bias"))
+            return self.node("LayerNormalization", inputs, axis=-1, epsilon=float(layer.eps))
+        if type(layer) is torch.nn.SiLU:
+            return self.node("Mul", [value, self.node("Sigmoid", [value])])
+        if type(layer) in _SIMPLE:
+            kind, fields = _SIMPLE[type(layer)]
+            pairs = [field if isinstance(field, tuple) else (field, field) for field in fields]
+            attributes: dict[str, Any] = {name: float(getattr(layer, own)) for name, own in pairs}
+            return self.node(kind, [value], **attributes)
+        known = ", ".join(sorted(["Linear", "LayerNorm", "SiLU", *(kind.__name__ for kind in _SIMPLE)]))
+        raise CheckpointError(
+            f"{self._title}: the policy has a layer of the kind {type(layer).__name__}, which cannot be exported; "
+            f"known: {known}"
+        )
+
+
+def _array(tensor: Any) -> AnyArray:
+    return np.asarray(tensor.detach().cpu().numpy())

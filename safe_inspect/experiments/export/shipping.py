@@ -1,0 +1,154 @@
+"""`ship`: the folder of a trained policy for the package's data. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import date
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.errors import CheckpointError, OutputError
+from safe_inspect.evaluation.policy_files.shipped import (
+    CARD,
+    CHECKPOINT,
+    CONFIGURATION,
+    RECORD,
+    ShippedPolicy,
+    shipped_policy,
+)
+from safe_inspect.experiments.export.export import Exported, export_policy, newest_checkpoint, policies_in
+from safe_inspect.experiments.export.export import training_facts as facts_of
+from safe_inspect.experiments.export.model_card import CardFacts, model_card
+from safe_inspect.experiments.modules.sources import configuration_of
+from safe_inspect.experiments.runs.checkpoints import (
+    MODULES,
+    SINGLE,
+    policy_folder,
+    read_checkpoint,
+    seal_checkpoint,
+    weights_path,
+)
+from safe_inspect.outputs import new_folder
+from safe_inspect.version import __version__
+
+_PACKAGES = ("ray", "torch", "numpy", "onnx", "onnxruntime")
+
+
+def ship(
+    checkpoint: str | os.PathLike[str],
+    name: str,
+    root: str | os.PathLike[str],
+    *,
+    title: str,
+    command: str,
+    evaluations: Mapping[str, str | os.PathLike[str]] | None = None,
+    machine: str = "",
+    seeds: Sequence[str] = (),
+    limits: Sequence[str] = (),
+    replace_old: bool = False,
+) -> ShippedPolicy:
+    """Write the folder of a shipped policy: ONNX files, weights, experiment and model card.
+
+    Args:
+        checkpoint: A checkpoint in the folder of its run, or that folder: its newest checkpoint.
+        name: Name of the policy.
+        root: Where the folder is made.
+        title: What the policy does, one sentence.
+        command: Command of the training.
+        evaluations: `evaluation.json` of each evaluation, by a title.
+        machine: On what it was trained; this machine's kind unless given.
+        seeds: What other seeds of the recipe reached, one line each.
+        limits: Limits of use of this policy.
+        replace_old: Whether a folder of that name is replaced.
+
+    Raises:
+        CheckpointError: The checkpoint is missing, damaged, or lies outside a run, or an evaluation is none.
+        OutputError: The folder is there already or cannot be written.
+    """
+    source = newest_checkpoint(checkpoint)
+    configuration = configuration_of(source)
+    if configuration is None:
+        raise CheckpointError(f"{source}: the checkpoint lies in no folder of a training run; give one that does")
+    if not name or Path(name).name != name or name.startswith("."):
+        raise OutputError(f"{name!r} is no name of a policy; give one word, such as translational-inspection")
+    target = Path(root) / name
+    if target.exists() and not replace_old:
+        raise OutputError(f"{target}: the folder is there already; remove it, or replace it on purpose")
+    reports = {heading: _read_evaluation(path) for heading, path in (evaluations or {}).items()}
+    with new_folder(target, "give another folder") as work:
+        _copy_configuration(configuration, work / CONFIGURATION)
+        _copy_weights(source, work / CHECKPOINT)
+        flying = {agent.policy for agent in load_experiment(configuration).spec.agents} | {SINGLE}
+        done = [
+            export_policy(source, work / ("policy.onnx" if policy == SINGLE else f"{policy}.onnx"), policy)
+            for policy in policies_in(source)
+            if policy in flying
+        ]
+        agents = {agent: item.path.name for item in done for agent in item.info.agents}
+        record = {"name": name, "task": done[0].info.task, "safe_inspect": __version__, "agents": agents}
+        (work / RECORD).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        facts = CardFacts(
+            name=name,
+            title=title,
+            command=command,
+            training=facts_of(source),
+            machine=machine or f"{platform.system()}, {platform.machine()}, {os.cpu_count()} cores",
+            date=date.today().isoformat(),
+            versions={"safe_inspect": __version__, **{package: metadata.version(package) for package in _PACKAGES}},
+            exported=[_row(item) for item in done],
+            observation={item.path.name: [str(element) for element in item.info.observation] for item in done},
+            evaluations=reports,
+            seeds=seeds,
+            limits=limits,
+        )
+        (work / CARD).write_text(_card(facts), encoding="utf-8")
+    return shipped_policy(name, Path(root))
+
+
+def _copy_configuration(source: Path, target: Path) -> None:
+    """Copy the experiment without what it says of the machine: where it came from, and where its runs are written."""
+    lines = source.read_text(encoding="utf-8").splitlines(keepends=True)
+    text = "".join(line for line in lines if not line.startswith("#"))
+    target.write_text(re.sub(r"(?m)^(\s+output_path:) .*$", r"\1 output", text), encoding="utf-8")
+
+
+def _copy_weights(source: Path, target: Path) -> None:
+    """Copy of a checkpoint what `load_policy` reads, and seal it."""
+    for policy in policies_in(source):
+        folder = target / MODULES / policy
+        folder.mkdir(parents=True)
+        shutil.copy(weights_path(policy_folder(source, policy)), folder)
+    seal_checkpoint(replace(read_checkpoint(source), path=target))
+
+
+def _row(done: Exported) -> tuple[str, str, str, str]:
+    levels = [len(element.levels) for element in done.info.action if element.levels]
+    action = f"most likely of {', '.join(map(str, levels))} levels" if levels else "mean"
+    found = f"{done.difference.action:.1e} of the range, {done.difference.rows:,} observations"
+    return done.path.name, ", ".join(done.info.agents), action, found
+
+
+def _read_evaluation(path: str | os.PathLike[str]) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+        content["episodes"], content["seed"], content["success"]["rate"], content["figures"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CheckpointError(
+            f"{path}: this is no evaluation ({error}); give the evaluation.json that `safe-inspect evaluate` wrote"
+        ) from None
+    return content
+
+
+def _card(facts: CardFacts) -> str:
+    try:
+        return model_card(facts)
+    except (KeyError, TypeError, ValueError) as error:
+        raise CheckpointError(f"an evaluation lacks what the card tells of it ({error}); evaluate again") from None

@@ -1,0 +1,137 @@
+"""From RLlib's episodes to one batch of arrays for each policy that learns."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from ray.rllib.core import DEFAULT_MODULE_ID
+
+from safe_inspect.experiments.learning.ppo_kernels import advantages_of
+from safe_inspect.experiments.sampling.rollout_episodes import Part, part_of_episode
+from safe_inspect.types import AnyArray, BoolArray, IntArray
+
+#: Least standard deviation by which advantages are divided, as in RLlib.
+LEAST_SPREAD = 1e-4
+
+
+@dataclass
+class Batch:
+    """P pieces of episodes of one policy, R steps in all, float32.
+
+    Attributes:
+        all_observations: Those of each step and the one behind each piece's last, shape (R + P, O).
+        lengths: Steps of each piece, shape (P,).
+        terminated: Whether the task ended with a piece's last step, shape (P,).
+        actions: Shape (R, A).
+        inputs: Inputs of the action distribution when they were drawn, shape (R, I).
+        log_probabilities: Of the actions, shape (R,).
+        rewards: Shape (R,).
+        weights: Mean number of the weights that flew it; None: not told.
+        observations: Those of each step, shape (R, O).
+        advantages: Standardised, shape (R,); see `advise`.
+        targets: What the value function is to learn, shape (R,); see `advise`.
+    """
+
+    all_observations: AnyArray
+    lengths: IntArray
+    terminated: BoolArray
+    actions: AnyArray
+    inputs: AnyArray
+    log_probabilities: AnyArray
+    rewards: AnyArray
+    weights: float | None = None
+    observations: AnyArray = field(init=False)
+    advantages: AnyArray = field(init=False)
+    targets: AnyArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        ends = np.cumsum(self.lengths + 1) - 1
+        self.observations = np.delete(self.all_observations, ends, axis=0)
+        self.advantages = np.empty_like(self.rewards)
+        self.targets = np.empty_like(self.rewards)
+
+    def __len__(self) -> int:
+        return len(self.rewards)
+
+    def advise(self, values: AnyArray, gamma: float, factor: float) -> None:
+        """Compute advantages and value targets.
+
+        Advantages get mean 0 and standard deviation 1 over the steps that are learned from. RLlib counts the artificial
+        step behind each piece among them; that number depends on the order of the pieces and means nothing.
+
+        Args:
+            values: Of all observations, shape (R + P,).
+            gamma: Discount of a step.
+            factor: Lambda of the advantage estimation.
+        """
+        advantages_of(self.lengths, self.terminated, self.rewards, values, gamma, factor, self.advantages, self.targets)
+        spread = max(LEAST_SPREAD, float(self.advantages.std(dtype=np.float64)))
+        self.advantages -= self.advantages.mean(dtype=np.float64)
+        self.advantages /= spread
+
+
+def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[str, Batch]:
+    """Return the batch of each policy.
+
+    Args:
+        episodes: RLlib's episodes, of one agent or of several, as arrays.
+        wanted: Whether a policy learns.
+    """
+    parts: dict[str, list[Part]] = {}
+    for episode in _single(episodes):
+        name = str(episode.module_id or DEFAULT_MODULE_ID)
+        if len(episode) and wanted(name):
+            parts.setdefault(name, []).append(part_of_episode(episode))
+    return {name: _batch(found) for name, found in parts.items()}
+
+
+def minibatches(rows: int, size: int | None, epochs: int, shuffled: bool, seed: tuple[int, str, int]) -> IntArray:
+    """Return the rows of each minibatch, shape (M, B).
+
+    All have the same size B. The epochs follow one another without a seam, so that a minibatch may hold the end of one
+    and the beginning of the next; the last one is filled up.
+
+    Args:
+        rows: Steps of the batch.
+        size: B; None or more than there are: the whole batch.
+        epochs: How often each step is used.
+        shuffled: Whether each epoch has an order of its own.
+        seed: Seed of the run, name of the policy, and number of the update.
+    """
+    size = min(size or rows, rows)
+    count = -(-epochs * rows // size)
+    generator = np.random.default_rng((seed[0], zlib.crc32(seed[1].encode()), seed[2]))
+    passes = -(-count * size // rows)
+    if not shuffled or size == rows:
+        order = np.tile(np.arange(rows), passes)
+    else:
+        order = np.concatenate([generator.permutation(rows) for _ in range(passes)])
+    return order[: count * size].reshape(count, size)
+
+
+def _single(episodes: Iterable[Any]) -> Iterator[Any]:
+    for episode in episodes:
+        yield from episode.agent_episodes.values() if hasattr(episode, "agent_episodes") else (episode,)
+
+
+def _batch(parts: list[Part]) -> Batch:
+    lengths = np.array([len(part) for part in parts], dtype=np.int64)
+    weights = [part.weights for part in parts if part.weights is not None]
+    return Batch(
+        all_observations=_joined([part.whole_observations for part in parts]),
+        lengths=lengths,
+        terminated=np.array([part.terminated for part in parts], dtype=np.bool_),
+        actions=_joined([part.actions for part in parts]),
+        inputs=_joined([part.inputs for part in parts if part.inputs is not None]),
+        log_probabilities=_joined([part.log_probabilities for part in parts if part.log_probabilities is not None]),
+        rewards=_joined([part.rewards for part in parts]),
+        weights=float(np.average(weights, weights=lengths)) if len(weights) == len(parts) else None,
+    )
+
+
+def _joined(arrays: list[AnyArray]) -> AnyArray:
+    return np.ascontiguousarray(np.concatenate(arrays), dtype=np.float32)

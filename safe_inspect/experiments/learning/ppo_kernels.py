@@ -1,0 +1,238 @@
+"""PPO's arithmetic on arrays: advantages of pieces of episodes, and the loss's gradients at the nets' outputs.
+
+Autograd would record some thirty operations on a few hundred rows for each minibatch; these loops take the time of two
+of them. What they compute is RLlib's loss, term by term, and a test holds it against RLlib's.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+#: Places of the sums that the loops return.
+SURROGATE, ENTROPY, KL = 0, 1, 2
+CLIPPED, UNCLIPPED = 0, 1
+
+_HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
+
+
+@njit(nogil=True)
+def advantages_of(
+    lengths: IntArray,
+    terminated: BoolArray,
+    rewards: AnyArray,
+    values: AnyArray,
+    gamma: float,
+    factor: float,
+    advantages: AnyArray,
+    targets: AnyArray,
+) -> None:
+    """Compute generalised advantages of P pieces of episodes that stand one behind the other, R steps in all.
+
+    The advantage is A_t = delta_t + gamma lambda A_(t+1) with delta_t = r_t + gamma V_(t+1) - V_t within a piece, and
+    the value target is A_t + V_t. Behind a termination V is zero; behind a truncation, or where a batch cuts an episode
+    that goes on, it is the net's. Source: Schulman et al., High-Dimensional Continuous Control Using Generalized
+    Advantage
+    Estimation, 2016, equation 16.
+
+    Args:
+        lengths: Steps of each piece, shape (P,).
+        terminated: Whether the task ended with its last step, shape (P,).
+        rewards: Rewards, shape (R,).
+        values: The net's values at the beginning of each step and behind the last step of each piece, shape (R + P,).
+        gamma: Discount of a step.
+        factor: Lambda.
+        advantages: Receives the advantages, shape (R,).
+        targets: Receives the value targets, shape (R,).
+    """
+    step = 0
+    for piece in range(len(lengths)):
+        length = lengths[piece]
+        value = step + piece  # each piece before has one value more than steps
+        after = 0.0 if terminated[piece] else float(values[value + length])
+        advantage = 0.0
+        for t in range(length - 1, -1, -1):
+            now = float(values[value + t])
+            advantage = rewards[step + t] + gamma * after - now + gamma * factor * advantage
+            advantages[step + t] = advantage
+            targets[step + t] = advantage + now
+            after = now
+        step += length
+
+
+@njit(nogil=True)
+def policy_gradient(
+    rows: IntArray,
+    inputs: AnyArray,
+    actions: AnyArray,
+    old_inputs: AnyArray,
+    old_log_probability: AnyArray,
+    advantages: AnyArray,
+    clip: float,
+    entropy_coefficient: float,
+    kl_coefficient: float,
+    gradient: AnyArray,
+    sums: FloatArray,
+) -> None:
+    """Compute the gradient of the policy's loss with respect to the inputs of its Gaussian distribution.
+
+    The loss is the mean of -min(A r, A clamp(r, 1 - c, 1 + c)) - e H + k KL over the minibatch's B rows, with the ratio
+    r of the action's densities, the entropy H, and the divergence KL of the new distribution from the old. Source:
+    Schulman et al., Proximal Policy Optimization Algorithms, 2017, equations 7 and 8.
+
+    Args:
+        rows: The minibatch: indices of the batch's R rows, shape (B,).
+        inputs: Mean and logarithm of the standard deviation of the minibatch, shape (B, 2 A).
+        actions: Of the batch, shape (R, A).
+        old_inputs: Those with which the actions were drawn, shape (R, 2 A).
+        old_log_probability: Logarithms of the actions' densities when they were drawn, shape (R,).
+        advantages: Of the batch, shape (R,).
+        clip: c.
+        entropy_coefficient: e.
+        kl_coefficient: k; zero where the loss has no such term.
+        gradient: Receives the gradient, shape (B, 2 A).
+        sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
+    """
+    sums[:] = 0.0
+    count, width = len(rows), actions.shape[1]
+    for i in range(count):
+        row = rows[i]
+        density = 0.0
+        for j in range(width):
+            log_std = float(inputs[i, width + j])
+            z = (float(actions[row, j]) - float(inputs[i, j])) * math.exp(-log_std)
+            density -= 0.5 * z * z + log_std + _HALF_LOG_2PI
+            sums[ENTROPY] += log_std + 0.5 + _HALF_LOG_2PI
+        advantage = float(advantages[row])
+        ratio = math.exp(density - float(old_log_probability[row]))
+        free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
+        sums[SURROGATE] += min(free, held)
+        push = -free if free < held or 1.0 - clip <= ratio <= 1.0 + clip else 0.0
+        for j in range(width):
+            mean, log_std = float(inputs[i, j]), float(inputs[i, width + j])
+            old_mean, old_log_std = float(old_inputs[row, j]), float(old_inputs[row, width + j])
+            over = math.exp(-log_std)
+            z = (float(actions[row, j]) - mean) * over
+            shift = (old_mean - mean) * over
+            spread = math.exp(2.0 * (old_log_std - log_std)) + shift * shift
+            sums[KL] += log_std - old_log_std + 0.5 * spread - 0.5
+            gradient[i, j] = (push * z * over - kl_coefficient * shift * over) / count
+            gradient[i, width + j] = (
+                push * (z * z - 1.0) - entropy_coefficient + kl_coefficient * (1.0 - spread)
+            ) / count
+
+
+@njit(nogil=True)
+def choice_gradient(
+    rows: IntArray,
+    inputs: AnyArray,
+    sizes: IntArray,
+    actions: AnyArray,
+    old_inputs: AnyArray,
+    old_log_probability: AnyArray,
+    advantages: AnyArray,
+    clip: float,
+    entropy_coefficient: float,
+    kl_coefficient: float,
+    gradient: AnyArray,
+    sums: FloatArray,
+) -> None:
+    """Compute the gradient of the policy's loss with respect to the logits of its categorical distributions.
+
+    The loss is that of `policy_gradient`.
+
+    Args:
+        rows: The minibatch: indices of the batch's R rows, shape (B,).
+        inputs: Logits of the minibatch, those of an element behind those of the one before, shape (B, K_1 + ... + K_A).
+        sizes: K_1 to K_A, the number of values of each element, shape (A,).
+        actions: Indices of the batch, shape (R, A).
+        old_inputs: Logits with which the actions were drawn, shape (R, K_1 + ... + K_A).
+        old_log_probability: Logarithms of the actions' probabilities when they were drawn, shape (R,).
+        advantages: Of the batch, shape (R,).
+        clip: As in `policy_gradient`.
+        entropy_coefficient: As in `policy_gradient`.
+        kl_coefficient: As in `policy_gradient`.
+        gradient: Receives the gradient, shape (B, K_1 + ... + K_A).
+        sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
+    """
+    sums[:] = 0.0
+    count, width = len(rows), len(sizes)
+    logs, old_logs = np.empty(inputs.shape[1]), np.empty(inputs.shape[1])
+    for i in range(count):
+        row = rows[i]
+        first, total = 0, 0.0
+        for j in range(width):
+            _log_softmax(inputs[i], first, sizes[j], logs)
+            _log_softmax(old_inputs[row], first, sizes[j], old_logs)
+            total += logs[first + int(actions[row, j])]
+            first += sizes[j]
+        advantage = float(advantages[row])
+        ratio = math.exp(total - float(old_log_probability[row]))
+        free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
+        sums[SURROGATE] += min(free, held)
+        push = -free if free < held or 1.0 - clip <= ratio <= 1.0 + clip else 0.0
+        first = 0
+        for j in range(width):
+            entropy = 0.0
+            for k in range(first, first + sizes[j]):
+                entropy -= math.exp(logs[k]) * logs[k]
+                sums[KL] += math.exp(old_logs[k]) * (old_logs[k] - logs[k])
+            sums[ENTROPY] += entropy
+            chosen = first + int(actions[row, j])
+            for k in range(first, first + sizes[j]):
+                share = math.exp(logs[k])
+                drawn = 1.0 if k == chosen else 0.0
+                gradient[i, k] = (
+                    push * (drawn - share)
+                    + entropy_coefficient * share * (logs[k] + entropy)
+                    + kl_coefficient * (share - math.exp(old_logs[k]))
+                ) / count
+            first += sizes[j]
+
+
+@njit(nogil=True)
+def _log_softmax(logits: AnyArray, first: int, size: int, logs: FloatArray) -> None:
+    """Write the logarithms of the probabilities of some logits."""
+    largest = float(logits[first])
+    for k in range(first + 1, first + size):
+        largest = max(largest, float(logits[k]))
+    mass = 0.0
+    for k in range(first, first + size):
+        mass += math.exp(float(logits[k]) - largest)
+    for k in range(first, first + size):
+        logs[k] = float(logits[k]) - largest - math.log(mass)
+
+
+@njit(nogil=True)
+def value_gradient(
+    rows: IntArray,
+    values: AnyArray,
+    targets: AnyArray,
+    clip: float,
+    coefficient: float,
+    gradient: AnyArray,
+    sums: FloatArray,
+) -> None:
+    """Compute the gradient of the value function's loss, the mean of c min((V - target)^2, clip), with respect to V.
+
+    Args:
+        rows: The minibatch: indices of the batch's R rows, shape (B,).
+        values: V of the minibatch, shape (B,).
+        targets: Of the batch, shape (R,).
+        clip: Largest squared error that still pulls.
+        coefficient: c.
+        gradient: Receives the gradient, shape (B,).
+        sums: Receives the sums of the clipped and the unclipped squared errors, shape (2,).
+    """
+    sums[:] = 0.0
+    count = len(rows)
+    for i in range(count):
+        error = float(values[i]) - float(targets[rows[i]])
+        squared = error * error
+        sums[CLIPPED] += min(squared, clip)
+        sums[UNCLIPPED] += squared
+        gradient[i] = 2.0 * coefficient * error / count if squared <= clip else 0.0

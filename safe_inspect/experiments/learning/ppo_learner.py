@@ -1,0 +1,177 @@
+"""`FastPPOLearner`: RLlib's PPO learner with its data and its loss as arrays.
+
+RLlib's own learner builds each batch from the episodes step by step, cuts minibatches as dictionaries and logs each of
+them; with small nets that takes more time than the nets. Here the same losses come from arrays, and the nets of policy
+and value function, which share nothing, learn side by side. Modules, optimisers, schedules, coefficients and
+checkpoints are RLlib's.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
+from ray.rllib.core import ALL_MODULES
+from ray.rllib.utils.metrics import (
+    DIFF_NUM_GRAD_UPDATES_VS_SAMPLER_POLICY,
+    MODULE_TRAIN_BATCH_SIZE_MEAN,
+    NUM_ENV_STEPS_TRAINED,
+    NUM_ENV_STEPS_TRAINED_LIFETIME,
+    NUM_MODULE_STEPS_TRAINED,
+    NUM_MODULE_STEPS_TRAINED_LIFETIME,
+    WEIGHTS_SEQ_NO,
+)
+
+from safe_inspect.experiments.adapters.callbacks import set_threads
+from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
+from safe_inspect.experiments.learning.ppo_nets import nets_of, part_of
+from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, joined
+from safe_inspect.experiments.learning.stock_learner import why_not_learned, why_stock_learner
+from safe_inspect.experiments.sampling.distributions import distribution_of_module
+from safe_inspect.types import AnyArray, IntArray
+
+#: Name in `learner_config_dict` of the number of nets that learn side by side.
+THREADS = "threads"
+
+_ROWS_AT_ONCE = 1024
+
+
+class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
+    """RLlib's PPO learner on arrays; what it does not serve it leaves to the class from which it is derived."""
+
+    config: Any
+    _stock = ""
+    _told = False
+
+    def build(self) -> None:
+        """Build modules and optimisers, as RLlib does."""
+        super().build()
+        if self.config.num_learners:  # in a process of its own
+            set_threads(self.config.env_config)
+        self._stock = why_stock_learner(self.config)
+
+    def update(self, *arguments: Any, **keywords: Any) -> Any:
+        """Learn from a batch; see RLlib's `Learner.update`."""
+        data, episodes = keywords.get("training_data"), keywords.get("episodes")
+        if data is not None:
+            data.validate()
+            data.solve_refs()
+            episodes = data.episodes
+        reason = self._stock
+        if not reason and not arguments and episodes:
+            batches = batches_of(episodes, self.should_module_be_updated)
+            reason = next(filter(None, (why_not_learned(self, name) for name in batches)), "")
+            if batches and not reason:
+                return self._learn(batches, sum(map(len, episodes)), **keywords)
+        if reason and not self._told:
+            warnings.warn(f"RLlib's stock learner learns, as {reason}", stacklevel=2)
+            self._told = True
+        return super().update(*arguments, **keywords)
+
+    def _learn(
+        self,
+        batches: Mapping[str, Batch],
+        steps: int,
+        *,
+        timesteps: dict[str, Any] | None = None,
+        num_epochs: int = 1,
+        minibatch_size: int | None = None,
+        shuffle_batch_per_epoch: bool = False,
+        _no_metrics_reduce: bool = False,
+        **keywords: Any,
+    ) -> Any:
+        timesteps = timesteps or {}
+        self.before_gradient_based_update(timesteps=timesteps)
+        self._weights_seq_no += 1
+        trainings: dict[str, list[NetTraining]] = {}
+        for name, batch in batches.items():
+            batch.advise(self._values(name, batch.all_observations), self.config.gamma, self.config.lambda_)
+            seed = (int(self.config.seed or 0), name, self._weights_seq_no)
+            order = minibatches(len(batch), minibatch_size, num_epochs, shuffle_batch_per_epoch, seed)
+            trainings[name] = self._trainings(name, batch, order)
+            self._log_steps(name, order, batch.weights)
+        self._run([training for found in trainings.values() for training in found])
+        for name, found in trainings.items():
+            self._log_losses(name, found)
+        for key, reduce in ((NUM_ENV_STEPS_TRAINED, "sum"), (NUM_ENV_STEPS_TRAINED_LIFETIME, "lifetime_sum")):
+            self.metrics.log_value((ALL_MODULES, key), steps * num_epochs, reduce=reduce, with_throughput=True)
+        self.after_gradient_based_update(timesteps=timesteps)
+        return None if _no_metrics_reduce else self.metrics.reduce()
+
+    def _values(self, name: str, observations: AnyArray) -> AnyArray:
+        """Return the values of observations before the update."""
+        parts = torch.split(torch.from_numpy(observations), _ROWS_AT_ONCE)
+        found = []
+        with torch.no_grad():
+            *_, net = nets_of(self.module[name].unwrapped())
+            ways = {len(part): net.make_pass(len(part)) for part in (parts[0], parts[-1])}
+            for part in parts:
+                _, values = ways[len(part)].forward(part)
+                assert values is not None, "the last net gives them"
+                found.append(values.numpy().copy())
+        return np.concatenate(found)
+
+    def _trainings(self, name: str, batch: Batch, order: IntArray) -> list[NetTraining]:
+        config = self.config.get_config_for_module(name)
+        terms = Terms(
+            config.clip_param,
+            config.vf_clip_param,
+            config.vf_loss_coeff,
+            float(self.entropy_coeff_schedulers_per_module[name].get_current_value()),
+            float(self.curr_kl_coeffs_per_module[name]) if config.use_kl_loss else 0.0,
+            bool(config.use_kl_loss),
+        )
+        clip = None
+        if config.grad_clip:
+            clip = partial(self._get_clip_function(), grad_clip=config.grad_clip, grad_clip_by=config.grad_clip_by)
+        ((_, optimiser),) = self.get_optimizers_for_module(name)
+        module: Any = self.module[name].unwrapped()
+        sizes = getattr(distribution_of_module(module), "sizes", None)
+        together = clip is not None and config.grad_clip_by == "global_norm"
+        return [
+            NetTraining(net, part_of(optimiser, net.parameters), batch, order, terms, clip, sizes)
+            for net in nets_of(module, together)
+        ]
+
+    def _run(self, trainings: list[NetTraining]) -> None:
+        threads = min(int(self.config.learner_config_dict.get(THREADS, 1)), len(trainings))
+        if threads < 2:
+            for training in trainings:
+                training.run()
+            return
+        # Each thread has a number of its own, which else is that of the processors.
+        own = torch.set_num_threads, (torch.get_num_threads(),)
+        with ThreadPoolExecutor(threads, "learner", *own) as pool:
+            for _ in pool.map(NetTraining.run, trainings):
+                pass
+
+    def _log_steps(self, name: str, order: IntArray, weights: float | None) -> None:
+        log = self.metrics.log_value
+        log((name, WEIGHTS_SEQ_NO), self._weights_seq_no, window=1)
+        log((name, MODULE_TRAIN_BATCH_SIZE_MEAN), order.shape[1], reduce="mean")
+        log((name, NUM_MODULE_STEPS_TRAINED), order.size, reduce="sum")
+        for owner in (name, ALL_MODULES):
+            key = (owner, NUM_MODULE_STEPS_TRAINED_LIFETIME)
+            log(key, order.size, reduce="lifetime_sum", with_throughput=True)
+        log((ALL_MODULES, NUM_MODULE_STEPS_TRAINED), order.size, reduce="sum", with_throughput=True)
+        if weights is not None:
+            log((name, DIFF_NUM_GRAD_UPDATES_VS_SAMPLER_POLICY), self._weights_seq_no - weights, window=1)
+
+    def _log_losses(self, name: str, trainings: list[NetTraining]) -> None:
+        losses = joined(trainings)
+        if not all(np.isfinite(value) for value in losses.values()):
+            warnings.warn(f"the losses of {name} are not finite: {losses}", stacklevel=2)
+        self.metrics.log_dict(losses, key=name, window=1)
+        norm = trainings[0].norm
+        ((optimiser_name, optimiser),) = self.get_optimizers_for_module(name)
+        if norm is None and self.config.get_config_for_module(name).log_gradients:
+            gradients = [item.grad for item in optimiser.param_groups[0]["params"] if item.grad is not None]
+            norm = torch.nn.utils.get_total_norm(gradients)
+        if norm is not None:
+            self.metrics.log_value((name, f"gradients_{optimiser_name}_global_norm"), float(norm), window=1)

@@ -1,0 +1,140 @@
+"""What of a policy's module learns: its nets as functions of a minibatch, with the optimiser of their parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.columns import Columns
+
+from safe_inspect.experiments.learning.fast_adam import FastAdam, is_plain
+from safe_inspect.experiments.learning.net_passes import AutogradPass, Outputs, Pass, TanhPass
+from safe_inspect.experiments.learning.tanh_net import TanhNet, linear_layers
+
+_PROBE = 16
+_ROUNDING = 1e-5  # of the fast tanh, through some layers
+
+
+@dataclass(frozen=True)
+class Net:
+    """A part of a module that shares no parameter with the others, and so learns by itself.
+
+    Attributes:
+        make_pass: Function of the number of rows of a minibatch to a pass through the net.
+        parameters: Its parameters that learn.
+    """
+
+    make_pass: Callable[[int], Pass]
+    parameters: Sequence[torch.nn.Parameter]
+
+
+class Optimiser(Protocol):
+    """What takes a step from the gradients of a net's parameters."""
+
+    def step(self, gradients: Sequence[torch.Tensor]) -> None:
+        """Take a step."""
+
+
+def nets_of(module: Any, together: bool = False) -> list[Net]:
+    """Return a module's nets: policy and value function where they are separate, else one that gives both.
+
+    Args:
+        module: RLlib's module of the policy.
+        together: One net is wanted in any case.
+    """
+    whole = _whole(module)
+    if together:
+        return [whole]
+    try:
+        parts = _parts(module)
+    except AttributeError:
+        return [whole]
+    known = [id(parameter) for part in parts for parameter in part.parameters]
+    if len(set(known)) < len(known) or set(known) != {id(parameter) for parameter in whole.parameters}:
+        return [whole]
+    size = int(module.observation_space.shape[0])
+    probe = torch.linspace(-2.0, 2.0, _PROBE * size).reshape(_PROBE, size)
+    with torch.no_grad():
+        wanted = whole.make_pass(_PROBE).forward(probe)
+        found = (parts[0].make_pass(_PROBE).forward(probe)[0], parts[1].make_pass(_PROBE).forward(probe)[1])
+    pairs = zip(wanted, found, strict=True)
+    if all(a is not None and b is not None and torch.allclose(a, b, 1e-5, _ROUNDING) for a, b in pairs):
+        return parts
+    return [whole]
+
+
+def _whole(module: Any) -> Net:
+    parameters = _learning(module)
+
+    def forward(observations: torch.Tensor) -> Outputs:
+        batch = {Columns.OBS: observations}
+        outputs = module.forward_train(batch)
+        values = module.compute_values(batch, embeddings=outputs.get(Columns.EMBEDDINGS))
+        return outputs[Columns.ACTION_DIST_INPUTS], values
+
+    return Net(lambda rows: AutogradPass(forward, parameters), parameters)
+
+
+def _parts(module: Any) -> list[Net]:
+    """Return policy and value function of RLlib's own module without its dictionaries about the layers."""
+    ours = DefaultPPOTorchRLModule
+    names = ("forward_train", "_forward_train", "compute_values")
+    if not isinstance(module, ours) or any(getattr(type(module), name) is not getattr(ours, name) for name in names):
+        raise AttributeError("not RLlib's own")
+    encoder = module.encoder
+    return [_part(encoder.actor_encoder, module.pi, False), _part(encoder.critic_encoder, module.vf, True)]
+
+
+def _part(encoder: Any, head: Any, values: bool) -> Net:
+    body = encoder.net.mlp
+    parameters = [*_learning(body), *_learning(head)]
+    layers = linear_layers(body, head.net.mlp) if hasattr(head, "net") else None
+    if layers is not None and len(parameters) == 2 * len(layers):
+        limit = float(head.log_std_clip_param) if head.clip_log_std else None
+        return Net(lambda rows: TanhPass(TanhNet(layers, rows, limit), values), parameters)
+
+    def forward(observations: torch.Tensor) -> Outputs:
+        found = head(body(observations))
+        return (None, found.squeeze(-1)) if values else (found, None)
+
+    return Net(lambda rows: AutogradPass(forward, parameters), parameters)
+
+
+def _learning(module: Any) -> list[torch.nn.Parameter]:
+    return [parameter for parameter in module.parameters() if parameter.requires_grad]
+
+
+class _TorchAdam:
+    """Torch's Adam with the settings and the state of another optimiser, for some of its parameters."""
+
+    def __init__(self, optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> None:
+        (group,) = optimiser.param_groups
+        names = ("lr", "betas", "eps", "weight_decay", "amsgrad", "maximize")
+        self._parameters = parameters
+        self._adam = torch.optim.Adam(parameters, **{name: group[name] for name in names}, fused=True)
+        for parameter in parameters:
+            self._adam.state[parameter] = optimiser.state[parameter]
+
+    def step(self, gradients: Sequence[torch.Tensor]) -> None:
+        """Take a step."""
+        for parameter, gradient in zip(self._parameters, gradients, strict=True):
+            parameter.grad = gradient
+        self._adam.step()
+
+
+def part_of(optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> Optimiser:
+    """Return an optimiser of some of the parameters of another, whose settings and state it shares.
+
+    RLlib has one for all parameters of a module, and it is that one which checkpoints hold.
+    """
+    for parameter in parameters:
+        state = optimiser.state[parameter]
+        if not state:
+            state["step"] = torch.zeros((), dtype=torch.float32, device=parameter.device)
+            state["exp_avg"] = torch.zeros_like(parameter)
+            state["exp_avg_sq"] = torch.zeros_like(parameter)
+    plain = is_plain(optimiser) and all(p.dtype == torch.float32 and p.device.type == "cpu" for p in parameters)
+    return FastAdam(optimiser, parameters) if plain else _TorchAdam(optimiser, parameters)

@@ -1,0 +1,1 @@
+"""Policies: how they are made, saved, loaded and frozen."""

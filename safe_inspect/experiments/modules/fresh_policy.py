@@ -1,0 +1,148 @@
+"""`FreshPolicy`: RLlib's PPO policy with initial weights of one's own. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from gymnasium.spaces import MultiDiscrete
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
+
+from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
+from safe_inspect.experiments.modules.weights_file import INFO, Weights, read_weights
+from safe_inspect.experiments.runs.checkpoints import policy_folder
+from safe_inspect.experiments.settings.keys import FRESH_KEYS
+
+_HIDDEN_GAIN = math.sqrt(2.0)
+_POLICY_GAIN = 0.01
+
+
+class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
+    """RLlib's policy; its `model_config` may also hold the keys of `FRESH_KEYS`.
+
+    A policy that begins with thrust at every step leaves the scene at once and learns to save fuel before it has seen
+    an inspection. So ``initial_choice`` names the choice that a fresh categorical policy prefers, coasting as a rule,
+    with ``initial_probability`` (0.9 unless given), and ``initial_std`` the standard deviation of a fresh Gaussian one.
+    ``orthogonal`` draws orthogonal weights of gain sqrt(2), of gain 0.01 in the last layer of the policy.
+    ``initial_weights`` is the folder of a checkpoint with one policy, or the name of a policy that the package ships,
+    of the same nets, observations and actions, that learns on: a team may begin with what one deputy has learned.
+    """
+
+    def setup(self) -> None:
+        """Build the nets, and set their first weights."""
+        super().setup()  # type: ignore[no-untyped-call]
+        own: Any = self.model_config
+        with torch.no_grad():
+            if own.get("orthogonal"):
+                self._draw_orthogonal()
+            if own.get("initial_choice") is not None:
+                self._prefer(int(own["initial_choice"]), float(own.get("initial_probability", 0.9)))
+            if own.get("initial_std") is not None and not isinstance(self.action_space, MultiDiscrete):
+                bias = _last(self.pi).bias
+                bias[len(bias) // 2 :] = math.log(float(own["initial_std"]))
+            if own.get("initial_weights"):
+                if not self.inference_only:  # a runner gets its weights from the learner
+                    load_arrays(self, initial_weights(own["initial_weights"]).arrays, own["initial_weights"])
+                # A checkpoint builds the module anew with this, and the other one may be gone by then.
+                self.model_config = {**own, "initial_weights": None}
+
+    def _draw_orthogonal(self) -> None:
+        for part in (self.encoder, self.pi, self.vf):
+            for layer in part.modules():
+                if isinstance(layer, torch.nn.Linear):
+                    torch.nn.init.orthogonal_(layer.weight, _HIDDEN_GAIN)
+                    torch.nn.init.zeros_(layer.bias)
+        torch.nn.init.orthogonal_(_last(self.pi).weight, _POLICY_GAIN)
+        torch.nn.init.orthogonal_(_last(self.vf).weight, 1.0)
+
+    def _prefer(self, choice: int, probability: float) -> None:
+        if not isinstance(self.action_space, MultiDiscrete):
+            return
+        bias, first = _last(self.pi).bias, 0
+        for size in self.action_space.nvec.tolist():
+            if choice >= size:
+                raise ValueError(f"`initial_choice` ({choice}) is beyond the last of {size} choices, {size - 1}")
+            others = max(size - 1, 1)
+            bias[first : first + size] = 0.0
+            bias[first + choice] = math.log(probability * others / (1.0 - probability))
+            first += size
+
+
+def _last(head: torch.nn.Module) -> torch.nn.Linear:
+    return [layer for layer in head.modules() if isinstance(layer, torch.nn.Linear)][-1]
+
+
+def initial_weights(source: str) -> Weights:
+    """Return the weights with which a policy begins.
+
+    Args:
+        source: Folder of a checkpoint with one policy, or the name of a policy that the package ships.
+
+    Raises:
+        CheckpointError: The checkpoint is missing or damaged, or its weights cannot be read without running code.
+    """
+    folder = shipped_policy(source).checkpoint if source in shipped_policies() else source
+    return read_weights(policy_folder(folder))
+
+
+def build_module(weights: Weights, title: str) -> FreshPolicy:
+    """Return the module of the weights in a file.
+
+    Args:
+        weights: What the file holds.
+        title: The file, for messages.
+
+    Raises:
+        CheckpointError: The file describes no module, or its weights do not fit it.
+    """
+    known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys() | {INFO}
+    unknown = sorted(weights.model.keys() - known)
+    if unknown:
+        raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}`; another version wrote it")
+    try:
+        module = FreshPolicy(  # type: ignore[no-untyped-call]
+            observation_space=weights.observation_space,
+            action_space=weights.action_space,
+            model_config={**weights.model, "initial_weights": None},
+        )
+    except Exception as error:  # RLlib has many for settings that make no net
+        raise CheckpointError(f"{title}: the policy's settings are damaged ({error})") from None
+    load_arrays(module, weights.arrays, title)
+    return module
+
+
+def policy_spec(
+    model: Mapping[str, Any], algorithm: str = "PPO", info: Mapping[str, str] | None = None
+) -> RLModuleSpec:
+    """Return how RLlib builds a policy that learns.
+
+    Args:
+        model: The keys of `model_config`.
+        algorithm: Name of the algorithm.
+        info: The texts of the policy's `PolicyInfo`, for its checkpoints.
+
+    Raises:
+        CheckpointError: The `initial_weights` cannot be read.
+    """
+    own = {key: value for key, value in model.items() if key in FRESH_KEYS}
+    known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
+    if algorithm not in ("PPO", "IMPALA", "APPO"):  # of these no policy can be flown
+        return RLModuleSpec(model_config=known)
+    if own.get("initial_weights"):
+        initial_weights(own["initial_weights"])  # a mistake is found now, not in RLlib's processes
+        if own["initial_weights"] not in shipped_policies():  # which work in other folders
+            own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
+    settings = {**dataclasses.asdict(known), **own, INFO: dict(info or {})}
+    if algorithm == "APPO":
+        from safe_inspect.experiments.modules.appo_policy import AppoPolicy
+
+        return RLModuleSpec(module_class=AppoPolicy, model_config=settings)
+    return RLModuleSpec(module_class=FreshPolicy, model_config=settings)

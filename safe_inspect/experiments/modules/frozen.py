@@ -1,0 +1,95 @@
+"""Policies that come from a checkpoint and are not trained. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from gymnasium.spaces import MultiDiscrete
+from ray.rllib.core.columns import Columns
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
+
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.group import AgentGroup
+from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.experiments.modules.fresh_policy import FreshPolicy
+from safe_inspect.experiments.modules.saved_policy import load_arrays
+from safe_inspect.experiments.modules.weights_file import read_weights
+from safe_inspect.experiments.runs.checkpoints import policy_folder
+from safe_inspect.experiments.settings.policies import PolicySettings, layouts_of
+
+_NO_NOISE = -20.0
+
+_SOURCE = "frozen_from"
+
+
+class FrozenPolicy(FreshPolicy):
+    """RLlib's policy as it flies after its training: a Gaussian one without noise, a categorical one as it is.
+
+    ``frozen_from`` in its `model_config` is the folder of the policy in its checkpoint.
+    """
+
+    def setup(self) -> None:
+        """Build the nets, and load their weights."""
+        super().setup()
+        own: Any = self.model_config
+        if own.get(_SOURCE) and not self.inference_only:  # a runner gets its weights from the learner
+            load_arrays(self, read_weights(Path(own[_SOURCE])).arrays, own[_SOURCE])
+        self.model_config = {key: value for key, value in own.items() if key != _SOURCE}
+
+    def _forward_exploration(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
+        outputs: dict[str, Any] = self._forward(batch)
+        if not isinstance(self.action_space, MultiDiscrete):
+            mean = outputs[Columns.ACTION_DIST_INPUTS].chunk(2, dim=-1)[0]
+            outputs[Columns.ACTION_DIST_INPUTS] = torch.cat((mean, torch.full_like(mean, _NO_NOISE)), dim=-1)
+        return outputs
+
+
+def frozen_spec(policy: PolicySettings) -> RLModuleSpec:
+    """Return how RLlib builds a policy that comes from a checkpoint."""
+    folder = _source(policy)
+    weights = read_weights(folder)
+    return RLModuleSpec(
+        module_class=FrozenPolicy,
+        observation_space=weights.observation_space,
+        action_space=weights.action_space,
+        model_config={**weights.model, "initial_weights": None, _SOURCE: str(folder)},
+    )
+
+
+def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentGroup]) -> None:
+    """Check that each policy that comes from a checkpoint is there and fits its agents.
+
+    Raises:
+        CheckpointError: A checkpoint is missing, damaged or of another task.
+    """
+    layouts = layouts_of(groups)
+    group_of = {agent: group for group in groups for agent in group.agents}
+    for policy in policies.values():
+        if policy.trains:
+            continue
+        weights = read_weights(_source(policy))
+        for agent in policy.agents:
+            pairs = zip(
+                ("observation", "action"),
+                (weights.observation_space, weights.action_space),
+                layouts[agent],
+                strict=True,
+            )
+            for what, space, layout in pairs:
+                wanted = box(layout) if what == "observation" else action_space(layout)
+                if space.shape != wanted.shape or type(space) is not type(wanted):
+                    raise CheckpointError(
+                        f"{policy.checkpoint}: the policy of {agent} has {space.shape[0]} elements of {what}, and the "
+                        f"agent {layout.size}; give a checkpoint of the same glues"
+                    )
+            if weights.info is not None:
+                check_layout(str(policy.checkpoint), weights.info, replace(group_of[agent].agent, name=agent))
+
+
+def _source(policy: PolicySettings) -> Path:
+    return policy_folder(policy.checkpoint or "", policy.source_policy, policy.name)

@@ -1,0 +1,124 @@
+"""Trained policies: from a checkpoint to a function of observations."""
+
+from __future__ import annotations
+
+import logging
+import os
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from ray.rllib.core.columns import Columns
+
+from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.policies import Flight
+from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
+from safe_inspect.experiments.modules.fresh_policy import build_module
+from safe_inspect.experiments.modules.weights_file import info_of, read_weights
+from safe_inspect.experiments.runs.checkpoints import policy_folder
+from safe_inspect.experiments.sampling.distributions import Categorical, Distribution, distribution_of_module
+from safe_inspect.types import AnyArray, FloatArray
+
+
+class TrainedPolicy:
+    """A trained policy as a function of observations.
+
+    Args:
+        module: RLlib's module of the policy.
+        sampled: False: the mean action of a Gaussian policy, the most likely choice of a categorical one. True: actions
+            are drawn from the distribution, as in training. None: drawn in a rollout if the policy is categorical,
+            for it learns how often to burn, and no single burn need be likely. A draw is a function of the seed, the
+            environment slot, the step and the agent, so that the same seed gives the same episodes.
+        seed: Seed of the draws.
+
+    Raises:
+        CheckpointError: The policy's actions are neither Gaussian nor categorical.
+    """
+
+    def __init__(self, module: Any, sampled: bool | None = None, seed: int = 0) -> None:
+        self.module = module.eval()
+        self.sampled, self.seed = sampled, seed
+        distribution = distribution_of_module(module)
+        if distribution is None:
+            raise CheckpointError("the policy's actions are neither Gaussian nor categorical; only such can be flown")
+        self._distribution: Distribution = distribution
+        self._categorical = isinstance(distribution, Categorical)
+        self._width = int(np.prod(module.action_space.shape))
+        self._flight: Flight | None = None
+        self._steps = 0
+
+    @property
+    def info(self) -> PolicyInfo | None:
+        """What the policy was trained with; None where its checkpoint does not say it."""
+        return info_of(self.module.model_config)
+
+    def begin(self, flight: Flight) -> None:
+        """Take note of the slots of the rows of the next steps, for the draws."""
+        self._flight, self._steps = flight, 0
+
+    def inputs(self, observation: NDArray[np.float32]) -> AnyArray:
+        """Return the inputs of the action distributions, float32, shape (R, I), for observations (R, O)."""
+        with torch.no_grad():
+            outputs = self.module.forward_inference({Columns.OBS: torch.from_numpy(np.ascontiguousarray(observation))})
+        return np.asarray(outputs[Columns.ACTION_DIST_INPUTS].numpy())
+
+    def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
+        """Return the actions (R, A) for observations (R, O)."""
+        inputs = self.inputs(observation)
+        drawn_ones = self._categorical and self._flight is not None if self.sampled is None else self.sampled
+        rows = len(inputs)
+        actions = np.empty((rows, self._width), dtype=np.float32)
+        slots = np.arange(rows) if self._flight is None else self._flight.slots
+        deputies = np.zeros(rows, dtype=np.int64) if self._flight is None else self._flight.deputies
+        episode, step = np.zeros(rows, dtype=np.int64), np.full(rows, self._steps, dtype=np.int64)
+        likelihood = np.empty(rows, dtype=np.float32)
+        for deputy in np.unique(deputies):
+            mine = np.flatnonzero(deputies == deputy)
+            drawn, density = np.empty((len(mine), self._width), dtype=np.float32), likelihood[: len(mine)]
+            where = (slots[mine].astype(np.uint64), episode[mine], step[mine], int(deputy), drawn, density)
+            self._distribution.draw(inputs[mine], drawn_ones, np.uint64(self.seed), *where)
+            actions[mine] = drawn
+        self._steps += 1
+        return actions.astype(np.float64)
+
+
+def load_policy(
+    checkpoint: str | os.PathLike[str], policy: str | None = None, *, sampled: bool | None = None, seed: int = 0
+) -> TrainedPolicy:
+    """Return a policy of a checkpoint.
+
+    Args:
+        checkpoint: The checkpoint's folder.
+        policy: Name of the policy, where the checkpoint holds several.
+        sampled: Whether actions are drawn, see `TrainedPolicy`.
+        seed: Seed of the draws.
+
+    Raises:
+        CheckpointError: The checkpoint is missing or damaged, has no such policy, or only as a pickle.
+    """
+    return TrainedPolicy(_load(checkpoint, policy), sampled, seed)
+
+
+def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0, policy: str | None = None) -> TrainedPolicy:
+    """Return a policy of the same make as a checkpoint's, with fresh random weights.
+
+    Args:
+        checkpoint: The checkpoint's folder.
+        seed: Seed of the weights.
+        policy: Name of the policy, where the checkpoint holds several.
+
+    Raises:
+        CheckpointError: The checkpoint is missing or damaged, has no such policy, or only as a pickle.
+    """
+    module = _load(checkpoint, policy)
+    arguments, keywords = module.get_ctor_args_and_kwargs()
+    torch.manual_seed(seed)
+    return TrainedPolicy(type(module)(*arguments, **keywords))
+
+
+def _load(checkpoint: str | os.PathLike[str], policy: str | None) -> Any:
+    folder = policy_folder(checkpoint, policy)
+    for name in ("ray.rllib", "ray._common.deprecation"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    return build_module(read_weights(folder), str(folder))

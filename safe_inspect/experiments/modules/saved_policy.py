@@ -1,0 +1,52 @@
+"""`SavedPolicy`: a module of RLlib whose weights are saved without pickle too. Importing it loads Ray and Torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from pyarrow.fs import FileSystem, LocalFileSystem  # type: ignore[import-untyped]
+from ray.rllib.core.rl_module.rl_module import RLModule
+
+from safe_inspect.errors import CheckpointError
+from safe_inspect.experiments.modules.weights_file import pack
+from safe_inspect.experiments.runs.checkpoints import WEIGHTS
+from safe_inspect.types import AnyArray
+
+
+class SavedPolicy(RLModule):  # type: ignore[misc]
+    """What the package's policies have in common: beside RLlib's files each checkpoint has one of `weights_file`."""
+
+    def save_to_path(
+        self,
+        path: str | Path | None = None,
+        *,
+        state: Mapping[str, Any] | None = None,
+        filesystem: Any = None,
+        use_msgpack: bool = False,
+    ) -> str:
+        """Save the module into a folder, as RLlib does it, and its weights beside it."""
+        if path is not None and filesystem is None:
+            filesystem, path = FileSystem.from_uri(str(path))
+        more = {"state": state, "filesystem": filesystem, "use_msgpack": use_msgpack}
+        saved: str = super().save_to_path(path, **more)
+        if not self.inference_only:  # a runner's copy, which lacks the value function
+            content = pack(self, state or self.get_state())
+            with (filesystem or LocalFileSystem()).open_output_stream(f"{saved}/{WEIGHTS}") as file:
+                file.write(content)
+        return saved
+
+
+def load_arrays(module: Any, arrays: Mapping[str, AnyArray], title: str) -> None:
+    """Give a module the weights of a file.
+
+    Raises:
+        CheckpointError: They are of other nets.
+    """
+    try:
+        module.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
+    except (RuntimeError, ValueError) as error:
+        told = str(error).strip().splitlines()[-1].strip()
+        raise CheckpointError(f"{title}: its weights do not fit this policy ({told})") from None

@@ -1,0 +1,117 @@
+"""The weights of a policy in a file that holds no code: safetensors, and what else is needed as JSON in its header.
+
+RLlib saves its modules as pickles. A pickle may run any code when it is loaded, so whatever flies a policy or starts
+from its weights reads this file instead. Its header holds texts: those of `PolicyInfo`, where they are known, and
+``net``, with the spaces and RLlib's `model_config`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+from gymnasium.spaces import Box, MultiDiscrete, Space
+from safetensors import SafetensorError, safe_open
+
+from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.policy_files.policy_file import FORMAT, PolicyInfo
+from safe_inspect.experiments.runs.checkpoints import weights_path
+from safe_inspect.types import AnyArray
+from safe_inspect.version import __version__
+
+#: Key of `model_config` for the texts of `PolicyInfo`.
+INFO = "policy_info"
+
+_PARTS = ("encoder.", "pi.", "vf.")  # not the target networks of APPO
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What the file of a policy holds.
+
+    Attributes:
+        arrays: The weights, by the names of the module's parameters and buffers.
+        observation_space: The module's.
+        action_space: The module's.
+        model: RLlib's `model_config`, with the texts of `PolicyInfo` under `INFO`.
+    """
+
+    arrays: Mapping[str, AnyArray]
+    observation_space: Any
+    action_space: Any
+    model: Mapping[str, Any]
+
+    @property
+    def info(self) -> PolicyInfo | None:
+        """What the policy was trained with; None where the checkpoint does not say it."""
+        return info_of(self.model)
+
+
+def info_of(model: Mapping[str, Any]) -> PolicyInfo | None:
+    """Return what a policy was trained with, from its `model_config`; None where that does not say it."""
+    texts = model.get(INFO) or {}
+    return PolicyInfo.of(texts) if "observation" in texts else None
+
+
+def pack(module: Any, state: Mapping[str, Any]) -> bytes:
+    """Return the bytes of the file of a module.
+
+    Args:
+        module: RLlib's module.
+        state: Its state, arrays by name.
+    """
+    model = dict(module.model_config)
+    info = {"safe_inspect": __version__, "format": str(FORMAT), **(model.pop(INFO, None) or {})}
+    net = {
+        "observation_space": _plain(module.observation_space),
+        "action_space": _plain(module.action_space),
+        "model_config": model,
+    }
+    arrays = {name: np.asarray(value, order="C") for name, value in state.items() if name.startswith(_PARTS)}
+    return safetensors.numpy.save(arrays, {**info, "net": json.dumps(net)})
+
+
+def read_weights(folder: Path) -> Weights:
+    """Return what the file of a policy holds.
+
+    Args:
+        folder: The policy's, from `policy_folder`.
+
+    Raises:
+        CheckpointError: The file is missing, damaged or of another version.
+    """
+    path = weights_path(folder)
+    try:
+        with safe_open(path, framework="numpy") as file:
+            texts: dict[str, str] = file.metadata() or {}
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        if texts["format"] != str(FORMAT):
+            raise CheckpointError(
+                f"{path}: the weights were written by safe_inspect {texts['safe_inspect']}, whose format this version "
+                "does not read"
+            )
+        net = json.loads(texts.pop("net"))
+        model = {**net["model_config"], INFO: texts}
+        info_of(model)  # a mistake in these texts is found now
+        return Weights(arrays, _space(net["observation_space"]), _space(net["action_space"]), model)
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError, AssertionError) as error:
+        raise CheckpointError(f"{path}: the weights are damaged ({error})") from None
+
+
+def _plain(space: Space[Any]) -> dict[str, Any]:
+    if isinstance(space, MultiDiscrete):
+        return {"choices": space.nvec.tolist()}
+    assert isinstance(space, Box)
+    return {"low": space.low.tolist(), "high": space.high.tolist()}
+
+
+def _space(plain: Mapping[str, Any]) -> Space[Any]:
+    if "choices" in plain:
+        return MultiDiscrete([int(count) for count in plain["choices"]])
+    low, high = (np.array(plain[side], dtype=np.float32) for side in ("low", "high"))
+    return Box(low, high, dtype=np.float32)

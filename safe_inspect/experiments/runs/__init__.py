@@ -1,0 +1,1 @@
+"""Trainings: run folders, checkpoints, progress, trials."""

@@ -1,0 +1,203 @@
+"""Checkpoints that can be trusted: sealed when they are complete, found again by their seal.
+
+A process that is killed while Tune writes a checkpoint leaves a folder that looks like
+one. So each complete checkpoint gets a file with the sizes and sums of all its files, and
+one without that file, or that does not agree with it, is not loaded.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.errors import CheckpointError, did_you_mean
+from safe_inspect.experiments.runs.trial_parameters import PARAMETERS, parameters_text, read_parameters
+from safe_inspect.outputs import new_file
+
+SEAL = "safe_inspect.json"
+
+#: Where the policies stand in a checkpoint, one folder for each.
+MODULES = Path("learner_group", "learner", "rl_module")
+
+#: The weights of a policy in its folder, see `weights_file`. RLlib's own files beside it are pickles, which may run any
+#: code when they are loaded: only a run that is resumed reads them.
+WEIGHTS = "policy.safetensors"
+
+#: What RLlib calls the policy of a single agent.
+SINGLE = "default_policy"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A complete checkpoint.
+
+    Attributes:
+        path: Its folder.
+        iteration: The iteration after which it was saved.
+        steps: Environment steps sampled until then.
+        seconds: Training time until then [s].
+        digest: Hash of the configuration, see `run_folder.digest`.
+    """
+
+    path: Path
+    iteration: int
+    steps: int = 0
+    seconds: float = 0.0
+    digest: str = ""
+
+
+@dataclass
+class Found:
+    """The newest complete checkpoint of a run, and what was passed over.
+
+    Attributes:
+        newest: The checkpoint; None when there is none.
+        refused: One sentence for each newer folder that was not good.
+    """
+
+    newest: Checkpoint | None = None
+    refused: list[str] = field(default_factory=list)
+
+
+def seal_checkpoint(checkpoint: Checkpoint) -> None:
+    """Mark a checkpoint as complete."""
+    content = {**asdict(checkpoint), "path": None, "files": _sums(checkpoint.path)}
+    with new_file(checkpoint.path / SEAL) as work:
+        work.write_text(json.dumps(content, indent=1), encoding="utf-8")
+
+
+def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
+    """Return a checkpoint after comparing all its files with its seal.
+
+    Raises:
+        CheckpointError: It is missing, incomplete or damaged.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise CheckpointError(f"{path}: there is no such checkpoint")
+    try:
+        seal: dict[str, Any] = json.loads((path / SEAL).read_text(encoding="utf-8"))
+        checkpoint = Checkpoint(
+            path, int(seal["iteration"]), int(seal["steps"]), float(seal["seconds"]), str(seal["digest"])
+        )
+        expected: dict[str, list[int]] = seal["files"]
+    except FileNotFoundError:
+        raise CheckpointError(f"{path}: the checkpoint is incomplete; its writing was interrupted") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CheckpointError(f"{path}: the checkpoint's seal {SEAL} is damaged ({error})") from error
+    found = _sums(path)
+    for name in sorted(expected):
+        if name not in found:
+            raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is missing")
+        if found[name] != expected[name]:
+            raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is not what was saved")
+    return checkpoint
+
+
+def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual: str = "") -> Path:
+    """Return the folder of a policy in a checkpoint.
+
+    Args:
+        path: The checkpoint.
+        policy: Name of the policy; where it is missing, the only one, or the one with the usual name.
+        usual: See `policy`.
+
+    Raises:
+        CheckpointError: The checkpoint is missing, incomplete or damaged, or has no such policy.
+    """
+    folder = read_checkpoint(path).path.absolute() / MODULES
+    names = sorted(item.name for item in folder.iterdir() if item.is_dir()) if folder.is_dir() else []
+    if policy is None:
+        if len(names) != 1 and usual not in names:
+            known = ", ".join(names) or "none"
+            raise CheckpointError(f"{path}: the checkpoint has the policies {known}; name one of them with `policy`")
+        policy = names[0] if len(names) == 1 else usual
+    if policy not in names:
+        raise CheckpointError(f"{path}: the checkpoint has no policy {policy!r}; {did_you_mean(policy, names)}")
+    return folder / policy
+
+
+def weights_path(folder: Path) -> Path:
+    """Return the file with the weights of a policy.
+
+    Args:
+        folder: The policy's, from `policy_folder`.
+
+    Raises:
+        CheckpointError: The checkpoint has none.
+    """
+    path = folder / WEIGHTS
+    if not path.is_file():
+        checkpoint = folder.parents[len(MODULES.parts)]
+        raise CheckpointError(
+            f"{checkpoint}: the checkpoint holds the policy {folder.name!r} only as a pickle, which may run any code, "
+            "so it is not loaded; an earlier version wrote it, or an algorithm other than PPO, APPO and IMPALA. Resume "
+            "a run of your own for one iteration, `safe-inspect train --resume RUN` with a later limit in `stop`, to "
+            "get a checkpoint that can be loaded, or train again"
+        )
+    return path
+
+
+def find_newest(folder: Path, digest: str = "") -> Found:
+    """Return the complete checkpoint of the highest iteration below `folder`.
+
+    Args:
+        folder: A run's `tune` folder, or a folder below it.
+        digest: Hash of the configuration that the checkpoint must have; any when empty.
+
+    Raises:
+        CheckpointError: The folder is that of a search with several trials.
+    """
+    _check_one_trial(folder)
+    found = Found()
+    for path in sorted(folder.glob("**/checkpoint_*"), key=_order, reverse=True):
+        if not path.is_dir():
+            continue
+        try:
+            checkpoint = read_checkpoint(path)
+        except CheckpointError as error:
+            found.refused.append(str(error))
+            continue
+        if digest and checkpoint.digest != digest:
+            found.refused.append(f"{path}: the checkpoint is of another configuration")
+            continue
+        found.newest = checkpoint
+        break
+    return found
+
+
+def _check_one_trial(folder: Path) -> None:
+    """Refuse a folder with several trials, the newest checkpoint of which would be that of any of them."""
+    if (folder / PARAMETERS).is_file():
+        return
+    trials = sorted(path.parent for path in folder.glob(f"**/{PARAMETERS}"))
+    if not trials:  # Tune's own folder, which has the first trial of each attempt where there is no search
+        found = {path.parent.name: path.parent for path in sorted(folder.glob("**/checkpoint_*")) if path.is_dir()}
+        trials = [found[name] for name in sorted(found)]
+    if len(trials) < 2:
+        return
+    lines = [
+        f"  {path}" + (f"  {parameters_text(read_parameters(path))}" if (path / PARAMETERS).is_file() else "")
+        for path in trials
+    ]
+    raise CheckpointError(
+        f"{folder}: this is a search with {len(trials)} trials; give the folder of one of them:\n" + "\n".join(lines)
+    )
+
+
+def _order(path: Path) -> tuple[int, float, str]:
+    """Sort by iteration; a folder without a readable seal comes first, by time, as it may be the newest."""
+    try:
+        iteration = int(json.loads((path / SEAL).read_text(encoding="utf-8"))["iteration"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return 2**62, path.stat().st_mtime, path.name
+    return iteration, path.stat().st_mtime, path.name
+
+
+def _sums(folder: Path) -> dict[str, list[int]]:
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(SEAL))
+    return {path.relative_to(folder).as_posix(): [path.stat().st_size, zlib.crc32(path.read_bytes())] for path in files}

@@ -1,0 +1,155 @@
+"""`recipes_of`: which training runs, or trials of a search, differ in their seed alone."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.experiments.runs.run_folder import RunFolder, digest, read_record
+from safe_inspect.experiments.runs.trial_parameters import value_text
+from safe_inspect.experiments.settings.translation import current_name
+
+_DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
+_OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
+_TOLD = 3  # keys in a label
+
+
+def progress_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the ``progress.csv`` of a run, or those of its trials where it is a search.
+
+    Raises:
+        SafeInspectError: There is none.
+    """
+    path = Path(folder).expanduser()
+    if path.is_file():
+        return [path]
+    own = RunFolder(path).progress
+    found = [own] if own.is_file() else sorted(path.glob("trials/*/progress.csv"))
+    if not found:
+        what = "there is no such folder" if not path.exists() else "no progress.csv is in this folder"
+        raise SafeInspectError(f"{os.fspath(folder)}: {what}; give the folder of a training run")
+    return found
+
+
+def one_recipe(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the learning curves of a run, or of a search whose trials differ in their seed alone.
+
+    Raises:
+        SafeInspectError: There is none, or the trials of the search differ in more than their seed.
+    """
+    files = progress_files(folder)
+    recipes = {"": files} if len(files) == 1 else recipes_of([folder])
+    if len(recipes) > 1:
+        raise SafeInspectError(
+            f"{os.fspath(folder)}: the trials of this search differ in more than their seed ({'; '.join(recipes)}); "
+            "give the folders of single trials, trials/NAME"
+        )
+    return next(iter(recipes.values()))
+
+
+def recipes_of(folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] = ()) -> dict[str, list[Path]]:
+    """Return the learning curves of runs by recipe: runs that differ in nothing but their seed are one recipe.
+
+    The trials of a search count as runs, each with the values that it used.
+
+    Args:
+        folders: The runs' folders.
+        labels: A label for each run (equal labels make one recipe), or one for each recipe in the order in which they
+            are first met. Unless given, a recipe is named by the values in which it differs from the others.
+
+    Raises:
+        SafeInspectError: A folder is no run's, there are neither as many labels as runs nor as recipes, or one label
+            is given for a search whose trials differ in more than their seed.
+    """
+    if labels and len(labels) == len(folders):
+        files = [one_recipe(folder) for folder in folders]
+        return _together((label, path) for label, paths in zip(labels, files, strict=True) for path in paths)
+    runs = [path for folder in folders for path in progress_files(folder)]
+    configurations = [_configuration(path) for path in runs]
+    keys = [digest(configuration) for configuration in configurations]
+    found = _together(zip(keys, runs, strict=True))
+    first = [keys.index(key) for key in found]
+    if labels and len(labels) != len(found):
+        raise SafeInspectError(
+            f"{len(labels)} labels are given for {len(folders)} runs of {len(found)} recipes; give a label for each "
+            "run or for each recipe"
+        )
+    names = list(labels) or _names([configurations[index] for index in first], [runs[index] for index in first])
+    return dict(zip(names, found.values(), strict=True))
+
+
+def _together(pairs: Iterable[tuple[str, Path]]) -> dict[str, list[Path]]:
+    found: dict[str, list[Path]] = {}
+    for key, path in pairs:
+        found.setdefault(key, []).append(path)
+    return found
+
+
+def _configuration(progress: Path) -> Mapping[str, Any]:
+    """Return what decides a run's result, its seed left out; without a record, the folder's name without its date."""
+    run = RunFolder(progress.parent)
+    if not run.record.is_file():
+        return {"name": _stem(progress)}
+    configuration: Mapping[str, Any] = _without_seed(read_record(run)["configuration"])
+    return configuration
+
+
+def _name(progress: Path) -> str:
+    """Return the name of a run's folder, or of a search's with that of the trial."""
+    folder = progress.resolve().parent
+    return f"{folder.parents[1].name} {folder.name}" if folder.parent.name == "trials" else folder.name
+
+
+def _stem(progress: Path) -> str:
+    """Return the name without the date of the run."""
+    run, *trial = _name(progress).split(" trial_")
+    return " trial_".join([_DATE.sub("", run), *trial])
+
+
+def _without_seed(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_seed(item) for key, item in value.items() if key != "seed"}
+    return [_without_seed(item) for item in value] if isinstance(value, list) else value
+
+
+def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -> list[str]:
+    """Return the values in which each recipe differs from the others; of many differences, the folders' names."""
+    flat = [dict(_leaves(configuration)) for configuration in configurations]
+    paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
+    differing: dict[tuple[str, ...], None] = {}  # name and the text of each recipe; agents often have the same
+    for path in paths:
+        values = [leaves.get(path) for leaves in flat]
+        if any(value != values[0] for value in values) and _among_rllib_keys(path) not in paths:
+            texts = (value_text(leaves[path]) if path in leaves else "none" for leaves in flat)
+            differing[(path.rpartition(".")[2], *texts)] = None
+    names = [", ".join(f"{key} {texts[index]}" for key, *texts in differing) for index in range(len(flat))]
+    short = 0 < len(differing) <= _TOLD and all(len(name) < 60 for name in names)
+    if short and len(set(names)) == len(names) and "name" not in paths:
+        return names
+    for naming in (_stem, _name):
+        names = [naming(path) for path in files]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{name} {number}" for number, name in enumerate(names, 1)]
+
+
+def _among_rllib_keys(path: str) -> str:
+    """Return where the record repeats, translated, a key that an agent's policy gives; of another path nothing."""
+    key = _OF_POLICY.match(path)
+    head, dot, tail = path[key.end() :].partition(".") if key else ("", "", "")
+    return f"rllib_configs.{current_name(head)}{dot}{tail}"
+
+
+def _leaves(value: Any, path: str = "") -> Iterable[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _leaves(item, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        for index, item in enumerate(value):
+            yield from _leaves(item, f"{path}[{index}]")
+    else:
+        yield path, value

@@ -1,0 +1,308 @@
+"""The folder of a training run: what was asked, by which code, and what came of it.
+
+<output>/<name>_<date>_<time>/
+    experiment.resolved.yml   the whole configuration
+    run.json                  version, commit, seed, command, attempts
+    progress.csv              one row for each iteration
+    result.json               one line for each iteration, every value
+    tensorboard/              the same for TensorBoard
+    tune/<attempt>/           Tune's own state and the checkpoints
+    trials/                   of a search, instead of the logs and `tune`: a folder for each trial, see `trials`
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.errors import CheckpointError, OutputError
+from safe_inspect.experiments.settings.keys import PLACE_KEYS
+from safe_inspect.experiments.settings.policies import PolicySettings
+from safe_inspect.outputs import new_file
+from safe_inspect.version import __version__
+
+_MISSING = "nothing"
+_HINT = "give another folder with --output"
+
+#: Keys of an experiment that do not decide what is learnt, or are compared apart.
+_APART = frozenset({"rllib_configs", "tune_config", "ray_config", "output_path", "TrialName"})
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """The places in the folder of a run."""
+
+    path: Path
+
+    @property
+    def configuration(self) -> Path:
+        """The resolved configuration."""
+        return self.path / "experiment.resolved.yml"
+
+    @property
+    def record(self) -> Path:
+        """What the run is: version, commit, seed, attempts."""
+        return self.path / "run.json"
+
+    @property
+    def progress(self) -> Path:
+        """The learning curve."""
+        return self.path / "progress.csv"
+
+    @property
+    def tune(self) -> Path:
+        """Tune's folder; one folder within it for each attempt."""
+        return self.path / "tune"
+
+    @property
+    def trials(self) -> Path:
+        """Tune's folder of a search; one folder within it for each trial."""
+        return self.path / "trials"
+
+    @property
+    def failure(self) -> Path:
+        """Where an environment leaves a user's error."""
+        return self.path / "failure.json"
+
+    @property
+    def ray_note(self) -> Path:
+        """Where the temporary folder of the run's Ray is noted."""
+        return self.path / ".ray"
+
+
+def create_run_folder(output: str | os.PathLike[str], name: str) -> RunFolder:
+    """Make a new folder below `output`, named after the experiment and the time.
+
+    Raises:
+        OutputError: It cannot be made or written.
+    """
+    parent = Path(output).expanduser().absolute()
+    stem = f"{_file_name(name)}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        for number in range(1, 1000):
+            path = parent / (stem if number == 1 else f"{stem}_{number}")
+            try:
+                path.mkdir()
+            except FileExistsError:
+                continue
+            return RunFolder(path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(
+            f"{parent}: the output folder cannot be written ({reason}); give another with --output"
+        ) from error
+    raise OutputError(f"{parent}: there are a thousand runs called {stem}; give another folder with --output")
+
+
+def open_run_folder(path: str | os.PathLike[str]) -> RunFolder:
+    """Return the folder of an earlier run.
+
+    Raises:
+        CheckpointError: It is not the folder of a run.
+    """
+    folder = RunFolder(Path(path).expanduser().absolute())
+    if not folder.record.is_file():
+        hint = "give the folder that holds run.json and experiment.resolved.yml"
+        raise CheckpointError(f"{path}: this is not the folder of a training run; {hint}")
+    read_record(folder)
+    return folder
+
+
+def write_record(folder: RunFolder, *, text: str, seed: int, configuration: Mapping[str, Any]) -> None:
+    """Write the resolved configuration and `run.json` of a new run.
+
+    Args:
+        folder: The new folder.
+        text: The resolved configuration, as YAML.
+        seed: The seed of the run.
+        configuration: What a resumed run must have again, from `learning_configuration`.
+    """
+    with new_file(folder.configuration, _HINT) as work:
+        work.write_text(text, encoding="utf-8")
+    _write_json(
+        folder.record,
+        {
+            "safe_inspect": __version__,
+            "git_commit": git_commit(),
+            "python": platform.python_version(),
+            "seed": seed,
+            "digest": digest(configuration),
+            "attempts": [],
+            "configuration": configuration,
+        },
+    )
+
+
+def read_record(folder: RunFolder) -> dict[str, Any]:
+    """Return what `run.json` says.
+
+    Raises:
+        CheckpointError: It is damaged.
+    """
+    try:
+        record: dict[str, Any] = json.loads(folder.record.read_text(encoding="utf-8"))
+        record["digest"], record["attempts"], record["configuration"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CheckpointError(f"{folder.record}: the record of the run is damaged ({error})") from error
+    return record
+
+
+def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str = "", iteration: int = 0) -> int:
+    """Note in `run.json` that a training starts, and return the number of the attempt, from 0."""
+    record = read_record(folder)
+    record["attempts"].append(
+        {
+            "started": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "command": shlex.join(command or sys.argv),
+            "host": platform.node(),
+            "continued_from": continued_from,
+            "iteration": iteration,
+        }
+    )
+    _write_json(folder.record, record)
+    return len(record["attempts"]) - 1
+
+
+def copy_attempt(folder: RunFolder, own: RunFolder) -> None:
+    """Note the newest attempt of a search in `run.json` of a trial that starts."""
+    record = read_record(own)
+    record["attempts"].append(read_record(folder)["attempts"][-1])
+    _write_json(own.record, record)
+
+
+def learning_configuration(
+    experiment: Mapping[str, Any], rllib: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
+) -> dict[str, Any]:
+    """Return what decides the result of a training: the experiment, the settings of the algorithm and the policies.
+
+    What only says where, how fast and how long the run computes is left out: a resumed run may change it.
+    The experiment's own `rllib_configs` are left out too, as `rllib` holds them translated.
+    """
+    settings = {key: value for key, value in rllib.items() if key not in PLACE_KEYS}
+    learning = {"experiment": _without(experiment, _APART), "rllib_configs": settings}
+    if policies:
+        learning["policies"] = {name: asdict(policy) for name, policy in policies.items()}
+    plain: dict[str, Any] = json.loads(json.dumps(learning, default=str))
+    return plain
+
+
+def digest(configuration: Mapping[str, Any]) -> str:
+    """Return a short hash of a configuration that does not depend on the order of its keys."""
+    text = json.dumps(configuration, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> None:
+    """Refuse to continue a run with another configuration.
+
+    Raises:
+        CheckpointError: The configuration differs; the message names where.
+    """
+    record = read_record(folder)
+    if record["digest"] == digest(configuration):
+        return
+    theirs, ours = (_flown(item) for item in (record["configuration"], configuration))
+    if theirs != ours:
+        raise CheckpointError(
+            f"{folder.path}: the run's checkpoints have the policies {theirs}; this experiment has {ours}\n"
+            "resume it without --cfg and overrides, or start a new run"
+        )
+    found = [
+        f"  {path}: {_short(old)} in the run, {_short(new)} now"
+        for path, old, new in differences(record["configuration"], configuration)
+    ]
+    shown = "\n".join(found[:8]) + ("\n  ..." if len(found) > 8 else "")
+    raise CheckpointError(
+        f"{folder.path}: the run has another configuration, so it cannot be resumed with this one:\n{shown}\n"
+        "resume it without --cfg and overrides, or start a new run"
+    )
+
+
+def _flown(configuration: Mapping[str, Any]) -> str:
+    """Name the policies of a configuration and their agents."""
+    policies = configuration.get("policies") or {}
+    if not policies:
+        return "default_policy (one agent)"
+    return ", ".join(f"{name} ({', '.join(policy['agents'])})" for name, policy in policies.items())
+
+
+def differences(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield the paths at which two configurations differ, with both values."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted({*old, *new}):
+            where = f"{path}.{key}" if path else str(key)
+            yield from differences(old.get(key, _MISSING), new.get(key, _MISSING), where)
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for index, (left, right) in enumerate(zip(old, new, strict=True)):
+            yield from differences(left, right, f"{path}[{index}]")
+    elif old != new:
+        yield path, old, new
+
+
+@contextmanager
+def locked(folder: RunFolder) -> Iterator[None]:
+    """Keep other processes from training in the same folder; the lock ends with the process.
+
+    Raises:
+        OutputError: Another process trains in it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        yield
+        return
+    with open(folder.path / ".lock", "w", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise OutputError(f"{folder.path}: another process is training in this folder; wait for its end") from error
+        yield
+
+
+def git_commit() -> str | None:
+    """Return the commit of this package's source, with ``+`` when it was changed since; None outside a repository."""
+    here = Path(__file__).parent
+
+    def git(*arguments: str) -> str | None:
+        try:
+            run = subprocess.run(["git", *arguments], cwd=here, capture_output=True, text=True, timeout=5, check=True)
+        except (OSError, subprocess.SubprocessError):
+            return None
+        return run.stdout.strip()
+
+    if git("ls-files", "--error-unmatch", Path(__file__).name) is None:  # installed below someone else's repository
+        return None
+    commit = git("rev-parse", "HEAD")
+    return f"{commit}+" if commit and git("status", "--porcelain", "--untracked-files=no", "--", "..") else commit
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    with new_file(path, _HINT) as work:
+        work.write_text(json.dumps(content, indent=2, default=str) + "\n", encoding="utf-8")
+
+
+def _file_name(name: str) -> str:
+    return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name).strip(".-") or "run"
+
+
+def _without(value: Any, names: frozenset[str]) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without(item, names) for key, item in value.items() if key not in names}
+    return [_without(item, names) for item in value] if isinstance(value, list) else value
+
+
+def _short(value: Any) -> str:
+    text = value if value == _MISSING else json.dumps(value, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."

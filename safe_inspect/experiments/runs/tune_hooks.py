@@ -1,0 +1,182 @@
+"""What Tune calls while it trains: log, seal checkpoints, stop.
+
+Tune pickles its callbacks and its stopper, so these hold nothing: they speak to the
+monitor of the process, which `train` sets.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
+
+from ray import tune
+
+from safe_inspect.experiments.runs.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.runs.progress import Progress, flatten
+from safe_inspect.experiments.runs.run_folder import RunFolder, copy_attempt, read_record
+from safe_inspect.experiments.runs.training_log import TrainingLog
+from safe_inspect.experiments.runs.trial_parameters import parameters_text, read_parameters
+from safe_inspect.interrupts import Interrupted, handled
+
+_monitor: Monitor | None = None
+
+
+class Monitor:
+    """Follows the trials of a training in the process that asked for it.
+
+    Args:
+        folder: The run's folder.
+        stop: When the training ends, by RLlib's names.
+        stream: Where progress goes.
+        digest: Hash of the configuration, for the seals.
+        start: The checkpoint from which the training goes on.
+        single: Whether there is one trial, whose log stands in the run's folder itself.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        stop: Mapping[str, float],
+        stream: TextIO,
+        digest: str,
+        start: Checkpoint | None = None,
+        single: bool = True,
+    ) -> None:
+        self.folder, self.stop, self.stream, self.digest = folder, dict(stop), stream, digest
+        self.start, self.single = start, single
+        self.interrupted = False
+        self.last: dict[str, float] = {}
+        self.iterations = 0
+        self._logs: dict[str, TrainingLog] = {}
+        self._lines: dict[str, Progress] = {}
+
+    def on_start(self, trial: str) -> None:
+        """Note and print that a trial of a search starts."""
+        if self.single:
+            return
+        own = RunFolder(RunFolder(self.folder).trials / trial)
+        copy_attempt(RunFolder(self.folder), own)
+        print(f"{trial}  {parameters_text(read_parameters(own.path))}", file=self.stream, flush=True)
+
+    def on_result(self, trial: str, result: Mapping[str, Any]) -> None:
+        """Log and print an iteration of a trial."""
+        flat = flatten(result)
+        if not self.single:
+            flat["seed"] = float(result["config"]["env_config"]["seed"])  # that of a resumed algorithm differs
+        self.iterations += 1
+        self.last = flat
+        if trial not in self._logs:
+            start = self.start or Checkpoint(self.folder, 0)
+            if self.single:
+                self._logs[trial] = TrainingLog(self.folder, start.iteration, start.steps)
+            else:
+                passed = int(flat["training_iteration"]) - 1
+                self._logs[trial] = TrainingLog(RunFolder(self.folder).trials / trial, passed)
+            self._lines[trial] = Progress(self.stop, self.stream, "" if self.single else trial)
+        self._logs[trial].add(flat)
+        self._lines[trial].show(flat)
+
+    def on_checkpoint(self, path: Path, result: Mapping[str, Any]) -> None:
+        """Seal a checkpoint that Tune has written."""
+        flat = flatten(result)
+        digest = self.digest if self.single else str(read_record(RunFolder(path.parent))["digest"])
+        seal_checkpoint(
+            Checkpoint(
+                path,
+                int(flat.get("training_iteration", 0)),
+                int(flat.get("num_env_steps_sampled_lifetime", 0)),
+                flat.get("time_total_s", 0.0),
+                digest,
+            )
+        )
+
+    def reached(self, result: Mapping[str, Any]) -> bool:
+        """Return whether a trial has reached a limit, or the user wants an end."""
+        flat = flatten(result)
+        return self.interrupted or any(flat.get(key, float("-inf")) >= limit for key, limit in self.stop.items())
+
+    def interrupt(self, number: int) -> None:
+        """End after this iteration with a checkpoint; at once when asked again, which a closed terminal does not."""
+        if self.interrupted:
+            if number in (signal.SIGINT, signal.SIGTERM):
+                raise Interrupted(number)
+            return
+        self.interrupted = True
+        for line in self._lines.values():
+            line.close()
+        print(
+            "stopping after this iteration, with a checkpoint; ask again to stop at once", file=self.stream, flush=True
+        )
+
+    def close(self) -> None:
+        """Close the logs."""
+        for log in self._logs.values():
+            log.close()
+        for line in self._lines.values():
+            line.close()
+
+
+@contextmanager
+def monitored(monitor: Monitor) -> Iterator[None]:
+    """Make a monitor the one to which Tune's hooks speak, and let signals end the training in order."""
+    global _monitor
+    _monitor = monitor
+    try:
+        with handled(monitor.interrupt):
+            yield
+    finally:
+        _monitor = None
+        monitor.close()
+
+
+class RunCallback(tune.Callback):
+    """Passes Tune's news to the monitor."""
+
+    def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **_: Any) -> None:
+        """Pass on that a trial starts."""
+        if _monitor is not None:
+            _monitor.on_start(trial_name(trial))
+
+    def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
+        """Pass on an iteration."""
+        if _monitor is not None:
+            _monitor.on_result(trial_name(trial), result)
+
+    def on_checkpoint(self, iteration: int, trials: list[Any], trial: Any, checkpoint: Any, **_: Any) -> None:
+        """Pass on a checkpoint that is complete."""
+        if _monitor is not None:
+            _monitor.on_checkpoint(Path(checkpoint.path), trial.last_result)
+
+
+class RunStopper(tune.Stopper):
+    """Ends a trial when the monitor says so."""
+
+    def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
+        """Return whether the trial ends."""
+        return _monitor is not None and _monitor.reached(result)
+
+    def stop_all(self) -> bool:
+        """Return whether every trial ends; each ends by itself, with a checkpoint."""
+        return False
+
+
+def trial_name(trial: Any) -> str:
+    """Return a short name of a trial, and of its folder: its number in the experiment."""
+    return f"trial_{str(trial.trial_id).rpartition('_')[2]}"
+
+
+def read_failure(path: Path) -> dict[str, str]:
+    """Return the user's error that an environment has left, or nothing."""
+    deadline = time.monotonic() + 1.0
+    while path.is_file() and time.monotonic() < deadline:
+        try:
+            found: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
+            return found
+        except ValueError:  # still being written
+            time.sleep(0.05)
+    return {}

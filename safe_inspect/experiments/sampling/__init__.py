@@ -1,0 +1,1 @@
+"""Environment runners that step a whole batch, and what they report."""

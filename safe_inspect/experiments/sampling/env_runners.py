@@ -1,0 +1,218 @@
+"""Batched environment runners for RLlib: all environments step as one batch, and so do their policies.
+
+RLlib's own runners (here: stock) keep a Python object for each environment and pass every step through connectors.
+These keep arrays, and make RLlib's episodes of them when they are asked for a sample. What they cannot do they leave to
+the runner from which they are derived: see `safe_inspect.experiments.sampling.stock`.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+from ray.rllib.callbacks.utils import make_callback
+from ray.rllib.core import DEFAULT_MODULE_ID
+from ray.rllib.env.env_context import EnvContext
+from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
+from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
+
+from safe_inspect.experiments.adapters.callbacks import log_reports, set_threads
+from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, seed_of
+from safe_inspect.experiments.sampling.episode_sums import Report
+from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
+from safe_inspect.experiments.sampling.policy_net import PolicyNet, why_not_served
+from safe_inspect.experiments.sampling.rollout import Rollout
+from safe_inspect.experiments.sampling.runner_metrics import log_episodes, log_steps
+from safe_inspect.experiments.sampling.sampler import Sampler, crews, seats_of
+from safe_inspect.experiments.sampling.stock import why_stock
+from safe_inspect.experiments.sampling.team_spaces import TeamSpaces
+
+#: Name of the task's part of a runner's state.
+TASK = "task"
+
+
+class _Batched:
+    """What both runners do alike; the class behind it is RLlib's own runner."""
+
+    several: bool
+    config: Any
+    metrics: Any
+    module: Any
+    env: Any
+    worker_index: Any
+    _weights_seq_no: int
+    _needs_initial_reset: bool
+    _sampler: Sampler | None = None
+    _stock = ""
+
+    def make_env(self) -> None:
+        """Build the environments in the slots of this runner."""
+        self._stock = self._stock or why_stock(self.config)
+        if self._stock:
+            warnings.warn(f"the stock runner samples, as {self._stock}", stacklevel=2)
+            super().make_env()  # type: ignore[misc]
+            return
+        config = self.config.env_config
+        set_threads(config)
+        count, evaluation = self.config.num_envs_per_env_runner, bool(self.config.in_evaluation)
+        slot = first_slot(self.worker_index or 0, count)
+        team = build_team(config, count, slot, evaluation)
+        self.seats = seats_of(team, self._policy_of)
+        self.env = TeamSpaces(team, self.seats, self.several)
+        self.num_envs = count
+        self._slot, self._seed_of_slots = slot, seed_of(config, evaluation)
+        self._sampler = None
+        self._done: list[Report] = []
+        self._needs_initial_reset = True
+        make_callback(
+            "on_environment_created",
+            callbacks_objects=self._callbacks,  # type: ignore[attr-defined]
+            callbacks_functions=self.config.callbacks_on_environment_created,
+            kwargs={
+                "env_runner": self,
+                "metrics_logger": self.metrics,
+                "env": self.env,
+                "env_context": EnvContext(config, worker_index=self.worker_index or 0),
+            },
+        )
+
+    def make_module(self) -> None:
+        """Build the policies; those that the batch cannot serve go back to the stock runner."""
+        super().make_module()  # type: ignore[misc]
+        if self.env is None or self._stock or self.module is None:
+            return
+        for policy in crews(self.seats):
+            self._stock = self._stock or why_not_served(self._module_of(policy))
+        if self._stock:
+            self.env = None
+            self.make_env()
+
+    def _sample(
+        self,
+        *,
+        num_timesteps: int | None = None,
+        num_episodes: int | None = None,
+        explore: bool,
+        random_actions: bool = False,
+        force_reset: bool = False,
+    ) -> list[Any]:
+        if self._stock:
+            found: list[Any] = super()._sample(  # type: ignore[misc]
+                num_timesteps=num_timesteps,
+                num_episodes=num_episodes,
+                explore=explore,
+                random_actions=random_actions,
+                force_reset=force_reset,
+            )
+            return found
+        with Reported(self.config.env_config):
+            rollout = self._roll(num_timesteps, num_episodes, explore, random_actions, force_reset)
+        self._count(rollout)
+        episodes = self._sampler.environment.simulation.episodes  # type: ignore[union-attr]
+        names = [
+            f"{self._seed_of_slots:x}-{self._slot + piece.env}-{piece.episode if piece.over else episodes[piece.env]}"
+            for piece in rollout.pieces
+        ]
+        return self._episodes(rollout, names)
+
+    def _roll(self, steps: int | None, episodes: int | None, explore: bool, random: bool, force: bool) -> Rollout:
+        if self._sampler is None:
+            self._sampler = Sampler(
+                self.env.team,
+                self.seats,
+                lambda policy, rows: PolicyNet(self._module_of(policy), rows, self._device),  # type: ignore[attr-defined]
+                seed=self._seed_of_slots,
+                first_slot=self._slot,
+            )
+        lifetime = self.num_env_steps_sampled_lifetime  # type: ignore[attr-defined]
+        if steps is None:
+            self._needs_initial_reset = True
+            return self._sampler.roll_episodes(episodes or 0, explore, random, lifetime)
+        if force or self._needs_initial_reset:
+            self._sampler.reset()
+            self._needs_initial_reset = False
+        return self._sampler.roll(-(-steps // self.num_envs), explore, random, lifetime)
+
+    def _count(self, rollout: Rollout) -> None:
+        """Log the steps and the episodes of a sample."""
+        sampler = self._sampler
+        assert sampler is not None, "sampled before"
+        reports, sampler.reports = sampler.reports, []
+        self._done += reports
+        steps = log_steps(self.metrics, rollout, self.seats, len(reports), self.several)
+        if steps:
+            self._log_env_steps(metric=self._metrics_num_env_steps_sampled, num_steps=steps)  # type: ignore[attr-defined]
+
+    def get_state(self, components: Any = None, *, not_components: Any = None, **kwargs: Any) -> dict[str, Any]:
+        """Return the state for a checkpoint: RLlib's, and what of the task lives through resets."""
+        state: dict[str, Any] = super().get_state(components, not_components=not_components, **kwargs)  # type: ignore[misc]
+        wanted = self._check_component(TASK, components, not_components)  # type: ignore[attr-defined]
+        if wanted and isinstance(self.env, TeamSpaces):
+            state[TASK] = self.env.team.simulation.state_dict()
+        return state
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from a state; the evaluation does not take the training's prices."""
+        super().set_state(state)  # type: ignore[misc]
+        if TASK in state and isinstance(self.env, TeamSpaces) and not self.config.in_evaluation:
+            self.env.team.simulation.load_state_dict(state[TASK])
+            self._needs_initial_reset = True
+
+    def get_metrics(self) -> Any:
+        """Return what was logged since the last call."""
+        if self._stock or self.env is None:
+            return super().get_metrics()  # type: ignore[misc]
+        if self._done:
+            log_episodes(self.metrics, self.config, self._done, self.seats, self.several)
+            log_reports(self.metrics, self.config, self._done)
+            self._done = []
+        return self.metrics.reduce()
+
+    def assert_healthy(self) -> None:
+        """Check that environments and policies were built."""
+        assert self.env is not None
+        assert self.module is not None
+
+    def _policy_of(self, agent: str) -> str:
+        raise NotImplementedError
+
+    def _module_of(self, policy: str) -> Any:
+        raise NotImplementedError
+
+    def _episodes(self, rollout: Rollout, names: list[str]) -> list[Any]:
+        raise NotImplementedError
+
+
+class BatchedEnvRunner(_Batched, SingleAgentEnvRunner):  # type: ignore[misc]
+    """Samples one agent in N environments."""
+
+    several = False
+
+    def _policy_of(self, agent: str) -> str:
+        return str(DEFAULT_MODULE_ID)
+
+    def _module_of(self, policy: str) -> Any:
+        return self.module
+
+    def _episodes(self, rollout: Rollout, names: list[str]) -> list[Any]:
+        (seat,) = self.seats
+        return single_agent_episodes(rollout, seat, self.env.by_agent[seat.agent], names, self._weights_seq_no)
+
+
+class BatchedTeamRunner(_Batched, MultiAgentEnvRunner):  # type: ignore[misc]
+    """Samples several agents in N environments."""
+
+    several = True
+
+    def _policy_of(self, agent: str) -> str:
+        return str(self.config.policy_mapping_fn(agent, None))
+
+    def _module_of(self, policy: str) -> Any:
+        return self.module[policy]
+
+    def _episodes(self, rollout: Rollout, names: list[str]) -> list[Any]:
+        trained = self.config.policies_to_train
+        seats = [seat for seat in self.seats if trained is None or seat.policy in trained]
+        return multi_agent_episodes(
+            rollout, seats, self.env.by_agent, names, self._weights_seq_no, self.config.policy_mapping_fn
+        )

@@ -1,0 +1,96 @@
+"""From a rollout's arrays to the episodes that RLlib's learner takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ray.rllib.env.multi_agent_episode import MultiAgentEpisode
+from ray.rllib.env.single_agent_episode import SingleAgentEpisode
+
+from safe_inspect.experiments.sampling.rollout import Piece, Rollout, Span
+from safe_inspect.experiments.sampling.rollout_episodes import Part, RolloutEpisode, RolloutTeamEpisode, Spaces
+from safe_inspect.experiments.sampling.sampler import Seat
+
+
+def single_agent_episodes(
+    rollout: Rollout, seat: Seat, spaces: Spaces, names: Sequence[str], weights: int
+) -> list[SingleAgentEpisode]:
+    """Return the pieces of a rollout with one agent.
+
+    Args:
+        rollout: What was sampled.
+        seat: The agent.
+        spaces: Its spaces.
+        names: The identity of each piece's episode.
+        weights: Number of the weights that flew it.
+    """
+    return [
+        RolloutEpisode(_part(rollout, seat, piece, span, weights), name, spaces, piece.begun, span.truncated)
+        for piece, name in zip(rollout.pieces, names, strict=True)
+        for span in piece.spans
+    ]
+
+
+def multi_agent_episodes(
+    rollout: Rollout,
+    seats: Sequence[Seat],
+    spaces: Mapping[str, Spaces],
+    names: Sequence[str],
+    weights: int,
+    mapping: Any,
+) -> list[MultiAgentEpisode]:
+    """Return the pieces of a rollout with several agents; an agent that took no step is not part of a piece.
+
+    Args:
+        rollout: What was sampled.
+        seats: The agents whose steps are wanted.
+        spaces: The spaces of each agent.
+        names: The identity of each piece's episode.
+        weights: Number of the weights that flew it.
+        mapping: RLlib's function from agent to policy.
+    """
+    modules: dict[Any, str] = {seat.agent: seat.policy for seat in seats}
+    places = [_place(seat, rollout) for seat in seats]
+    episodes: list[MultiAgentEpisode] = []
+    for piece, name in zip(rollout.pieces, names, strict=True):
+        parts = {}
+        for seat, place in zip(seats, places, strict=True):
+            span = piece.spans[place]
+            if span.length:
+                parts[seat.agent] = RolloutEpisode(
+                    _part(rollout, seat, piece, span, weights),
+                    f"{name}-{seat.agent}",
+                    spaces[seat.agent],
+                    piece.begun,
+                    span.truncated,
+                    (seat.agent, seat.policy, name),
+                )
+        truncated = piece.over and any(span.truncated for span in piece.spans)
+        steps = (piece.begun, piece.begun + piece.stop - piece.start)
+        done = (piece.over and not truncated, truncated)
+        if parts:
+            episodes.append(RolloutTeamEpisode(parts, name, steps, done, spaces, modules, mapping))
+    return episodes
+
+
+def _place(seat: Seat, rollout: Rollout) -> int:
+    """Return the index of a seat among the acting agents."""
+    return sum(len(track.rewards) for track in rollout.tracks[: seat.group]) + seat.member
+
+
+def _part(rollout: Rollout, seat: Seat, piece: Piece, span: Span, weights: int) -> Part:
+    track, member, env = rollout.tracks[seat.group], seat.member, piece.env
+    start, stop = piece.start, piece.start + span.length
+    # Behind the end of an episode stands the first observation of the next one.
+    final = piece.finals[seat.group][member] if piece.over and stop == piece.stop else None
+    return Part(
+        track.observations[member, env, start : stop + 1],
+        final,
+        track.actions[member, env, start:stop],
+        None if rollout.random else track.inputs[member, env, start:stop],
+        None if rollout.random else track.log_probabilities[member, env, start:stop],
+        track.rewards[member, env, start:stop],
+        span.terminated,
+        weights,
+    )

@@ -1,0 +1,107 @@
+"""RLlib's modules as plain functions of a batch of observations, for sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.columns import Columns
+
+from safe_inspect.experiments.learning.tanh_net import TanhNet, linear_layers
+from safe_inspect.experiments.sampling.distributions import distribution_of_module
+from safe_inspect.types import AnyArray
+
+#: The results of the matrix products of fewer rows depend on their number, in the last bit.
+LEAST_ROWS = 16
+
+_VECTOR = 16  # float32 numbers, at most
+_ROUNDING = 1e-5  # of the fast tanh, through some layers
+
+
+class PolicyNet:
+    """The inputs of a policy's action distribution, for the observations of one step.
+
+    The rows are padded to `LEAST_ROWS`, so that a row's result does not depend on how many stand beside it.
+
+    Args:
+        module: RLlib's module of the policy; its weights may change, in place.
+        rows: Number of rows of a batch.
+        device: Where the module computes.
+    """
+
+    def __init__(self, module: Any, rows: int, device: Any = "cpu") -> None:
+        self._module = module
+        self._device = torch.device(device)
+        self._rows = rows
+        size = int(np.prod(module.observation_space.shape))
+        batch = torch.zeros((max(rows, LEAST_ROWS), size), dtype=torch.float32)
+        self._batch = batch
+        self._remote = None if self._device.type == "cpu" else batch.to(self._device)
+        #: The observations of the next call, float32, shape (rows, O).
+        self.observations: AnyArray = batch.numpy()[:rows]
+        self._plain = self._plain_layers()
+
+    def __call__(self, explore: bool, step: int) -> AnyArray:
+        """Return the inputs of the action distributions, float32, shape (rows, I).
+
+        Args:
+            explore: Whether the module is asked for actions that explore.
+            step: Steps that the whole training has sampled, for modules that anneal their exploration.
+        """
+        with torch.no_grad():
+            batch = self._batch if self._remote is None else self._remote.copy_(self._batch)
+            found = self._ask(batch, explore, step) if self._plain is None else self._plain(batch)
+        return np.asarray(found[: self._rows].cpu().numpy())
+
+    def _ask(self, batch: torch.Tensor, explore: bool, step: int) -> torch.Tensor:
+        asked = {Columns.OBS: batch}
+        outputs = self._module.forward_exploration(asked, t=step) if explore else self._module.forward_inference(asked)
+        found: torch.Tensor = outputs[Columns.ACTION_DIST_INPUTS]
+        return found
+
+    def _plain_layers(self) -> Callable[[torch.Tensor], torch.Tensor] | None:
+        """Return the policy's layers without RLlib's dictionaries about them, which cost as much as the layers.
+
+        None when the module is not RLlib's own, or when its layers do not give what the module gives.
+        """
+        module = self._module
+        ours = DefaultPPOTorchRLModule
+        names = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
+        if not isinstance(module, ours) or any(
+            getattr(type(module), name) is not getattr(ours, name) for name in names
+        ):
+            return None
+        try:
+            encoder = module.encoder
+            layers = getattr(encoder, "encoder" if hasattr(encoder, "encoder") else "actor_encoder").net.mlp
+            head = module.pi
+            quick = _quick(module, layers, len(self._batch)) if self._remote is None else None
+            forward = quick or (lambda batch: head(layers(batch)))
+            probe = torch.linspace(-2.0, 2.0, self._batch.numel(), device=self._device).reshape(self._batch.shape)
+            with torch.no_grad():
+                agrees = torch.allclose(forward(probe), self._ask(probe, True, 0), _ROUNDING, _ROUNDING)
+        except (AttributeError, RuntimeError, TypeError):
+            return None
+        return forward if agrees else None
+
+
+def _quick(module: Any, body: Any, rows: int) -> Callable[[torch.Tensor], torch.Tensor] | None:
+    """Return the policy's net with the tanh that the learner has; None when there is another activation.
+
+    The widths must be whole vectors of the processor: then each number goes the same way, wherever its row stands.
+    """
+    head = module.pi
+    layers = linear_layers(body, head.net.mlp)
+    if layers is None or any(layer.out_features % _VECTOR for layer in layers[:-1]):
+        return None
+    return TanhNet(layers, rows, float(head.log_std_clip_param) if head.clip_log_std else None).forward
+
+
+def why_not_served(module: Any) -> str:
+    """Return why the batched runner cannot sample with a module; empty when it can."""
+    if module.is_stateful():
+        return "its policy is recurrent"
+    return "its policy's actions are neither Gaussian nor categorical" if distribution_of_module(module) is None else ""

@@ -1,0 +1,234 @@
+"""`Sampler`: rolls N environments with all their agents into arrays; it knows nothing of RLlib's episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.environments.transition import TeamTransition
+from safe_inspect.experiments.sampling.distributions import distribution_of
+from safe_inspect.experiments.sampling.episode_sums import EpisodeSums, Report
+from safe_inspect.experiments.sampling.policy_net import PolicyNet
+from safe_inspect.experiments.sampling.rollout import Rollout
+from safe_inspect.types import AnyArray, BoolArray, IntArray
+
+
+@dataclass(frozen=True)
+class Seat:
+    """One agent that acts from outside.
+
+    Attributes:
+        agent: Its name.
+        policy: Name of the policy that flies it.
+        group: Index of its group among the acting ones.
+        member: Its index in the group.
+        deputy: Its index among all agents.
+    """
+
+    agent: str
+    policy: str
+    group: int
+    member: int
+    deputy: int
+
+
+def seats_of(environment: TeamEnvironment, policy_of: Callable[[str], str] | None = None) -> tuple[Seat, ...]:
+    """Return the agents that act from outside, in order.
+
+    Args:
+        environment: The environments.
+        policy_of: Function from an agent to its policy; the environments' own unless given.
+    """
+    return tuple(
+        Seat(agent, policy_of(agent) if policy_of else group.policies[member], index, member, group.first + member)
+        for index, group in enumerate(environment.acting)
+        for member, agent in enumerate(group.agents)
+    )
+
+
+class Sampler:
+    """Steps the environments with their policies and keeps what happens.
+
+    Unfinished episodes go on in the next call. What is sampled depends on the seed and the slots alone, not on how
+    many environments stand in the batch.
+
+    Args:
+        environment: The environments.
+        seats: Its agents that act from outside, in order.
+        nets: Makes the net of a policy for a number of rows.
+        seed: Seed of the actions' noise.
+        first_slot: Global index of the first environment slot.
+    """
+
+    def __init__(
+        self,
+        environment: TeamEnvironment,
+        seats: tuple[Seat, ...],
+        nets: Callable[[str, int], PolicyNet],
+        *,
+        seed: int,
+        first_slot: int,
+    ) -> None:
+        self.environment = environment
+        self.seats = seats
+        self.seed, self.first_slot = seed, first_slot
+        count = environment.num_envs
+        self._seed = np.uint64(seed)
+        self._slots = np.arange(first_slot, first_slot + count, dtype=np.uint64)
+        self._crews: dict[str, list[int]] = {}
+        for index, seat in enumerate(seats):
+            self._crews.setdefault(seat.policy, []).append(index)
+        self._nets = {policy: nets(policy, count * len(crew)) for policy, crew in self._crews.items()}
+        self._where = [environment.groups.index(group) for group in environment.acting]
+        self._actions = [np.zeros((count, group.size, group.action_layout.size)) for group in environment.acting]
+        self._distributions = [distribution_of(group.action_layout) for group in environment.acting]
+        self._generator = np.random.default_rng(seed)
+        self._sums = EpisodeSums(environment)
+        self._step: IntArray = np.zeros(count, dtype=np.int64)
+        self._flying: BoolArray = np.ones((len(seats), count), dtype=np.bool_)
+        self._since = [perf_counter()] * count
+        self._observations: list[AnyArray] = []
+        #: What the episodes that have ended came to, until someone takes it.
+        self.reports: list[Report] = []
+
+    def reset(self) -> None:
+        """Begin a new episode in every environment."""
+        rows = np.arange(self.environment.num_envs)
+        self._observations = [observation.copy() for observation in self.environment.reset()]
+        self._sums.restart(rows)
+        self._step[:] = 0
+        self._flying[:] = True
+        self._since = [perf_counter()] * len(rows)
+
+    def roll(self, steps: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Rollout:
+        """Take a number of steps in every environment.
+
+        Args:
+            steps: How many.
+            explore: False: the actions are the means.
+            random: Draw the actions uniformly within their bounds instead.
+            lifetime: Steps that the whole training has sampled.
+        """
+        rollout = self._rollout(steps)
+        for time in range(steps):
+            self._advance(rollout, time, explore, random, lifetime + time * self.environment.num_envs)
+        rollout.close(self._observations)
+        self._flying &= rollout.ended < 0
+        return rollout
+
+    def roll_episodes(self, count: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Rollout:
+        """Fly whole episodes: the first ones of as many environments as possible.
+
+        How many episodes each environment flies is fixed beforehand: to take those that end first would favour short
+        ones. All environments begin anew, and what is not finished at the end is thrown away.
+        """
+        self.reset()
+        envs = self.environment.num_envs
+        wanted = count // envs + (np.arange(envs) < count % envs)
+        rollout = self._rollout(min(512, 2**20), wanted)
+        time = 0
+        while rollout.missing:
+            rollout.reserve(time + 1)
+            self._advance(rollout, time, explore, random, lifetime + time * envs)
+            time += 1
+        return rollout
+
+    def _rollout(self, steps: int, wanted: IntArray | None = None) -> Rollout:
+        sizes = [
+            (group.size, group.observation_layout.size, group.action_layout.size, distribution.inputs)
+            for group, distribution in zip(self.environment.acting, self._distributions, strict=True)
+        ]
+        begun = self._step.copy()
+        return Rollout(sizes, self.environment.num_envs, steps, begun, self._flying.copy(), wanted)
+
+    def _advance(self, rollout: Rollout, time: int, explore: bool, random: bool, lifetime: int) -> None:
+        for track, observation in zip(rollout.tracks, self._observations, strict=True):
+            track.observations[:, :, time] = observation.transpose(1, 0, 2)
+        if random:
+            self._act_at_random(rollout, time)
+        else:
+            self._act(rollout, time, explore, lifetime)
+        transition = self.environment.step(self._actions)
+        self._step += 1
+        self._sums.add(transition)
+        first = 0
+        self._observations = []
+        for track, where in zip(rollout.tracks, self._where, strict=True):
+            found = transition.groups[where]
+            track.rewards[:, :, time] = found.reward.T
+            self._observations.append(found.observation)
+            if np.count_nonzero(found.terminated) or np.count_nonzero(found.truncated):
+                rollout.end(first, time, found.terminated.T, found.truncated.T)
+            first += len(track.rewards)
+        if np.count_nonzero(transition.over):
+            self._begin_again(rollout, time, transition)
+
+    def _act(self, rollout: Rollout, time: int, explore: bool, lifetime: int) -> None:
+        count = self.environment.num_envs
+        episodes = self.environment.simulation.episodes
+        for policy, crew in self._crews.items():
+            net = self._nets[policy]
+            for place, index in enumerate(crew):
+                seat = self.seats[index]
+                net.observations[place * count : (place + 1) * count] = self._observations[seat.group][:, seat.member]
+            inputs = net(explore, lifetime)
+            for place, index in enumerate(crew):
+                seat = self.seats[index]
+                track, member = rollout.tracks[seat.group], seat.member
+                mine = inputs[place * count : (place + 1) * count]
+                action = track.actions[member, :, time]
+                self._distributions[seat.group].draw(
+                    mine,
+                    explore,
+                    self._seed,
+                    self._slots,
+                    episodes,
+                    self._step,
+                    seat.deputy,
+                    action,
+                    track.log_probabilities[member, :, time],
+                )
+                track.inputs[member, :, time] = mine
+                self._actions[seat.group][:, member] = action
+
+    def _act_at_random(self, rollout: Rollout, time: int) -> None:
+        rollout.random = True
+        for group, track, actions in zip(self.environment.acting, rollout.tracks, self._actions, strict=True):
+            layout = group.action_layout
+            if layout.choices:
+                actions[...] = self._generator.integers(0, layout.choices, actions.shape)
+            else:
+                actions[...] = self._generator.uniform(layout.low, layout.high, actions.shape)
+            track.actions[:, :, time] = actions.transpose(1, 0, 2)
+
+    def _begin_again(self, rollout: Rollout, time: int, transition: TeamTransition) -> None:
+        """Cut what has ended, report it and begin new episodes in its place."""
+        rows = np.flatnonzero(transition.over)
+        episodes = self.environment.simulation.episodes
+        kept = [
+            row
+            for row in rows.tolist()
+            if rollout.finish(row, time + 1, int(episodes[row]), [found[row].copy() for found in self._observations])
+        ]
+        now = perf_counter()
+        for row, report in zip(kept, self._sums.reports(kept, transition), strict=True):
+            self.reports.append({**report, "seconds": now - self._since[row]})
+        for row in rows.tolist():
+            self._since[row] = now
+        self._sums.restart(rows)
+        self._step[rows] = 0
+        self._flying[:, rows] = True
+        for observation, fresh in zip(self._observations, self.environment.reset(rows), strict=True):
+            observation[rows] = fresh
+
+
+def crews(seats: tuple[Seat, ...]) -> Mapping[str, tuple[str, ...]]:
+    """Return the names of each policy's agents."""
+    found: dict[str, tuple[str, ...]] = {}
+    for seat in seats:
+        found[seat.policy] = (*found.get(seat.policy, ()), seat.agent)
+    return found

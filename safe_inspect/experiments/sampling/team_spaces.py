@@ -1,0 +1,42 @@
+"""`TeamSpaces`: stands where RLlib expects an environment."""
+
+from __future__ import annotations
+
+from gymnasium import spaces as gym_spaces
+
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.experiments.sampling.sampler import Seat
+
+
+class TeamSpaces:
+    """Stands where RLlib expects an environment: it knows the spaces, and holds the batch.
+
+    Args:
+        team: The environments.
+        seats: Its agents that act from outside.
+        several: Whether RLlib sees several agents.
+    """
+
+    def __init__(self, team: TeamEnvironment, seats: tuple[Seat, ...], several: bool) -> None:
+        self.team = team
+        self.num_envs = team.num_envs
+        groups = [team.acting[seat.group] for seat in seats]
+        self.by_agent = {
+            seat.agent: (box(group.observation_layout), action_space(group.action_layout))
+            for seat, group in zip(seats, groups, strict=True)
+        }
+        observation, action = (
+            gym_spaces.Dict({agent: pair[index] for agent, pair in self.by_agent.items()}) for index in (0, 1)
+        )
+        only = seats[0].agent
+        self.single_observation_space = self.observation_space = observation if several else observation[only]
+        self.single_action_space = self.action_space = action if several else action[only]
+
+    @property
+    def unwrapped(self) -> TeamSpaces:
+        """The same: nothing is wrapped."""
+        return self
+
+    def close(self) -> None:
+        """Nothing is to be closed."""

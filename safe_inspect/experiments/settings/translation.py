@@ -1,0 +1,313 @@
+"""Check what an experiment says to RLlib, Tune and Ray, and translate old names.
+
+Nothing here imports Ray: `safe-inspect validate` answers in a fraction of a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from safe_inspect.errors import Problem, did_you_mean
+from safe_inspect.experiments.settings import keys, old_keys, run_keys
+from safe_inspect.experiments.settings.keys import Key
+from safe_inspect.experiments.settings.learner_choice import choose_learner
+from safe_inspect.experiments.settings.runner_choice import choose_runner
+from safe_inspect.experiments.settings.values import EVAL, GRID, check_value, is_searched, resolved_by_tune
+
+
+@dataclass(frozen=True)
+class Translation:
+    """What a mapping of an experiment means.
+
+    Attributes:
+        settings: Current names and their values; `model_config` is a mapping of its own.
+        notes: One sentence for each key that was translated or dropped.
+        problems: The mistakes; their paths begin with the name of the mapping.
+        unchecked: Names of another algorithm than PPO, which only the loaded Ray can check.
+        given: The current names that the experiment gives; the other settings are defaults.
+    """
+
+    settings: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    problems: tuple[Problem, ...] = ()
+    unchecked: tuple[str, ...] = ()
+    given: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """What is known about the keys of one mapping."""
+
+    known: Mapping[str, Key]
+    renamed: Mapping[str, str]
+    dropped: Mapping[str, str]
+    only_at: Mapping[str, tuple[tuple[object, ...], str]]
+    reserved: Mapping[str, str] = field(default_factory=dict)
+    prefixes: Mapping[str, str] = field(default_factory=dict)
+    parts: Mapping[str, str] = field(default_factory=dict)
+    spellings: Mapping[str, str] = field(default_factory=dict)
+    open: bool = False
+    searchable: bool = False
+
+
+_MODEL = _Tables(
+    keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
+)
+_TUNE = _Tables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
+_RAY = _Tables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, run_keys.RAY_ONLY_AT)
+
+
+def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) -> Translation:
+    """Return the settings of the RLlib algorithm, with this package's defaults filled in.
+
+    Args:
+        mapping: What the experiment gives under `rllib_configs`, merged.
+        algorithm: The name that `tune_config` gives, if it does.
+    """
+    name, problems = _algorithm(mapping, algorithm)
+    found = _rllib(mapping, "rllib_configs", name)
+    problems += list(found.problems)
+    settings = {**keys.COMMON_DEFAULTS, **keys.ALGORITHM_DEFAULTS.get(name, {}), **found.settings, "algorithm": name}
+    settings["model_config"] = {**keys.MODEL_DEFAULTS, **found.settings.get("model_config", {})}
+    if not problems:
+        problems += _fit_batch(settings, found.given)
+    notes = list(found.notes)
+    for choose in (choose_runner, choose_learner):
+        more_notes, more_problems = choose(settings)
+        notes += more_notes
+        problems += more_problems
+    return Translation(settings, tuple(notes), tuple(problems), found.unchecked, found.given)
+
+
+def current_name(given: str) -> str:
+    """Return RLlib's current name of a key of the algorithm, which may be given by an old one."""
+    name = old_keys.SPELLINGS.get(given, given)
+    return old_keys.RENAMED.get(name, name)
+
+
+def translate_tune(mapping: Mapping[str, Any]) -> Translation:
+    """Return the settings of `tune.Tuner`; `algorithm` is among them when the mapping names one."""
+    found = _translate(mapping, "tune_config", _TUNE)
+    settings = {**run_keys.TUNE_DEFAULTS, **found.settings}
+    problems, notes = list(found.problems), list(found.notes)
+    stop = settings.get("stop")
+    settings["stop"] = {}
+    if isinstance(stop, Mapping):
+        stop_settings, stop_notes, stop_problems = _translate_stop(stop)
+        settings["stop"] = stop_settings
+        notes += stop_notes
+        problems += stop_problems
+    score = settings.get("checkpoint_score_attribute")
+    if score:
+        if score.startswith("min-"):
+            score, settings["checkpoint_score_order"] = score[4:], "min"
+        settings["checkpoint_score_attribute"] = run_keys.STOP_RENAMED.get(score, score)
+    return Translation(settings, tuple(notes), tuple(problems), (), found.given)
+
+
+def translate_ray(mapping: Mapping[str, Any]) -> Translation:
+    """Return the arguments of `ray.init`; without an address they start a Ray of the run's own."""
+    found = _translate(mapping, "ray_config", _RAY)
+    return Translation({**run_keys.RAY_DEFAULTS, **found.settings}, found.notes, found.problems, (), found.given)
+
+
+def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> Translation:
+    """Return what one of several policies that learn together has of its own.
+
+    Args:
+        mapping: RLlib keys of the policy, without those that all policies have alike.
+        name: Name of the policy.
+        algorithm: Name of the algorithm.
+    """
+    path = f"policies.{name}"
+    found = _rllib(mapping, path, algorithm)
+    problems = list(found.problems)
+    for key in found.settings:
+        if key not in keys.POLICY_KEYS:
+            message = f"`{key}` concerns all policies, so {name} cannot have a value of its own"
+            hint = f"give all policies the same; each may have {', '.join(keys.POLICY_KEYS)} of its own"
+            problems.append(Problem(message, f"{path}.{key}", hint=hint))
+        elif is_searched(found.settings[key]):
+            message = "`grid_search` is possible for what all policies have alike only"
+            problems.append(Problem(message, f"{path}.{key}"))
+    return Translation(found.settings, found.notes, tuple(problems), found.unchecked, found.given)
+
+
+def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, list[Problem]]:
+    name = mapping.get("algorithm", mapping.get("run", from_tune or "PPO"))
+    if name in keys.ALGORITHMS:
+        if from_tune and from_tune != name:
+            message = f"rllib_configs asks for {name}, and tune_config for {from_tune}; remove one"
+            return name, [Problem(message, "rllib_configs.algorithm")]
+        return name, []
+    path = "rllib_configs.algorithm" if "algorithm" in mapping else "tune_config.algorithm"
+    problem = Problem(f"no algorithm of RLlib is called `{name}`", path, hint=did_you_mean(str(name), keys.ALGORITHMS))
+    return "PPO", [problem]
+
+
+def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool = False) -> Translation:
+    """Translate RLlib's keys, and within them the nets and the settings of the evaluation."""
+    own = keys.ALGORITHM_KEYS.get(algorithm)
+    tables = _Tables(
+        {**keys.COMMON_KEYS, **({} if nested else keys.OWN_KEYS), **(own or {})},
+        old_keys.RENAMED,
+        old_keys.DROPPED,
+        old_keys.ONLY_AT,
+        old_keys.RESERVED,
+        old_keys.RESERVED_PREFIXES,
+        old_keys.RESERVED_PARTS,
+        old_keys.SPELLINGS,
+        open=own is None,
+        searchable=not nested,
+    )
+    found = _translate(mapping, path, tables)
+    settings, notes, problems = dict(found.settings), list(found.notes), list(found.problems)
+    problems += _hidden_searches(mapping, path)
+    if isinstance(settings.get("model_config"), Mapping):
+        model_path = f"{path}.{'model' if 'model' in mapping else 'model_config'}"
+        model = _translate(settings["model_config"], model_path, _MODEL)
+        settings["model_config"] = model.settings
+        problems += _hidden_searches(settings["model_config"], model_path)
+        notes += model.notes
+        problems += model.problems
+        if algorithm != "PPO":
+            problems += [
+                Problem(f"only PPO has the key `{key}`", f"{model_path}.{key}", hint="remove it")
+                for key in model.settings
+                if key in keys.FRESH_KEYS
+            ]
+    if isinstance(settings.get("evaluation_config"), Mapping):
+        evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm, True)
+        settings["evaluation_config"] = evaluation.settings
+        notes += evaluation.notes
+        problems += evaluation.problems
+    return Translation(settings, tuple(notes), tuple(problems), found.unchecked, frozenset(settings))
+
+
+def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
+    """Return the values within which Tune would resolve something: it looks into every mapping and list."""
+    problems = []
+    for given, value in mapping.items():
+        if current_name(str(given)) in ("model_config", "evaluation_config"):
+            continue  # these have keys of their own
+        word = resolved_by_tune(value[GRID] if is_searched(value) else value)
+        if word == EVAL:
+            message = "`eval` is code, which Tune would run; give the value"
+            problems.append(Problem(message, f"{path}.{given}"))
+        elif word:
+            message = "`grid_search` is possible for the keys of `rllib_configs` themselves only"
+            problems.append(Problem(message, f"{path}.{given}"))
+    return problems
+
+
+def _translate(mapping: Mapping[str, Any], path: str, tables: _Tables) -> Translation:
+    settings: dict[str, Any] = {}
+    notes: list[str] = []
+    problems: list[Problem] = []
+    unchecked: list[str] = []
+    source: dict[str, str] = {}
+    for given, value in mapping.items():
+        where = f"{path}.{given}"
+        name = tables.spellings.get(str(given), str(given))
+        if name in tables.only_at:
+            harmless, reason = tables.only_at[name]
+            if value not in harmless:
+                problems.append(Problem(f"`{given}: {value}` cannot be honoured: {reason}", where))
+            continue
+        if name in tables.dropped:
+            notes.append(f"`{given}` has no effect: {tables.dropped[name]}")
+            continue
+        if name in tables.renamed:
+            name = tables.renamed[name]
+            notes.append(f"`{given}` is now `{name}`")
+        target = name.partition(".")[0]
+        if target not in tables.known:
+            reason = _refusal(name, tables)
+            if reason:
+                problems.append(Problem(f"`{given}` cannot be set here: {reason}", where))
+            elif tables.open and name.isidentifier():
+                settings[name] = value
+                unchecked.append(name)
+            else:
+                names = [*tables.known, *tables.renamed, *tables.dropped]
+                problems.append(Problem(f"there is no key `{given}`", where, hint=did_you_mean(str(given), names)))
+            continue
+        if name in source:
+            problems.append(Problem(f"`{given}` and `{source[name]}` are one key, given twice", where))
+            continue
+        source[name] = str(given)
+        if value is None and not tables.known[target].optional:
+            continue  # null asks for the default
+        if "." in name:
+            settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
+            continue
+        if is_searched(value) and not tables.searchable:
+            problems.append(Problem("`grid_search` is possible for the keys of `rllib_configs` themselves only", where))
+            continue
+        value, mistake = check_value(tables.known[name], value)
+        if mistake:
+            problems.append(Problem(mistake, where))
+        elif isinstance(value, Mapping) and isinstance(settings.get(name), Mapping):
+            settings[name] = {**settings[name], **value}
+        else:
+            settings[name] = value
+    return Translation(settings, tuple(notes), tuple(problems), tuple(unchecked), frozenset(settings))
+
+
+def _refusal(name: str, tables: _Tables) -> str:
+    if name in tables.reserved:
+        return tables.reserved[name]
+    for prefix, reason in tables.prefixes.items():
+        if name.startswith(prefix):
+            return reason
+    return next((reason for part, reason in tables.parts.items() if part in name), "")
+
+
+def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str], list[Problem]]:
+    """Translate the criteria: Tune ignores one that is never reported, and so would train for ever."""
+    settings: dict[str, float] = {}
+    notes: list[str] = []
+    problems: list[Problem] = []
+    for given, value in stop.items():
+        where = f"tune_config.stop.{given}"
+        name = run_keys.STOP_RENAMED.get(str(given), str(given))
+        if name not in run_keys.STOP_KEYS:
+            hint = did_you_mean(str(given), [*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED])
+            problems.append(Problem(f"training cannot stop on `{given}`, which is never reported", where, hint=hint))
+            continue
+        if name != given and "/" not in str(given) and str(given) not in name:
+            notes.append(f"`stop.{given}` is now `{name}`")
+        limit, mistake = check_value(Key("number"), value)
+        if mistake:
+            problems.append(Problem(mistake, where))
+        elif name in settings:
+            problems.append(Problem(f"`{given}` is `{name}`, which is given twice", where))
+        else:
+            settings[name] = limit
+    return settings, notes, problems
+
+
+def _fit_batch(settings: dict[str, Any], given: frozenset[str]) -> list[Problem]:
+    """Fit the default minibatch to the batch, and check that fragments of the batch add up to it."""
+    batch, minibatch = settings.get("train_batch_size_per_learner"), settings.get("minibatch_size")
+    problems: list[Problem] = []
+    if isinstance(batch, int) and isinstance(minibatch, int) and minibatch > batch:
+        if "minibatch_size" in given:
+            message = f"a minibatch of {minibatch} is larger than the batch of {batch} (`train_batch_size_per_learner`)"
+            problems.append(Problem(message, "rllib_configs.minibatch_size"))
+        settings["minibatch_size"] = batch
+    fragment = settings.get("rollout_fragment_length", "auto")
+    runners, envs = settings["num_env_runners"], settings["num_envs_per_env_runner"]
+    if settings["algorithm"] != "PPO" or not all(isinstance(item, int) for item in (fragment, batch, runners, envs)):
+        return problems
+    total = batch * max(settings.get("num_learners", 0), 1)
+    step = max(runners, 1) * envs * fragment
+    if -(-total // step) * step - total > 0.1 * total:
+        message = (
+            f"a batch of {total} cannot be made of fragments of {fragment} steps from "
+            f"{max(runners, 1)} x {envs} environments"
+        )
+        problems.append(Problem(message, "rllib_configs.rollout_fragment_length", hint="remove it, or say `auto`"))
+    return problems

@@ -1,0 +1,141 @@
+"""Check the value of one key against its entry in the tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from safe_inspect.errors import did_you_mean
+from safe_inspect.experiments.settings.keys import Key
+
+GRID = "grid_search"
+EVAL = "eval"
+
+
+def check_value(key: Key, value: Any) -> tuple[Any, str]:
+    """Return the value in the key's own type, and what is wrong with it (empty when nothing is).
+
+    A text that reads as a number is one: YAML takes ``5e-5`` for a text. A mapping
+    ``{grid_search: [...]}`` stands for its values, each of which is checked.
+    """
+    if isinstance(value, Mapping) and set(value) == {GRID} and key.kind != "mapping":
+        return _check_grid(key, value[GRID])
+    if value is None:
+        return None, "" if key.optional else "a value is needed"
+    if isinstance(value, str) and value in key.choices:
+        return value, ""
+    return _CHECKS[key.kind](key, value)
+
+
+def is_searched(value: Any) -> bool:
+    """Return whether the value asks Tune to try several."""
+    return isinstance(value, Mapping) and set(value) == {GRID}
+
+
+def resolved_by_tune(value: Any) -> str:
+    """Return the word by which Tune would resolve something at any depth of a value: `GRID`, `EVAL` or none."""
+    if isinstance(value, Mapping):
+        if set(value) in ({GRID}, {EVAL}):
+            return str(next(iter(value)))
+        value = value.values()
+    elif not isinstance(value, list | tuple):
+        return ""
+    return next(filter(None, map(resolved_by_tune, value)), "")
+
+
+def _check_grid(key: Key, values: Any) -> tuple[Any, str]:
+    if not isinstance(values, Sequence) or isinstance(values, str) or not values:
+        return values, "`grid_search` takes a list of values"
+    checked = [check_value(key, value) for value in values]
+    return {GRID: [value for value, _ in checked]}, next((mistake for _, mistake in checked if mistake), "")
+
+
+def _number(key: Key, value: Any) -> tuple[Any, str]:
+    if isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            return value, _expected(key, value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+        return value, _expected(key, value)
+    if key.low is not None and value < key.low:
+        return value, f"{value} is too small; the least is {key.low:g}"
+    if key.high is not None and value > key.high:
+        return value, f"{value} is too large; the greatest is {key.high:g}"
+    return value, ""
+
+
+def _integer(key: Key, value: Any) -> tuple[Any, str]:
+    value, mistake = _number(key, value)
+    if mistake:
+        return value, mistake
+    if not float(value).is_integer():
+        return value, f"{value} is not a whole number"
+    return int(value), ""
+
+
+def _boolean(key: Key, value: Any) -> tuple[Any, str]:
+    return value, "" if isinstance(value, bool) else _expected(key, value)
+
+
+def _text(key: Key, value: Any) -> tuple[Any, str]:
+    if not isinstance(value, str):
+        return value, _expected(key, value)
+    if not key.choices:
+        return value, ""
+    return value, f"`{value}` is not possible; {did_you_mean(value, key.choices)}"
+
+
+def _mapping(key: Key, value: Any) -> tuple[Any, str]:
+    return value, "" if isinstance(value, Mapping) else _expected(key, value)
+
+
+def _integers(key: Key, value: Any) -> tuple[Any, str]:
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        return value, _expected(key, value)
+    items = [_integer(key, item) for item in value]
+    return [item for item, _ in items], next((mistake for _, mistake in items if mistake), "")
+
+
+def _schedule(key: Key, value: Any) -> tuple[Any, str]:
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        return _number(key, value)
+    pairs = []
+    for pair in value:
+        if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+            return value, "a schedule is a list of pairs [step, value]"
+        step, late = _integer(Key("integer", low=0), pair[0])
+        number, wrong = _number(key, pair[1])
+        if late or wrong:
+            return value, late or wrong
+        pairs.append([step, number])
+    if not pairs or pairs[0][0] != 0:
+        return value, "a schedule begins with step 0"
+    return pairs, ""
+
+
+_CHECKS = {
+    "number": _number,
+    "integer": _integer,
+    "boolean": _boolean,
+    "text": _text,
+    "mapping": _mapping,
+    "integers": _integers,
+    "schedule": _schedule,
+}
+
+_NAMES = {
+    "number": "a number",
+    "integer": "a whole number",
+    "boolean": "true or false",
+    "text": "a text",
+    "mapping": "a mapping",
+    "integers": "a list of whole numbers",
+    "schedule": "a number, or a list of pairs [step, value]",
+}
+
+
+def _expected(key: Key, value: Any) -> str:
+    words = "".join(f" or `{word}`" for word in key.choices)
+    return f"{_NAMES[key.kind]}{words} is expected, not {value!r}"

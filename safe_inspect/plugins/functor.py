@@ -1,0 +1,158 @@
+"""Functors in a configuration: ``{functor: NAME, name: ..., config: {...}}`` and the plugin that each stands for.
+
+`functor_field(kind)` is a Pydantic field type that takes such a mapping (or a
+plugin that is built already) and gives the plugin, so that plugins nest to any
+depth and every mistake keeps its path of keys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Generic, TypeVar
+
+from pydantic import BeforeValidator, PlainSerializer, ValidationError, WithJsonSchema
+from pydantic.dataclasses import dataclass
+from pydantic_core import PydanticCustomError
+
+from safe_inspect.errors import RegistryError, did_you_mean
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.registry import registry
+
+#: The key that holds the plugin's name, by the kinds that do not call it ``functor``.
+NAME_KEYS = {"part": "part", "parameter": "type", "simulator": "type", "platform": "platform_class"}
+
+#: In a JSON schema, the kind of functor that stands there; `safe_inspect.config.messages.schema` spells it out.
+SCHEMA_KIND = "x-functor"
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Named(Generic[T]):
+    """A functor with the name that metrics and messages give it."""
+
+    name: str
+    functor: T
+
+
+def name_key(kind: str) -> str:
+    """Return the key under which a configuration names a plugin of that kind."""
+    return NAME_KEYS.get(kind, "functor")
+
+
+def build(kind: str, value: Any) -> Plugin:
+    """Build the plugin that a mapping describes.
+
+    Args:
+        kind: The kind that is wanted.
+        value: A mapping with the plugin's name, ``config`` and, for plugins that hold others, ``wrapped``;
+            or a bare name; or a plugin of that kind.
+
+    Raises:
+        PydanticCustomError: The mapping is wrong. `errors_of` unfolds the errors inside it.
+    """
+    if isinstance(value, Plugin):
+        if value.kind != kind:
+            raise _error(f"a {value.kind} ({value.registered_name}) stands where a {kind} is wanted")
+        return value
+    if isinstance(value, str):
+        value = {name_key(kind): value}
+    if not isinstance(value, Mapping):
+        raise _error(f"a {kind} is a mapping with the key `{name_key(kind)}`, not {value!r}")
+    key = name_key(kind)
+    known = {key, "name", "config", "wrapped"}
+    problems = [
+        _problem((str(other),), f"unknown key; {did_you_mean(str(other), known | {'references'})}")
+        for other in value
+        if other not in known
+    ]
+    cls: type[Plugin] | None = None
+    if key not in value:
+        problems.append(_problem((), f"a {kind} needs the key `{key}`, the name of its class"))
+    elif not isinstance(value[key], str):
+        problems.append(_problem((key,), f"the name of a {kind} is a text, not {value[key]!r}"))
+    else:
+        try:
+            cls = registry.get(kind, value[key])
+        except RegistryError as error:
+            problems.append(_problem((key,), str(error)))
+    config = value.get("config") or {}
+    if not isinstance(config, Mapping):
+        problems.append(_problem(("config",), f"`config` is a mapping of the {kind}'s fields, not {config!r}"))
+        config, cls = {}, None
+    plugin: Plugin | None = None
+    if cls is not None:
+        fields = dict(config)
+        takes_name = "name" in value and "name" in cls.model_fields
+        if takes_name and fields.setdefault("name", value["name"]) != value["name"]:
+            problems.append(_problem(("name",), f"`config` gives another name, {fields['name']!r}; remove one"))
+        if "wrapped" in value:
+            if "wrapped" in cls.model_fields:
+                fields["wrapped"] = value["wrapped"]
+            else:
+                problems.append(_problem(("wrapped",), f"{cls.registered_name} wraps nothing; remove the key"))
+        try:
+            plugin = cls.model_validate(fields)
+        except ValidationError as error:
+            problems += [_located(problem, cls) for problem in errors_of(error)]
+    if problems or plugin is None:
+        raise PydanticCustomError("functor", "the functor is wrong", {"errors": problems})
+    return plugin
+
+
+def describe(plugin: Plugin) -> dict[str, Any]:
+    """Return the mapping that `build` makes the plugin from."""
+    config = plugin.model_dump(mode="json")
+    wrapped = config.pop("wrapped", None)
+    mapping: dict[str, Any] = {name_key(plugin.kind): plugin.registered_name, "config": config}
+    if wrapped is not None:
+        mapping["wrapped"] = wrapped
+    return mapping
+
+
+def errors_of(error: ValidationError) -> list[dict[str, Any]]:
+    """Return every error with its whole path (``loc``), those inside functors unfolded."""
+    return list(_unfold(error.errors(include_url=False), ()))
+
+
+def functor_field(kind: str) -> Any:
+    """Return a field type for one plugin of that kind."""
+
+    def convert(value: Any) -> Plugin:
+        return build(kind, value)
+
+    return Annotated[
+        Plugin,
+        BeforeValidator(convert, json_schema_input_type=dict[str, Any]),
+        PlainSerializer(describe, return_type=dict[str, Any]),
+        WithJsonSchema({"type": "object", SCHEMA_KIND: kind}),
+    ]
+
+
+def _unfold(errors: Any, prefix: tuple[int | str, ...]) -> Any:
+    for error in errors:
+        loc = prefix + tuple(error["loc"])
+        if error["type"] == "functor":
+            yield from _unfold(error["ctx"]["errors"], loc)
+        else:
+            yield {**error, "loc": loc}
+
+
+def _located(problem: Any, cls: type[Plugin]) -> dict[str, Any]:
+    """Put an error of a plugin's field where the configuration has the field."""
+    loc = tuple(problem["loc"])
+    where = loc if loc[:1] == ("wrapped",) else ("config", *loc)
+    located = {**problem, "loc": where}
+    if problem["type"] == "extra_forbidden" and len(loc) == 1:
+        located["msg"] = (
+            f"{cls.registered_name} has no field `{loc[-1]}`; {did_you_mean(str(loc[-1]), cls.model_fields)}"
+        )
+    return located
+
+
+def _problem(loc: tuple[str, ...], message: str) -> dict[str, Any]:
+    return {"type": "functor_key", "loc": loc, "msg": message}
+
+
+def _error(message: str) -> PydanticCustomError:
+    return PydanticCustomError("functor", "the functor is wrong", {"errors": [_problem((), message)]})

@@ -1,0 +1,110 @@
+"""The plugin contract: a plugin is one frozen Pydantic class with ``__call__``.
+
+Its fields are its configuration, unknown keys are forbidden, and defining it
+registers it under its class name. A concrete plugin is final: wrap it, do not
+subclass it.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import BaseModel, ConfigDict
+
+from safe_inspect.plugins.registry import registry
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Marks a field that names something of the environment, so that a wrong name is found before the first step.
+
+    Attributes:
+        kind: ``sensor``, ``controller``, ``entity``, ``platform``, ``points`` or ``done``.
+    """
+
+    kind: str
+
+
+SensorName = Annotated[str, Reference("sensor")]
+ControllerName = Annotated[str, Reference("controller")]
+EntityName = Annotated[str, Reference("entity")]
+PlatformName = Annotated[str, Reference("platform")]
+PointsName = Annotated[str, Reference("points")]
+DoneName = Annotated[str, Reference("done")]
+
+
+class Plugin(BaseModel):
+    """Base of every plugin; one abstract subclass for each kind sets `kind`.
+
+    Class keywords:
+        name: The name in the registry; the class name unless given.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False, ser_json_inf_nan="strings"
+    )
+
+    kind: ClassVar[str] = ""
+    registered_name: ClassVar[str] = ""
+
+    def __init_subclass__(cls, *, name: str = "", **kwargs: Any) -> None:
+        """Take the class keyword `name`, which `__pydantic_init_subclass__` reads once the fields are complete."""
+        super().__init_subclass__(**kwargs)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, *, name: str = "", **kwargs: Any) -> None:
+        """Register a concrete class.
+
+        Raises:
+            TypeError: The class extends a concrete plugin.
+        """
+        super().__pydantic_init_subclass__(**kwargs)
+        for parent in cls.__mro__[1:]:
+            if isinstance(parent, type) and issubclass(parent, Plugin) and parent.registered_name:
+                raise TypeError(
+                    f"{cls.__qualname__} extends the plugin {parent.__qualname__}, which is final; "
+                    f"hold one in a field and call it instead"
+                )
+        if cls.kind and not inspect.isabstract(cls) and "__call__" in _methods(cls):
+            cls.registered_name = name or cls.__name__
+            registry.add(cls.kind, cls.registered_name, cls)
+
+    def __eq__(self, other: object) -> bool:
+        """Plugins are equal when their fields are; what they have cached, arrays perhaps, does not count."""
+        if not isinstance(other, Plugin):
+            return NotImplemented
+        return type(self) is type(other) and all(
+            getattr(self, field) == getattr(other, field) for field in type(self).model_fields
+        )
+
+    def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Self:
+        """Return the plugin itself: it is frozen."""
+        return self
+
+    def __getstate__(self) -> dict[Any, Any]:
+        """Leave out of pickles what cached properties have computed; it is computed again when it is needed."""
+        state = super().__getstate__()
+        fields = type(self).model_fields
+        return state | {"__dict__": {name: value for name, value in state["__dict__"].items() if name in fields}}
+
+    @classmethod
+    def references(cls) -> dict[str, str]:
+        """Return the fields that name something of the environment: field name to the kind of thing."""
+        return {
+            field: mark.kind
+            for field, info in cls.model_fields.items()
+            for mark in _marks(info)
+        }  # fmt: skip
+
+
+def _methods(cls: type) -> set[str]:
+    return {name for parent in cls.__mro__ if parent not in (object, BaseModel, Plugin) for name in vars(parent)}
+
+
+def _marks(info: Any) -> list[Reference]:
+    found = [mark for mark in info.metadata if isinstance(mark, Reference)]
+    for argument in getattr(info.annotation, "__args__", ()):  # SensorName | None
+        found += [mark for mark in getattr(argument, "__metadata__", ()) if isinstance(mark, Reference)]
+    return found

@@ -1,0 +1,207 @@
+"""Reset parameters: constants, distributions and accessors, one value for each environment and episode."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from safe_inspect.errors import ConfigError, Problem, did_you_mean
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.random.streams import Streams
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.units import unit
+
+#: A drawn value: one number for each row, or named states of one body.
+Value = FloatArray | dict[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Everything that a draw may depend on.
+
+    Attributes:
+        streams: Random streams of the R episodes that begin.
+        purpose: What is drawn, such as ``init_state.radius``.
+        index: Number of the try, for repeated draws.
+        values: Reset parameters drawn before, by name.
+        fixed: States that are given and not drawn, by name, each with R rows.
+        test: Returns for states of some rows, and the indices of these rows, which of them to refuse, by the reason.
+    """
+
+    streams: Streams
+    purpose: str
+    index: int = 0
+    values: Mapping[str, Value] = field(default_factory=dict)
+    fixed: Mapping[str, FloatArray] = field(default_factory=dict)
+    test: Callable[[Mapping[str, FloatArray], IntArray], dict[str, BoolArray]] | None = None
+
+    def child(self, name: str) -> Draw:
+        """Return the draw of a part of this one."""
+        return replace(self, purpose=f"{self.purpose}.{name}" if self.purpose else name)
+
+
+class Parameter(Plugin):
+    """A value drawn at every reset.
+
+    Returns:
+        SI value, shape (R,), or a mapping of named states.
+    """
+
+    kind: ClassVar[str] = "parameter"
+
+    @abstractmethod
+    def __call__(self, draw: Draw) -> Value:
+        """Return the drawn value, SI."""
+
+    @property
+    def symbol(self) -> str | None:
+        """SI unit of the value; None when the configuration names none."""
+        return None
+
+
+class ScalarParameter(Parameter):
+    """Base of the parameters that give one number; `units` is the unit of all its numbers.
+
+    Attributes:
+        name: Label, for the reader.
+        units: Unit of the numbers; SI of whatever takes the parameter unless given.
+    """
+
+    name: str = ""
+    units: str | None = None
+
+    @field_validator("units")
+    @classmethod
+    def _known_unit(cls, value: str | None) -> str | None:
+        if value is not None:
+            unit(value)
+        return value
+
+    @property
+    def symbol(self) -> str | None:
+        """SI unit of the value; None when the configuration names none."""
+        return None if self.units is None else unit(self.units).symbol
+
+    @property
+    def factor(self) -> float:
+        """Turns a number of the configuration into SI."""
+        return 1.0 if self.units is None else unit(self.units).factor
+
+
+class ConstantParameter(ScalarParameter):
+    """The same value at every reset.
+
+    Attributes:
+        value: The value, in `units`.
+    """
+
+    value: float = Field(default=0.0)
+
+    def __call__(self, draw: Draw) -> FloatArray:
+        """Return `value` for every row, shape (R,)."""
+        return np.full(len(draw.streams), self.value * self.factor)
+
+
+class UniformParameter(ScalarParameter):
+    """Uniform between `low` and `high`.
+
+    Attributes:
+        low: Smallest value, in `units`.
+        high: Largest value, in `units`.
+    """
+
+    low: float = Field(default=0.0)
+    high: float = Field(default=1.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> UniformParameter:
+        if self.low > self.high:
+            raise ValueError(f"`low` ({self.low}) is above `high` ({self.high}); swap them")
+        return self
+
+    def __call__(self, draw: Draw) -> FloatArray:
+        """Return low + U (high - low), U uniform in [0, 1), shape (R,)."""
+        draws = draw.streams.uniform(draw.purpose, index=draw.index)[:, 0]
+        return np.asarray(self.low * self.factor + draws * ((self.high - self.low) * self.factor))
+
+
+class TruncatedNormalParameter(ScalarParameter):
+    """Normal with mean `mu` and standard deviation `std`, drawn by inversion within [low, high].
+
+    Attributes:
+        mu: Mean of the normal before truncation, in `units`.
+        std: Standard deviation before truncation, in `units`.
+        low: Smallest value, in `units`.
+        high: Largest value, in `units`.
+    """
+
+    mu: float = Field(default=0.0)
+    std: float = Field(default=1.0, gt=0)
+    low: float = Field(default=-np.inf, allow_inf_nan=True)
+    high: float = Field(default=np.inf, allow_inf_nan=True)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> TruncatedNormalParameter:
+        if not self.low < self.high:
+            raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high})")
+        if not self._tail(self._span[1]) > self._tail(self._span[0]):
+            raise ValueError(
+                f"[{self.low}, {self.high}] lies too far from `mu` ({self.mu}) for a `std` of {self.std}; widen one"
+            )
+        return self
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        """The bounds in standard deviations; mirrored when both lie above the mean, where a tail keeps no digits."""
+        low, high = (self.low - self.mu) / self.std, (self.high - self.mu) / self.std
+        return (-high, -low) if low > 0.0 else (low, high)
+
+    @staticmethod
+    def _tail(bound: float) -> float:
+        """Return the standard normal's probability below a bound."""
+        return 0.5 * math.erfc(-bound / math.sqrt(2.0))
+
+    def __call__(self, draw: Draw) -> FloatArray:
+        """Return the quantile of the truncated normal at a uniform draw, shape (R,)."""
+        from scipy.special import ndtri  # slow to import, and the shipped tasks draw uniformly
+
+        draws = draw.streams.interior(draw.purpose, index=draw.index)[:, 0]
+        below, above = (self._tail(bound) for bound in self._span)
+        sign = -1.0 if self.low > self.mu else 1.0
+        value = self.mu + sign * self.std * ndtri(below + draws * (above - below))
+        return np.asarray(np.clip(value, self.low, self.high) * self.factor)
+
+
+class SimAttributeAccessor(Parameter):
+    """The value of another reset parameter, or of one of its states.
+
+    Attributes:
+        attribute_name: Dotted path such as ``init_state`` or ``init_state.sun_angle``.
+    """
+
+    attribute_name: str = Field(default="init_state", min_length=1)
+
+    def __call__(self, draw: Draw) -> Value:
+        """Return the value that was drawn under that name.
+
+        Raises:
+            ConfigError: There is none.
+        """
+        value: Any = draw.values
+        for part in self.attribute_name.split("."):
+            if not isinstance(value, Mapping) or part not in value:
+                known = value if isinstance(value, Mapping) else ()
+                raise ConfigError(
+                    Problem(
+                        f"`{self.attribute_name}` names no reset parameter; {did_you_mean(part, map(str, known))}",
+                        path=draw.purpose,
+                    )
+                )
+            value = value[part]
+        return value  # type: ignore[no-any-return]
