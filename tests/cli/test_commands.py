@@ -174,7 +174,7 @@ def test_the_schema_of_nothing_or_into_nothing(typed):
     code, _, err = typed("schema", "agnet")
     assert code == 2
     assert "did you mean `agent`?" in err
-    for target in ("setup.cfg/schema.json", "configs"):
+    for target in ("configs/translational-inspection/task.yml/schema.json", "configs"):
         code, out, err = typed("schema", "--output", target)
         assert code == 2
         assert out == ""

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from safe_inspect.cli.main import main
 from safe_inspect.policies import search
 revise = search.revise
 def announced(course, state, start, delta_v, seed, restarts, iterations, stride):
+    revise(course, state, start.copy(), delta_v.copy(), seed.copy(), 1, 1, stride)  # compiled by now
     print("searching", flush=True)
     return revise(course, state, start, delta_v, seed, restarts, 1000 * iterations, stride)
 search.revise = announced
@@ -54,6 +56,7 @@ def here(tmp_path, monkeypatch):
 def test_a_search_in_compiled_code_is_stopped_and_leaves_nothing(here, number, words):
     process = start(_LONG_SEARCH, *words, "--cfg", CFG, "--episodes", 3)
     assert process.stdout.readline() == "searching\n"
+    time.sleep(0.1)
     os.killpg(process.pid, number)
     _, told = process.communicate(timeout=120)
     assert process.returncode == 128 + number, told

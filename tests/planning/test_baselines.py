@@ -106,12 +106,13 @@ def test_the_file_tells_every_episode(spec: EnvironmentSpec, tmp_path: Path, cap
         (["optimser"], "did you mean `optimiser`"),
         (["inspector", "--effort", "quick"], "leave it out"),
         (["zero-thrust", "--output", "{folder}"], "folder"),
-        (["zero-thrust", "--output", "{folder}/none/x.json"], "cannot be written"),
+        (["zero-thrust", "--output", "{folder}/file/x.json"], "cannot be written"),
         (["zero-thrust", "--cfg", "{folder}/none.yml"], "none.yml"),
         (["zero-thrust", "nonsense.path=1"], "nonsense"),
     ],
 )
 def test_mistakes_are_told_in_one_line(texts: list[str], told: str, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
     with pytest.raises(SafeInspectError, match=told) as caught:
         command(*(text.format(folder=tmp_path) for text in texts), "--episodes", "1")
     assert "\n" not in str(caught.value)
