@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from safe_inspect.glues.base import Bounds, Parts
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
+from safe_inspect.rta.constraints.parameters import ConstraintParameters, TaskParameters
 from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
 from safe_inspect.rta.filters import (
     BackupFilter,
@@ -27,24 +28,12 @@ from safe_inspect.simulators.view import GUARD, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import (
-    Angle,
-    NonNegativeSpeed,
-    PositiveAngularRate,
-    PositiveDuration,
-    PositiveForce,
     PositiveLength,
-    PositiveMass,
     PositiveSpeed,
 )
 
-#: Fields that are the constraints' and the filters' parameters, by their names there.
-_PARAMETERS = (
-    "step_size", "collision_radius", "v0", "v0_distance", "v1_coef", "n", "r_max", "u_max", "m", "fov", "vel_limit",
-    "psm_horizon",
-)  # fmt: skip
 
-
-class RTAGlueCWHInspection1v1(SafetyGlue):
+class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     """Run-time assurance of one deputy that inspects a chief at the origin of Hill's frame.
 
     With several deputies each filters its own thrust: it keeps clear of the others if `constraints` says so, assuming
@@ -52,18 +41,6 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
 
     Attributes:
         state_observation_names: Observations that the peer's filter reads; here the state itself is read.
-        step_size: Length of a step [s].
-        collision_radius: Smallest range to the chief [m].
-        v0: Speed limit at the range `v0_distance` [m/s].
-        v0_distance: Range at which the speed limit is `v0` [m].
-        v1_coef: Slope of the speed limit over range, in units of `n` [-].
-        n: Mean motion [rad/s].
-        r_max: Largest range [m].
-        u_max: Largest thrust along each axis [N].
-        m: Mass of the deputy [kg].
-        fov: Full angle of the camera's cone, and so of the sun's keep-out cone [rad].
-        vel_limit: Largest speed along each axis [m/s].
-        psm_horizon: How long a coasting deputy must stay clear of the chief [s].
         constraints: Names of constraints, or mappings ``{functor: NAME, config: {...}}``. ``deputy_collision`` keeps
             the distance from every other deputy, and ``deputy_PSM`` keeps it for `psm_horizon` of coasting; only with
             the method ``backup``.
@@ -77,18 +54,6 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
     """
 
     state_observation_names: tuple[str, ...] = ()
-    step_size: PositiveDuration = 10.0
-    collision_radius: PositiveLength = 10.0
-    v0: NonNegativeSpeed = 0.2
-    v0_distance: PositiveLength = 10.0
-    v1_coef: float = Field(default=2.0, ge=0)
-    n: PositiveAngularRate = 0.001027
-    r_max: PositiveLength = 800.0
-    u_max: PositiveForce = 1.0
-    m: PositiveMass = 12.0
-    fov: Angle = math.pi / 3
-    vel_limit: PositiveSpeed = 1.0
-    psm_horizon: PositiveDuration = 100.0
     constraints: tuple[ConstraintEntry, ...] = NAMES
     deputy_radius: PositiveLength = 5.0
     method: Literal["backup", "continuous", "simplex"] = "backup"
@@ -114,8 +79,8 @@ class RTAGlueCWHInspection1v1(SafetyGlue):
         return self
 
     @cached_property
-    def _given(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in _PARAMETERS}
+    def _given(self) -> ConstraintParameters:
+        return ConstraintParameters.of({name: getattr(self, name) for name in TaskParameters.model_fields})
 
     @cached_property
     def _constraints(self) -> dict[str, Constraint]:

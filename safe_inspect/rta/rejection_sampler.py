@@ -87,6 +87,12 @@ class SafetyTest(BaseModel):
         test._glue, test._guard = self._glue, guard.for_starts()
         return test
 
+    def with_glue(self, glue: SafetyGlue) -> SafetyTest:
+        """Return the test by another safety glue."""
+        test = self.model_copy()
+        test._glue, test._guard = glue, self._guard
+        return test
+
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return for each constraint the rows of named states that it refuses, shape (R,)."""
         tested = {name: states[name] for name in self.states}

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from safe_inspect.rta.constraints import Constraint, RelativeState
+from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
 from safe_inspect.rta.filters import TeamFilter, TeamState
 from safe_inspect.rta.filters.base import differs
@@ -20,24 +20,11 @@ from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.world import World
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import (
-    Angle,
-    NonNegativeSpeed,
-    PositiveAngularRate,
-    PositiveDuration,
-    PositiveForce,
     PositiveLength,
-    PositiveMass,
-    PositiveSpeed,
 )
 
-#: Fields that are the constraints' and the filter's parameters, by their names there.
-_PARAMETERS = (
-    "step_size", "collision_radius", "v0", "v0_distance", "v1_coef", "n", "r_max", "u_max", "m", "fov", "vel_limit",
-    "psm_horizon",
-)  # fmt: skip
 
-
-class RTACWHInspectionTeam(TeamSafety):
+class RTACWHInspectionTeam(TaskParameters, TeamSafety):
     """Run-time assurance of a team that inspects a chief at the origin of Hill's frame; see `TeamFilter`.
 
     From initial states that `refusals` accepts, every constraint of every deputy and the distance of every two are kept
@@ -46,34 +33,10 @@ class RTACWHInspectionTeam(TeamSafety):
     leaves them no time to prepare, and may leave them infeasible.
 
     Attributes:
-        step_size: Length of a step [s].
-        collision_radius: Smallest range to the chief [m].
-        v0: Speed limit at the range `v0_distance` [m/s].
-        v0_distance: Range at which the speed limit is `v0` [m].
-        v1_coef: Slope of the speed limit over range, in units of `n` [-].
-        n: Mean motion [rad/s].
-        r_max: Largest range [m].
-        u_max: Largest thrust along each axis [N].
-        m: Mass of each deputy [kg].
-        fov: Full angle of the camera's cone, and so of the sun's keep-out cone [rad].
-        vel_limit: Largest speed along each axis [m/s].
-        psm_horizon: How long a coasting deputy must stay clear of the chief, and with ``deputy_PSM`` of the others [s].
         deputy_radius: Two deputies collide when their centres are closer than twice this [m].
         constraints: Names of the constraints, those of the single filter and ``deputy_collision``, ``deputy_PSM``.
     """
 
-    step_size: PositiveDuration = 10.0
-    collision_radius: PositiveLength = 10.0
-    v0: NonNegativeSpeed = 0.2
-    v0_distance: PositiveLength = 10.0
-    v1_coef: float = Field(default=2.0, ge=0)
-    n: PositiveAngularRate = 0.001027
-    r_max: PositiveLength = 800.0
-    u_max: PositiveForce = 1.0
-    m: PositiveMass = 12.0
-    fov: Angle = math.pi / 3
-    vel_limit: PositiveSpeed = 1.0
-    psm_horizon: PositiveDuration = 100.0
     deputy_radius: PositiveLength = 5.0
     constraints: tuple[ConstraintEntry, ...] = (*NAMES, "deputy_collision")
 
@@ -84,7 +47,7 @@ class RTACWHInspectionTeam(TeamSafety):
 
     @cached_property
     def _filter(self) -> TeamFilter:
-        given = {name: getattr(self, name) for name in _PARAMETERS}
+        given = {name: getattr(self, name) for name in TaskParameters.model_fields}
         return TeamFilter(given, self.constraints, self.deputy_radius)
 
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:

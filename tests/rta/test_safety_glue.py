@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from safe_inspect.config.world import common_world
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
@@ -433,14 +434,22 @@ def test_a_constraint_upon_which_no_thrust_acts_is_refused_at_once(copied):
         load_experiment("configs/translational-inspection/experiment-seed.yml")
 
 
-_PARTS = "agent_config.blue0_ctrl.config.config.parts"
+_WEAK = "agent_config.blue0_ctrl.config.config.parts.0.config.properties={name: x_thrust, low: -0.5, high: 0.7}"
+_SAMPLER = "config.config.env_config.simulator_reset_parameters.init_state.config.rta"
+_REWARD = "agent_config.blue0_ctrl.config.config.reference_store.mass=20"
 
 
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["platform_config.blue0.config.config.mass=20"], "`m` is 12 here, but the platform's `mass` is 20"),
-        ([f"{_PARTS}.0.config.properties={{name: x_thrust, low: -0.5, high: 0.5}}"], "counts on 1 N along each axis"),
+        (
+            [f"{GLUE}.m=12", "platform_config.blue0.config.config.mass=20"],
+            "glues[0].config.m: `m` is 12 here, but the platform's `mass` is 20",
+        ),
+        ([f"{GLUE}.n=0.001"], "`n` is 0.001 here, but the simulator's `mean_motion` is 0.001027"),
+        ([f"{GLUE}.step_size=5"], "`step_size` is 5 here, but 1 / `frame_rate` is 10"),
+        ([f"{_SAMPLER}.config={{m: 11 kg}}"], "init_state.config.rta.config.m: `m` is 11 here"),
+        ([f"{GLUE}.u_max=1", _WEAK], "glues[0].config.u_max: the filter counts on 1 N along each axis"),
     ],
 )
 def test_a_filter_that_knows_another_spacecraft_is_refused(overrides, words):
@@ -448,3 +457,54 @@ def test_a_filter_that_knows_another_spacecraft_is_refused(overrides, words):
     with pytest.raises(ConfigError) as caught:
         load_experiment(configs_root() / "translational-inspection/experiment-seed.yml", [ON, *overrides])
     assert words in str(caught.value)
+
+
+def glues_of(spec):
+    """Return the agent's glue and the one of the sampler."""
+    return spec.agents[0].action_glues[0], spec.reset.parameters["init_state"].rta.glue
+
+
+def test_what_is_not_given_is_taken_from_the_world(shipped):
+    heavy = ["platform_config.blue0.config.config.mass=20", _REWARD]
+    world = "config.config.env_config.simulator.config"
+    orbit = [f"{world}.mean_motion=0.0011", f"{world}.illumination_params.mean_motion=0.0011", f"{GLUE}.n=null"]
+    spec = load_experiment(shipped, [ON, _WEAK, *heavy, *orbit, f"{GLUE}.u_max=null"]).spec
+    for glue in glues_of(spec):
+        assert (glue.step_size, glue.n, glue.m, glue.u_max) == (10.0, 0.0011, 20.0, 0.5)
+    env = BatchedEnvironment(spec, 4, seed=SEED)
+    env.reset()
+    for thrust in random_thrusts(5, 4):
+        transition = env.step(thrust)
+        assert np.abs(transition.step.control).max() <= 0.5
+
+
+def test_the_teams_filter_takes_what_all_deputies_have():
+    shipped = configs_root() / "multiagent-translational-inspection/experiment.yml"
+    weak = _WEAK.replace("blue0", "blue#")
+    team = load_experiment(shipped, [weak]).spec.team_safety
+    assert (team.u_max, team.m, team.n, team.step_size) == (0.5, 12.0, 0.001027, 10.0)
+    worlds = [{"m": 12.0, "n": 0.001, "u_max": 1.0}, {"m": 20.0, "n": 0.001, "u_max": 0.5}]
+    assert common_world(worlds) == {"n": 0.001, "u_max": 0.5}
+
+
+def test_values_of_the_world_that_a_filter_cannot_work_with_are_reported():
+    heavy = ["platform_config.blue0.config.config.mass=20000", _REWARD.replace("20", "20000")]
+    with pytest.raises(ConfigError, match=r"glues\[0\]\.config.*with the values of the world: .*cannot brake"):
+        load_experiment(configs_root() / "translational-inspection/experiment-seed.yml", heavy)
+
+
+def test_a_configuration_that_gives_everything_by_reference_loads_as_before(copied, shipped):
+    """The blocks that other packages' files have: every field by reference, the world's own values among them."""
+    plain = glues_of(load_experiment(shipped).spec)
+    agent, environment = copied / "agent-seed.yml", copied / "environment.yml"
+    references = {"n": "mean_motion", "m": "mass", "step_size": "step_size", "v0_distance": "collision_radius"}
+    for path in (agent, environment):
+        lines = "".join(f"{' ' * 10}{field}: {key}\n" for field, key in references.items())
+        first = f"{' ' * 10}collision_radius: collision_radius\n"
+        text = path.read_text()
+        assert first in text
+        path.write_text(text.replace(first, first + lines, 1))
+    found = glues_of(load_experiment("configs/translational-inspection/experiment-seed.yml").spec)
+    for one, other in zip(found, plain, strict=True):
+        assert {**one.model_dump(), "v0_distance": None} == other.model_dump()
+        assert one.v0_distance == other.collision_radius

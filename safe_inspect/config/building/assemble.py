@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from pydantic import ValidationError
@@ -12,6 +11,15 @@ from pydantic_core import PydanticCustomError
 from safe_inspect.config.building.policies import policy_name
 from safe_inspect.config.building.resets import reset_plan
 from safe_inspect.config.building.team import check_agents, guarded_starts
+from safe_inspect.config.building.world import (
+    WorldValues,
+    check_world,
+    common_world,
+    in_world,
+    plugins_of,
+    reset_in_world,
+    worlds_of,
+)
 from safe_inspect.config.messages.words import message
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
@@ -21,12 +29,7 @@ from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugins.functor import Named, build
-from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
-from safe_inspect.rta.base import SafetyGlue
-from safe_inspect.rta.rejection_sampler import RejectionSampler
-from safe_inspect.rta.team import TeamSafety
-from safe_inspect.simulators.resets.plan import ResetPlan
 
 Path = tuple[Any, ...]
 Report = Callable[[Path, str], None]
@@ -74,13 +77,19 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
     for index, platform in enumerate(config.platform_config):
         if platform.name not in controlled and controlled and controlled <= set(platforms):
             tell(("platform_config", index), f"no agent controls the platform {platform.name!r}; remove it")
+    worlds = worlds_of(config, platforms)
     agents = [
         agent
         for index, entry in enumerate(config.agent_config)
-        if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, tell)) is not None
+        if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, worlds[index], tell)) is not None
     ]
     check_agents(config, agents, tell)
-    _constants_agree(config, platforms, reset, tell)
+    check_world(config, reset, worlds, tell)
+    common = common_world(worlds)
+    reset = reset_in_world(reset, common, tell)
+    if environment.rta is not None:
+        where = (*_ENVIRONMENT, "rta")
+        environment = environment.model_copy(update={"rta": in_world(environment.rta, common, where, tell)})
     if mistakes:
         return None
     frame_rate = config.agent_config[0].config.config.frame_rate
@@ -116,52 +125,13 @@ def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
     return platforms
 
 
-def _constants_agree(
-    config: ExperimentConfig, platforms: Mapping[str, Platform], reset: ResetPlan, report: Report
-) -> None:
-    """Check that what a plugin is told of the step, the mass and the orbit is what the simulation has."""
-    simulator = config.config.config.env_config.simulator
-    orbit = {"n": (getattr(simulator, "mean_motion", None), "the simulator's `mean_motion`")}
-    for index, entry in enumerate(config.agent_config):
-        base = ("agent_config", index, "config", "config")
-        step_size = 1.0 / entry.config.config.frame_rate
-        true = {**orbit, "step_size": (step_size, "1 / `frame_rate`")}
-        if entry.platforms and entry.platforms[0] in platforms:
-            true["mass"] = true["m"] = (platforms[entry.platforms[0]].mass, "the platform's `mass`")
-        told = list(_plugins(entry, base))
-        team = config.config.config.env_config.rta
-        if team is not None:
-            told.append(((*_ENVIRONMENT, "rta"), team))
-        for name, parameter in reset.parameters.items():
-            if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
-                where = (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
-                told.append((where, parameter.rta.glue))
-        largest = [part.limits for part in entry.config.config.parts if isinstance(part, Controller)]
-        spheres = getattr(simulator, "inspection_points_map", {})
-        for path, plugin in told:
-            radius = plugin.collision_radius if "collision_radius" in type(plugin).model_fields else math.inf  # type: ignore[attr-defined]
-            for name, sphere in spheres.items():
-                if radius < sphere.radius:
-                    message = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({sphere.radius:g} m)"
-                    report((*path, "config", "collision_radius"), f"{message}; make it at least as large")
-            if isinstance(plugin, SafetyGlue | TeamSafety) and plugin.enabled and "u_max" in type(plugin).model_fields:
-                thrust = getattr(plugin, "u_max")  # noqa: B009 - not every filter has it
-                if any((low > -thrust).any() or (high < thrust).any() for low, high in largest):
-                    message = f"the filter counts on {thrust:g} N along each axis, which a controller cannot give"
-                    report((*path, "config", "u_max"), f"{message}; lower `u_max`, or raise the controller's limits")
-            for field, (value, source) in true.items():
-                given = getattr(plugin, field, None) if field in type(plugin).model_fields else None
-                if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
-                    message = f"`{field}` is {given:g} here, but {source} is {value:g}; make them agree"
-                    report((*path, "config", field), message)
-
-
 def _agent(
     entry: AgentEntry,
     where: Path,
     platforms: Mapping[str, Platform],
     names: Mapping[str, set[str]],
     horizon: int,
+    world: WorldValues,
     report: Report,
 ) -> AgentSpec | None:
     for index, platform in enumerate(entry.platforms):
@@ -188,7 +158,7 @@ def _agent(
         "controller": {name for name, part in parts.items() if isinstance(part, Controller)},
     }
     sound = True
-    for path, plugin in _plugins(entry, base):
+    for path, plugin in plugins_of(entry, base):
         for field, kind in plugin.references().items():
             value = getattr(plugin, field)
             if len(parts) < len(body.parts) and kind in ("sensor", "controller"):
@@ -196,6 +166,7 @@ def _agent(
             elif value is not None and value not in known[kind]:
                 sound = False
                 report((*path, "config", field), f"no {kind} is named {value!r}; {did_you_mean(value, known[kind])}")
+    glues = tuple(in_world(glue, world, (*base, "glues", index), report) for index, glue in enumerate(body.glues))
     dones = list(body.dones)
     if not any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
         dones.append(Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
@@ -211,7 +182,7 @@ def _agent(
         entry.name,
         entry.platforms[0],
         parts,
-        _exported(body.glues),
+        _exported(glues),
         body.rewards,
         tuple(dones),
         policy=policy_name(entry),
@@ -267,25 +238,3 @@ def _exported(glues: tuple[Glue, ...]) -> tuple[Glue, ...]:
     return tuple(
         glue for glue in glues if not (isinstance(glue, ObservationGlue) and glue.training_export_behavior == "EXCLUDE")
     )
-
-
-def _plugins(entry: AgentEntry, base: Path) -> Iterator[tuple[Path, Plugin]]:
-    """Yield every plugin of an agent that may name something, with its path."""
-    body = entry.config.config
-    for key in ("parts", "glues"):
-        for index, plugin in enumerate(getattr(body, key)):
-            yield from _nested((*base, key, index), plugin)
-    for key in ("rewards", "dones"):
-        for index, named in enumerate(getattr(body, key)):
-            yield from _nested((*base, key, index), named.functor)
-
-
-def _nested(path: Path, plugin: Plugin) -> Iterator[tuple[Path, Plugin]]:
-    """Yield a plugin and those that it wraps: one, a list of them or a mapping."""
-    yield path, plugin
-    wrapped: Any = getattr(plugin, "wrapped", ())
-    if isinstance(wrapped, Plugin):
-        yield from _nested((*path, "wrapped"), wrapped)
-        return
-    for key, inner in wrapped.items() if isinstance(wrapped, Mapping) else enumerate(wrapped):
-        yield from _nested((*path, "wrapped", key), inner)

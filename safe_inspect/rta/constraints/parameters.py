@@ -37,8 +37,11 @@ def braking_acceleration(
     return u_max / mass - 3.0 * mean_motion**2 * r_max - 2.0 * mean_motion * top_speed
 
 
-class ConstraintParameters(BaseModel):
-    """The parameters of a task that its constraints need; quantities take units as everywhere.
+class TaskParameters(BaseModel):
+    """The parameters of a task that constraints and safety filters need; quantities take units as everywhere.
+
+    In an experiment `step_size`, `n`, `m` and `u_max` are taken from the world unless they are given: from the frame
+    rate, the simulator, the platform and the controllers. A null counts as not given.
 
     Attributes:
         step_size: Time for which a control is held [s]. No constraint depends on it; filters do.
@@ -53,9 +56,6 @@ class ConstraintParameters(BaseModel):
         fov: Full opening angle of the sun keep-out cone [rad], the field of view of the sensor.
         vel_limit: Largest speed along each axis [m/s].
         psm_horizon: Time for which coasting must be safe [s].
-
-    Raises:
-        ValueError: A key is unknown, a value is impossible, or two values contradict each other.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
@@ -72,6 +72,34 @@ class ConstraintParameters(BaseModel):
     fov: FieldOfView = math.pi / 3.0
     vel_limit: PositiveSpeed = 1.0
     psm_horizon: PositiveDuration = 100.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _null_is_not_given(cls, values: Any) -> Any:
+        if isinstance(values, Mapping):
+            return {k: v for k, v in values.items() if v is not None or k not in TaskParameters.model_fields}
+        return values
+
+    def in_world(self, world: Mapping[str, float]) -> Self:
+        """Return the same with fields from the world in place of those that are not given.
+
+        Args:
+            world: Values of fields in SI units.
+
+        Raises:
+            ValidationError: The values do not belong together.
+        """
+        given = {name: getattr(self, name) for name in self.model_fields_set}
+        taken = {name: value for name, value in world.items() if name not in given}
+        return type(self).model_validate(given | taken) if taken else self
+
+
+class ConstraintParameters(TaskParameters):
+    """Parameters of a task that agree with each other; see `TaskParameters`.
+
+    Raises:
+        ValueError: A key is unknown, a value is impossible, or two values contradict each other.
+    """
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any] | ConstraintParameters) -> ConstraintParameters:

@@ -1,0 +1,156 @@
+"""What plugins take from the world and must not contradict: the step, the orbit, the mass and the thrust."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from safe_inspect.config.messages.words import message
+from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
+from safe_inspect.platforms.base import Controller, Platform
+from safe_inspect.plugins import Plugin
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.constraints.parameters import TaskParameters
+from safe_inspect.rta.rejection_sampler import RejectionSampler
+from safe_inspect.rta.team import TeamSafety
+from safe_inspect.simulators.resets.plan import ResetPlan
+
+Path = tuple[Any, ...]
+Report = Callable[[Path, str], None]
+#: Values of an agent's world by the names of `TaskParameters`, in SI units.
+WorldValues = Mapping[str, float]
+
+P = TypeVar("P", bound=Plugin)
+
+_ENVIRONMENT: Path = ("config", "config", "env_config")
+_SOURCES = {"n": "the simulator's `mean_motion`", "step_size": "1 / `frame_rate`", "m": "the platform's `mass`"}
+
+
+def worlds_of(config: ExperimentConfig, platforms: Mapping[str, Platform]) -> list[WorldValues]:
+    """Return the world of each agent: its step, mean motion and mass, and the thrust that its controllers can give."""
+    offered = config.config.config.env_config.simulator.compose()[0].offers()
+    worlds: list[WorldValues] = []
+    for entry in config.agent_config:
+        world = {"step_size": 1.0 / entry.config.config.frame_rate}
+        if "mean_motion" in offered:
+            world["n"] = offered["mean_motion"]
+        if entry.platforms and entry.platforms[0] in platforms:
+            world["m"] = platforms[entry.platforms[0]].mass
+        limits = [part.limits for part in entry.config.config.parts if isinstance(part, Controller)]
+        thrust = min((float(min((-low).min(), high.min())) for low, high in limits), default=0.0)
+        if thrust > 0.0:
+            world["u_max"] = thrust
+        worlds.append(world)
+    return worlds
+
+
+def common_world(worlds: Sequence[WorldValues]) -> WorldValues:
+    """Return what all agents share: equal values, and the least thrust."""
+    common = {name: value for name, value in worlds[0].items() if all(world.get(name) == value for world in worlds)}
+    if all("u_max" in world for world in worlds):
+        common["u_max"] = min(world["u_max"] for world in worlds)
+    return common
+
+
+def in_world(plugin: P, world: WorldValues, where: Path, report: Report) -> P:
+    """Return a plugin with the fields of `TaskParameters` that it is not given; others as they are."""
+    if not isinstance(plugin, TaskParameters):
+        return plugin
+    try:
+        return plugin.in_world(world)
+    except ValidationError as error:
+        for problem in error.errors(include_url=False):
+            text = "; ".join(filter(None, message(problem)))
+            report((*where, "config", *problem["loc"]), f"with the values of the world: {text}")
+        return plugin
+
+
+def reset_in_world(reset: ResetPlan, world: WorldValues, report: Report) -> ResetPlan:
+    """Return the plan with the safety tests of its samplers in the world."""
+    parameters = dict(reset.parameters)
+    for name, parameter in parameters.items():
+        if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
+            glue = in_world(parameter.rta.glue, world, _sampler(name), report)
+            parameters[name] = parameter.model_copy(update={"rta": parameter.rta.with_glue(glue)})
+    return replace(reset, parameters=parameters)
+
+
+def check_world(
+    config: ExperimentConfig, reset: ResetPlan, worlds: Sequence[WorldValues], report: Report
+) -> None:  # fmt: skip
+    """Check that what plugins are given of the step, the mass, the orbit and the thrust is what the simulation has."""
+    environment = config.config.config.env_config
+    common = common_world(worlds)
+    shared: list[tuple[Path, Plugin]] = []
+    if environment.rta is not None:
+        shared.append(((*_ENVIRONMENT, "rta"), environment.rta))
+    for name, parameter in reset.parameters.items():
+        if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
+            shared.append((_sampler(name), parameter.rta.glue))
+    spheres = getattr(environment.simulator, "inspection_points_map", {})
+    for index, entry in enumerate(config.agent_config):
+        world = worlds[index]
+        base = ("agent_config", index, "config", "config")
+        largest = [part.limits for part in entry.config.config.parts if isinstance(part, Controller)]
+        looked = [(path, plugin, world) for path, plugin in plugins_of(entry, base)]
+        for path, plugin, taken in looked + [(path, plugin, common) for path, plugin in shared]:
+            radius = _value(plugin, "collision_radius", taken)
+            for name, sphere in spheres.items():
+                if radius is not None and radius < sphere.radius:
+                    text = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({sphere.radius:g} m)"
+                    report((*path, "config", "collision_radius"), f"{text}; make it at least as large")
+            filters = isinstance(plugin, SafetyGlue | TeamSafety) and plugin.enabled
+            if filters and isinstance(plugin, TaskParameters) and "n" not in world:
+                kind = environment.simulator.compose()[0].registered_name
+                text = f"the filter keeps deputies in Clohessy-Wiltshire dynamics safe, and these move by {kind}"
+                report((*path, "config", "enabled"), f"{text}; switch it off")
+            thrust = _value(plugin, "u_max", taken)
+            if filters and thrust is not None and any(thrust > min((-low).min(), high.min()) for low, high in largest):
+                text = f"the filter counts on {thrust:g} N along each axis, which a controller cannot give"
+                report((*path, "config", "u_max"), f"{text}; lower `u_max`, or raise the controller's limits")
+            for field in ("n", "step_size", "mass", "m"):
+                source = "m" if field == "mass" else field
+                given, value = _value(plugin, field, taken), world.get(source)
+                if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
+                    text = f"`{field}` is {given:g} here, but {_SOURCES[source]} is {value:g}; make them agree"
+                    report((*path, "config", field), text)
+
+
+def plugins_of(entry: AgentEntry, base: Path) -> Iterator[tuple[Path, Plugin]]:
+    """Yield every plugin of an agent that may name something, with its path."""
+    body = entry.config.config
+    for key in ("parts", "glues"):
+        for index, plugin in enumerate(getattr(body, key)):
+            yield from _nested((*base, key, index), plugin)
+    for key in ("rewards", "dones"):
+        for index, named in enumerate(getattr(body, key)):
+            yield from _nested((*base, key, index), named.functor)
+
+
+def _nested(path: Path, plugin: Plugin) -> Iterator[tuple[Path, Plugin]]:
+    """Yield a plugin and those that it wraps: one, a list of them or a mapping."""
+    yield path, plugin
+    wrapped: Any = getattr(plugin, "wrapped", ())
+    if isinstance(wrapped, Plugin):
+        yield from _nested((*path, "wrapped"), wrapped)
+        return
+    for key, inner in wrapped.items() if isinstance(wrapped, Mapping) else enumerate(wrapped):
+        yield from _nested((*path, "wrapped", key), inner)
+
+
+def _sampler(name: str) -> Path:
+    return (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
+
+
+def _value(plugin: Plugin, field: str, world: WorldValues) -> float | None:
+    """Return a field of a plugin, from the world where it is taken from there; None where there is no such field."""
+    if field not in type(plugin).model_fields:
+        return None
+    if isinstance(plugin, TaskParameters) and field not in plugin.model_fields_set and field in world:
+        return world[field]
+    value: float | None = getattr(plugin, field)
+    return value
