@@ -41,8 +41,11 @@ class Stopwatch:
 def on_the_watch(watch: Stopwatch, environment: TeamEnvironment) -> Iterator[None]:
     """Put the parts of an environment's step on the watch."""
     places: dict[tuple[Any, str], str] = {
-        (simulation, "advance"): "dynamics",
-        (simulation, "inspect_body"): "points",
+        (environment.simulation, "_advance"): "dynamics",
+        **{
+            (type(component), "step"): "points" if name == "InspectionPoints" else f"component {name}"
+            for name, component in environment.simulation.components.items()
+        },
         (simulation.State, "copy_from"): "copy of the state",
         (simulation.Simulation, "step"): "rest of the simulator",
         (Thrusters, "__call__"): "control",

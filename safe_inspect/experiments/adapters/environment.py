@@ -25,6 +25,12 @@ EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], TeamE
 DEFAULT_MAKER = "safe_inspect.experiments.adapters.environment:make_environment"
 
 
+def experiment_in(config: Mapping[str, Any]) -> Any:
+    """Return the resolved experiment of RLlib's environment configuration, which holds it as text."""
+    experiment = config["experiment"]
+    return json.loads(experiment) if isinstance(experiment, str) else experiment
+
+
 def make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> TeamEnvironment:
     """Build the environments of a resolved configuration."""
     from safe_inspect.environments import build_spec
@@ -79,9 +85,7 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
         evaluation: Whether they serve the evaluation.
     """
     maker = find_maker(config.get("maker", DEFAULT_MAKER))
-    experiment = config["experiment"]
-    if isinstance(experiment, str):
-        experiment = json.loads(experiment)
+    experiment = experiment_in(config)
     with Reported(config):
         return maker(experiment, num_envs, seed_of(config, evaluation), slot)
 

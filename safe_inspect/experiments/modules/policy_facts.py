@@ -11,7 +11,7 @@ from safe_inspect.config.spec import AgentSpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
 from safe_inspect.evaluation.policy_files.raw_values import commanded_elements, observed_elements
-from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
+from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER, experiment_in
 from safe_inspect.experiments.runs.checkpoints import SINGLE
 from safe_inspect.experiments.settings.policies import PolicySettings
 
@@ -53,7 +53,7 @@ def policy_texts(
     """
     if environments.get("maker", DEFAULT_MAKER) != DEFAULT_MAKER:
         return {}
-    experiment = build_experiment(environments["experiment"])
+    experiment = build_experiment(experiment_in(environments))
     agents = [agent for agent in experiment.spec.agents if agent.pilot is None]
     flown = {name: [agent for agent in agents if agent.name in policy.agents] for name, policy in policies.items()}
     return {name: policy_info(experiment, name, its).metadata() for name, its in (flown or {SINGLE: agents}).items()}

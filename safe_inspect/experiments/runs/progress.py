@@ -174,6 +174,9 @@ class Progress:
         limit = self._stop.get("training_iteration", math.inf)
         total = f"/{limit:.0f}" if limit < _ENDLESS else ""
         agents = agents_of(flat)
+        points = (
+            "env_runners/success_rate" not in flat or "env_runners/inspected_fraction" in flat
+        )  # a task may have none to inspect
         line = self._label + "  ".join(
             (
                 f"iteration {flat.get('training_iteration', 0):>4.0f}{total}",
@@ -181,7 +184,7 @@ class Progress:
                 f"{self._rate('num_env_steps_sampled_lifetime'):>7,.0f}/s",
                 f"return {_number(flat, 'episode_return_mean', '7.3f')}",
                 f"success {_percent(flat, 'success_rate')}",
-                f"inspected {_percent(flat, 'inspected_fraction')}",
+                *([f"inspected {_percent(flat, 'inspected_fraction')}"] if points else []),
                 f"delta-v {_number(flat, 'delta_v', '6.2f')} m/s",
                 f"left {clock(self._left(flat))}",
             )
