@@ -18,8 +18,7 @@ from typing import Any
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation import BASELINES, Summary, baseline, summarise
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import BASELINES, Summary, baseline, rollout, summarise
 
 CONFIGURATION = "configs/translational-inspection/experiment.yml"
 EVALUATION_SEED = 20_000

@@ -14,8 +14,7 @@ import sys
 
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation import summarise
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import rollout, summarise
 from safe_inspect.figures import save, trajectory_figure
 from safe_inspect.policies import NaturalMotionInspector
 

@@ -8,8 +8,7 @@ import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.evaluation import summarise
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import rollout, summarise
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "learning.py"
 

@@ -20,10 +20,10 @@ from random_checkpoint import TEAM, discrete, experiment_of, make_module, save_r
 
 from safe_inspect.environments import TeamEnvironment  # noqa: E402
 from safe_inspect.errors import CheckpointError, SafeInspectError  # noqa: E402
+from safe_inspect.evaluation import rollout  # noqa: E402
 from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx  # noqa: E402
 from safe_inspect.evaluation.policy_files.policy_draws import choices, gaussian  # noqa: E402
 from safe_inspect.evaluation.policy_files.policy_file import seal  # noqa: E402
-from safe_inspect.evaluation.rollouts import rollout  # noqa: E402
 
 onnx = pytest.importorskip("onnx")
 

@@ -5,8 +5,7 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.environments import BatchedEnvironment, load_spec
-from safe_inspect.evaluation import Flight
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import Flight, rollout
 from safe_inspect.policies import RandomThrust, ZeroThrust
 
 FIGURES = ("returns", "length", "status", "inspected_fraction", "delta_v")

@@ -10,8 +10,7 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.evaluation import summarise
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import rollout, summarise
 from safe_inspect.policies import RandomThrust, ZeroThrust
 
 WHOLE = ("returns", "length", "status", "inspected_fraction", "delta_v", "closest")

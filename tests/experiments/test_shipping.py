@@ -12,8 +12,8 @@ import pytest
 from random_checkpoint import TEAM, experiment_of, make_module, save_run, single_run
 
 from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
+from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.export.model_card import CardFacts, model_card
 
 pytest.importorskip("onnx")

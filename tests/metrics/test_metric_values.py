@@ -10,7 +10,7 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import PluginValueError, SafeInspectError
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.task import default_metrics, read_metrics
 from safe_inspect.metrics import (
     ClosestDeputies,

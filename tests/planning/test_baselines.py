@@ -12,8 +12,7 @@ import pytest
 from safe_inspect.cli.baseline import add_baseline_arguments, run_baseline
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.evaluation import baseline
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import baseline, rollout
 from safe_inspect.planning.baselines import complete
 from safe_inspect.planning.open_loop import OpenLoopPlan
 from safe_inspect.planning.record import Record, read_record

@@ -9,7 +9,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import rollout
 from safe_inspect.planning.open_loop import OpenLoopPlan
 from safe_inspect.planning.optimiser import EFFORTS, optimise
 from safe_inspect.planning.record import Entry

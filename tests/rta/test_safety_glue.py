@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from safe_inspect.config.world import common_world
+from safe_inspect.config.building.world import common_world
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment

@@ -57,9 +57,14 @@ def common_world(worlds: Sequence[WorldValues]) -> WorldValues:
 
 
 def in_world(plugin: P, world: WorldValues, where: Path, report: Report) -> P:
-    """Return a plugin with the fields of `TaskParameters` that it is not given; others as they are."""
+    """Return a plugin with the fields of `TaskParameters` that it is not given; others as they are.
+
+    Only a filter that is enabled counts on the thrust: an agent without one may have thrusters too weak for any.
+    """
     if not isinstance(plugin, TaskParameters):
         return plugin
+    if not getattr(plugin, "enabled", False):
+        world = {name: value for name, value in world.items() if name != "u_max"}
     try:
         return plugin.in_world(world)
     except ValidationError as error:
