@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.component import Component
@@ -83,7 +84,7 @@ class ComposedSimulator(Simulator):
         components: What the task adds, in the order in which they follow a step.
     """
 
-    dynamics: functor_field("dynamics")  # type: ignore[valid-type]
+    dynamics: functor_field("dynamics") = ClohessyWiltshire()  # type: ignore[valid-type]
     components: tuple[functor_field("component"), ...] = ()  # type: ignore[valid-type]
 
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:

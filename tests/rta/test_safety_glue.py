@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from safe_inspect.config.building.world import common_world
 
+from safe_inspect.config.building.world import common_world
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment, InspectionEnv, InspectionVectorEnv

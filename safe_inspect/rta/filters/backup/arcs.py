@@ -22,25 +22,25 @@ import math
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState, cwh_row
-from safe_inspect.rta.filters.backup.model import COLLISION, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
+from safe_inspect.rta.filters.backup.model import COLLISION, INNER, R_MAX, REL_VEL, SUN, X_VEL, Y_VEL, Z_VEL, Model
 from safe_inspect.types import FloatArray
 
 SAFE = -1
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def held(m: Model, x: RowState, u: FloatArray, k: int) -> RowState:
     """Return the state k / 256 of a hold after x, under the thrust u; at k = 256 to the bit that of the simulator."""
     return cwh_row(m.hold_phi[k], m.hold_gamma[k], x, u[0], u[1], u[2])
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def turned(sun: tuple[float, float], cos: float, sin: float) -> tuple[float, float]:
     """Return the cosine and sine of the sun angle after a turn."""
     return sun[0] * cos - sun[1] * sin, sun[1] * cos + sun[0] * sin
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def lowest(fa: float, fb: float, dip: float) -> float:
     """Return the least over 0 <= x <= 1 of the chord from fa to fb less dip 4 x (1 - x), dip >= 0."""
     rise = abs(fb - fa)
@@ -49,14 +49,14 @@ def lowest(fa: float, fb: float, dip: float) -> float:
     return min(fa, fb) - dip * (1.0 - 0.25 * rise / dip) ** 2
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def sun_gap(m: Model, x: RowState, sun: tuple[float, float]) -> float:
     """Return the signed distance from the sun cone [m]; not negative outside it."""
     pc, pk = sun[1] * x[1] - sun[0] * x[0], -sun[1] * x[0] - sun[0] * x[1]
     return m.cos_b * math.sqrt(pk * pk + x[2] * x[2]) - m.sin_b * pc
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def broken_at(m: Model, near: float, x: RowState, sun: tuple[float, float], length: float, speed: float) -> int:
     """Return the code of a constraint that is not met at a state with those margins [m], [m/s]; SAFE if all are."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -78,13 +78,13 @@ def broken_at(m: Model, near: float, x: RowState, sun: tuple[float, float], leng
     return SAFE
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def acceleration_at(n: float, x: RowState, w: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return the acceleration at a state under the thrust's own w [m/s^2]."""
     return 3.0 * n * n * x[0] + 2.0 * n * x[4] + w[0], w[1] - 2.0 * n * x[3], w[2] - n * n * x[2]
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def uncertain(
     m: Model, near: float, a: RowState, b: RowState, sun_a: tuple[float, float], sun_b: tuple[float, float],
     w: tuple[float, float, float], span: float, length: float, speed: float,

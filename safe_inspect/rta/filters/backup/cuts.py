@@ -18,6 +18,7 @@ from safe_inspect.rta.filters.backup.model import (
     COLLISION,
     FURTHER,
     HOLD_PIECES,
+    INNER,
     PSM,
     R_MAX,
     REL_VEL,
@@ -31,13 +32,13 @@ from safe_inspect.types import FloatArray
 MOST = 48
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     size = math.sqrt(x * x + y * y + z * z)
     return (x / size, y / size, z / size) if size > 1e-9 else (1.0, 0.0, 0.0)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def support(
     m: Model, code: int, b: RowState, sun: tuple[float, float], length: float, speed: float, d: FloatArray
 ) -> float:  # fmt: skip
@@ -77,7 +78,7 @@ def support(
     return m.near + length
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def add(
     m: Model, d: FloatArray, need: float, b: RowState, u: FloatArray, k: int,
     rows: FloatArray, bounds: FloatArray, count: int,
@@ -98,7 +99,7 @@ def add(
     return count + 1
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def cut_near(
     m: Model, x: RowState, u: FloatArray, own_side: bool, always: bool, length: float, d: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,
@@ -130,7 +131,7 @@ def cut_near(
     return int(add(m, d, near + length, held(m, x, u, at_k), u, at_k, rows, bounds, count))
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def cut_hold(
     m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, code: int, k: int, own_side: bool,
     length: float, speed: float, d: FloatArray, rows: FloatArray, bounds: FloatArray, count: int,
@@ -143,7 +144,7 @@ def cut_hold(
     return int(add(m, d, need, b, u, k, rows, bounds, count))
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def cut_broken(
     m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, own_side: bool, length: float, speed: float,
     d: FloatArray, rows: FloatArray, bounds: FloatArray, count: int,

@@ -21,7 +21,7 @@ from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.base import HalfSpace
 from safe_inspect.rta.filters.backup.arcs import SAFE, acceleration_at, lowest
-from safe_inspect.rta.filters.backup.model import FINEST, FURTHER, ORBIT_CELLS, Model
+from safe_inspect.rta.filters.backup.model import FINEST, FURTHER, INNER, ORBIT_CELLS, Model
 
 #: Numba's helpers for machine code, which have no types.
 cgutils: Any = numba.core.cgutils
@@ -70,7 +70,7 @@ def _call(context: Any, table: Any, j: Any, x: Any) -> Any:
     return result(types.int64, types.int64, types.UniTuple(types.float64, 6)), generate
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def half_space(m: Model, code: int, x: RowState) -> _Half:
     """Return the direction d and the need of a further constraint at a state, d.x >= need where it is met.
 
@@ -83,26 +83,26 @@ def half_space(m: Model, code: int, x: RowState) -> _Half:
     return h[0] / size, h[1] / size, h[2] / size, h[3] / size, h[4] / size, h[5] / size, h[6] / size
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def along(h: _Half, x: RowState) -> float:
     """Return d.x."""
     return h[0] * x[0] + h[1] * x[1] + h[2] * x[2] + h[3] * x[3] + h[4] * x[4] + h[5] * x[5]
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def sizes(h: _Half) -> tuple[float, float]:
     """Return the lengths of d for positions and for velocities."""
     return math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]), math.sqrt(h[3] * h[3] + h[4] * h[4] + h[5] * h[5])
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def needed(h: _Half, length: float, speed: float) -> float:
     """Return the need with margins of positions [m] and velocities [m/s]."""
     position, velocity = sizes(h)
     return h[6] + position * length + velocity * speed
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def further_slack(m: Model, code: int, x: RowState) -> float:
     """Return how far a further constraint is from broken, in metres; speeds count as the range of a motion so fast."""
     h = half_space(m, code, x)
@@ -110,7 +110,7 @@ def further_slack(m: Model, code: int, x: RowState) -> float:
     return (along(h, x) - h[6]) / (position + velocity / m.n)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def further_broken(m: Model, x: RowState, length: float, speed: float) -> int:
     """Return the code of a further constraint that is not met at a state with those margins; SAFE if all are."""
     for code in range(FURTHER, FURTHER + m.further):
@@ -120,7 +120,7 @@ def further_broken(m: Model, x: RowState, length: float, speed: float) -> int:
     return SAFE
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def further_uncertain(
     m: Model, a: RowState, b: RowState, w: tuple[float, float, float], span: float, length: float, speed: float
 ) -> int:
@@ -148,7 +148,7 @@ def further_uncertain(
     return SAFE
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def further_closed_motion(m: Model, x: RowState, length: float, speed: float) -> int:
     """Return a further constraint that the drift-free motion from x breaks within an orbit, or SAFE.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,8 @@ COLLISION, REL_VEL, SUN, R_MAX, PSM, X_VEL, Y_VEL, Z_VEL = range(8)
 FURTHER = len(KNOWN)
 #: Bit of what keeps pairs of deputies apart; their passive safety has the next. The bits of codes end before it.
 PAIR_BIT = 60
+#: Options of compiled functions that only compiled ones call: without a wrapper for Python they compile sooner.
+INNER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 #: Finest pieces of a hold.
 HOLD_PIECES = 256
 #: Cells into which an orbit is cut before any refinement.

@@ -19,6 +19,7 @@ from safe_inspect.rta.filters.backup.model import (
     FINE_NODES,
     FURTHER,
     HOLD_PIECES,
+    INNER,
     ORBIT_CELLS,
     PSM,
     R_MAX,
@@ -36,7 +37,7 @@ _METRES_PER_NEWTON = 100.0
 _STEP = 1e-4
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _slack(m: Model, x: RowState, sun: tuple[float, float], code: int) -> float:
     """Return how far a constraint is from broken, in metres; speeds count as the range of a motion that fast."""
     if code == SUN:
@@ -54,13 +55,13 @@ def _slack(m: Model, x: RowState, sun: tuple[float, float], code: int) -> float:
     return float((m.limit[code - X_VEL] - abs(x[3 + code - X_VEL])) / m.n)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _excess(m: Model, w: FloatArray) -> float:
     """Return the slack of the thrusters, in metres, for a plan's thrust."""
     return float(_METRES_PER_NEWTON * (m.u_max - max(abs(w[0]), max(abs(w[1]), abs(w[2])))))
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _least_slack(m: Model, x: RowState, sun: tuple[float, float]) -> tuple[float, int]:
     """Return the least slack of all constraints [m], and whose it is."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -86,7 +87,7 @@ def _least_slack(m: Model, x: RowState, sun: tuple[float, float]) -> tuple[float
     return least, which
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _best_plan(m: Model, after: RowState, start: tuple[float, float], w: FloatArray) -> tuple[int, int]:
     """Return the plan with the largest least slack over the nodes of its orbit, and the constraint where that is."""
     best, best_plan, best_code = -math.inf, 0, COLLISION
@@ -112,7 +113,7 @@ def _best_plan(m: Model, after: RowState, start: tuple[float, float], w: FloatAr
     return best_plan, best_code
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def cut_recovery(
     m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, margin: float, w: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,
@@ -167,7 +168,7 @@ def cut_recovery(
     return count, which
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _add_linear(
     here: float, s0: float, s1: float, s2: float, margin: float, u: FloatArray,
     rows: FloatArray, bounds: FloatArray, count: int,

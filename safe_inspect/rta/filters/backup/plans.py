@@ -13,7 +13,7 @@ from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import HOLD_PIECES, Model
+from safe_inspect.rta.filters.backup.model import HOLD_PIECES, INNER, Model
 from safe_inspect.types import FloatArray, IntArray
 
 NO_PLAN = -1
@@ -36,7 +36,7 @@ ORDER = (
 )  # fmt: skip
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def plan_thrust(m: Model, x: RowState, index: int, u: FloatArray) -> bool:
     """Write the thrust of a plan from x; False where it exceeds the thrusters.
 
@@ -60,7 +60,7 @@ def plan_thrust(m: Model, x: RowState, index: int, u: FloatArray) -> bool:
     return fits
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def try_plan(
     m: Model, x: RowState, sun: tuple[float, float], index: int, length: float, speed: float,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
@@ -74,7 +74,7 @@ def try_plan(
     return bool(hold(m, x, sun, u, length, speed, cells, where) == SAFE)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def find_plan(
     m: Model, x: RowState, sun: tuple[float, float], length: float, speed: float, first: int, most: int,
     u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,

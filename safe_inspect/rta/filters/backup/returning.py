@@ -9,7 +9,7 @@ from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import held, sun_gap, turned
 from safe_inspect.rta.filters.backup.cuts import add, cut_near, support
 from safe_inspect.rta.filters.backup.half_spaces import further_slack
-from safe_inspect.rta.filters.backup.model import COLLISION, FURTHER, HOLD_PIECES, PSM, R_MAX, SUN, Model
+from safe_inspect.rta.filters.backup.model import COLLISION, FURTHER, HOLD_PIECES, INNER, PSM, R_MAX, SUN, Model
 from safe_inspect.rta.filters.backup.scratch import Scratch, plain
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
@@ -25,7 +25,7 @@ _SPARE = 1e-5
 _MET = 1e-6
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _allowed(m: Model, x: RowState) -> float:
     """Return half of the speed that is allowed at a position [m/s]."""
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -33,7 +33,7 @@ def _allowed(m: Model, x: RowState) -> float:
     return float(0.5 * max(0.0, min(slowest, min(m.v0 + m.v1 * (r - m.d0), m.u_max / m.mass * m.dt))))
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _to_rate(m: Model, code: int, sun: tuple[float, float], d: FloatArray) -> None:
     """Replace a direction of positions by that of its rate of change; the sun cone's normal turns with the sun."""
     for j in range(3):
@@ -44,7 +44,7 @@ def _to_rate(m: Model, code: int, sun: tuple[float, float], d: FloatArray) -> No
         d[0], d[1] = m.n * (along * sa - across * ca), m.n * (along * ca + across * sa)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _ask(m: Model, need: float, b: RowState, u: FloatArray, s: Scratch, count: int) -> tuple[int, bool]:
     """Append d.state >= need for the direction in `s.d` unless u meets it; return the count and whether it was."""
     short = need
@@ -55,12 +55,12 @@ def _ask(m: Model, need: float, b: RowState, u: FloatArray, s: Scratch, count: i
     return add(m, s.d, need, b, u, HOLD_PIECES, s.rows, s.bounds, count), True
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _bounds_speeds(d: FloatArray) -> bool:
     return bool(d[3] != 0.0 or d[4] != 0.0 or d[5] != 0.0)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatArray, s: Scratch) -> int:
     """Write the least-violating control of the way back, and of such the smallest; return the bits of what shapes it.
 
@@ -112,7 +112,7 @@ def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatAr
     return bits
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _to_unit(rows: FloatArray, bounds: FloatArray, count: int) -> None:
     for i in range(count):
         size = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)

@@ -13,7 +13,7 @@ from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.backup.cuts import cut_broken, cut_hold
-from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, PAIR_BIT, Model
+from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, INNER, PAIR_BIT, Model
 from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust
 from safe_inspect.rta.filters.backup.scratch import Scratch, plain
@@ -25,7 +25,7 @@ from safe_inspect.types import FloatArray
 _STEP = 1e-4
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _spread(new: int, i: int, j: int, count: int, t: Team, s: Scratch) -> int:
     """Append the half-spaces in `s.rows` to the programme: of the thrust of i, or if j >= 0 of that of i minus j."""
     for r in range(new):
@@ -48,7 +48,7 @@ def _spread(new: int, i: int, j: int, count: int, t: Team, s: Scratch) -> int:
     return count
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _thrust(i: int, j: int, t: Team) -> FloatArray:
     """Return the last proposal's thrust of a deputy, less that of another if j >= 0."""
     for axis in range(3):
@@ -56,7 +56,7 @@ def _thrust(i: int, j: int, t: Team) -> FloatArray:
     return t.u
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def cut_holds(
     g: TeamModel, sun: Sun, own_side: bool, length: float, speed: float, bits: bool, count: int, t: Team, s: Scratch
 ) -> int:  # fmt: skip
@@ -102,7 +102,7 @@ def cut_holds(
     return count
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def cut_ends(
     g: TeamModel, sun: Sun, own_side: bool, length: float, speed: float, count: int, t: Team, s: Scratch
 ) -> int:  # fmt: skip
@@ -127,7 +127,7 @@ def cut_ends(
     return count
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _shifted_end(m: Model, i: int, axis: int, t: Team, s: Scratch) -> RowState:
     """Return the state after the hold of a deputy's last proposal, stepped along an axis, and of its plan."""
     for k in range(3):
@@ -143,7 +143,7 @@ def _shifted_end(m: Model, i: int, axis: int, t: Team, s: Scratch) -> RowState:
     return held(m, after, s.w, HOLD_PIECES)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _cut_pair_plans(g: TeamModel, i: int, j: int, margin: float, count: int, t: Team, s: Scratch) -> int:
     """Append half-spaces that make the plans of a pair pass each other, at the nodes of an orbit where they do not."""
     m, n = g.one, g.one.n
@@ -191,7 +191,7 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, margin: float, count: int, t: 
     return count
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def cut_plans(
     g: TeamModel, sun: Sun, stuck: int, alone: bool, margin: float, length: float, speed: float,
     bits: bool, count: int, t: Team, s: Scratch,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from safe_inspect.compiling import njit
+from safe_inspect.rta.filters.backup.model import INNER
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS
 from safe_inspect.rta.filters.team.scratch import Team
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
     if fixed[i] != fixed[j]:
         return bool(fixed[i])
@@ -19,7 +20,7 @@ def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
     return a < b
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def enter(
     position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
     limit: float, t: Team,

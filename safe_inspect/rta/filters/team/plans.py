@@ -14,7 +14,7 @@ from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, Model
+from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, INNER, Model
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, ORDER, PLANS, try_plan
 from safe_inspect.rta.filters.backup.scratch import Scratch
 from safe_inspect.rta.filters.team.drifting import apart
@@ -31,19 +31,19 @@ _UNKNOWN, _GOOD, _BAD = range(3)
 _STRIDE = 4
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def state_of(x: FloatArray, i: int) -> RowState:
     """Return a row of states as the tuple that the tests take."""
     return x[i, 0], x[i, 1], x[i, 2], x[i, 3], x[i, 4], x[i, 5]
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def minus(a: RowState, b: RowState) -> RowState:
     """Return the difference of two states."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def fly(m: Model, x: FloatArray, control: FloatArray, after: FloatArray, t: Team) -> None:
     """Write the states after a joint control, shape (D, 6)."""
     for i in range(x.shape[0]):
@@ -54,7 +54,7 @@ def fly(m: Model, x: FloatArray, control: FloatArray, after: FloatArray, t: Team
             after[i, k] = end[k]
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def begin_plans(m: Model, x: FloatArray, t: Team) -> None:
     """Forget what is known of the plans; those that coast have the plan 0, which is to coast."""
     t.met[:] = _UNKNOWN
@@ -71,7 +71,7 @@ def begin_plans(m: Model, x: FloatArray, t: Team) -> None:
                 t.end[i, 0, k] = end[k]
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def alone_safe(
     m: Model, x: FloatArray, sun: Sun, i: int, plan: int, length: float, speed: float, t: Team, s: Scratch
 ) -> bool:  # fmt: skip
@@ -87,7 +87,7 @@ def alone_safe(
     return bool(t.known[i, plan] == _GOOD)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _pair_safe(
     g: TeamModel, x: FloatArray, sun: Sun, i: int, plan: int, j: int, other: int, length: float, speed: float,
     t: Team, s: Scratch,
@@ -106,7 +106,7 @@ def _pair_safe(
     return bool(hold(q, rel, sun, t.u, length, speed, s.cells, s.where) == SAFE)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _fits(
     g: TeamModel, x: FloatArray, sun: Sun, place: int, plan: int, length: float, speed: float, t: Team, s: Scratch
 ) -> bool:  # fmt: skip
@@ -128,7 +128,7 @@ def _fits(
     return True
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def joint_plan(
     g: TeamModel, x: FloatArray, sun: Sun, length: float, speed: float, most: int, turns: int, t: Team, s: Scratch
 ) -> tuple[int, bool]:  # fmt: skip
@@ -175,7 +175,7 @@ def joint_plan(
     return t.line[head], False
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def tested(
     g: TeamModel, sun: Sun, control: FloatArray, length: float, speed: float, most: int, turns: int, whole: bool,
     t: Team, s: Scratch,
@@ -233,7 +233,7 @@ def tested(
     return (PASSED if stuck == FOUND else NO_JOINT_PLAN), stuck, alone
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: Team) -> float:
     """Return the least distance of a deputy's plan from those of the others, over one orbit, unless less than best."""
     least = math.inf
@@ -250,7 +250,7 @@ def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: Team) -> float
     return least
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def farthest_plans(
     g: TeamModel, x: FloatArray, sun: Sun, length: float, speed: float, most: int, t: Team, s: Scratch
 ) -> None:  # fmt: skip
