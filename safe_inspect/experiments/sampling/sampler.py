@@ -129,7 +129,7 @@ class Sampler:
         self.reset()
         envs = self.environment.num_envs
         wanted = count // envs + (np.arange(envs) < count % envs)
-        rollout = self._rollout(min(512, 2**20), wanted)
+        rollout = self._rollout(512, wanted)
         time = 0
         while rollout.missing:
             rollout.reserve(time + 1)

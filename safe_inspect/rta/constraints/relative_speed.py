@@ -22,7 +22,7 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
     Attributes:
         v0: Speed that is allowed at `v0_distance` [m/s].
         v0_distance: Range d0 at which the speed `v0` is allowed [m].
-        v1: SpeedSlope of the limit over the range [1/s].
+        v1: Slope of the limit over the range [1/s].
         smoothing: What is added under the square roots of h [m^2 or m^2/s^2].
     """
 
