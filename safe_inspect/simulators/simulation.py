@@ -108,7 +108,8 @@ class Simulation:
     @property
     def drawn(self) -> tuple[str, ...]:
         """Names of the arrays that a reset draws."""
-        return (*self._of_body, *(item.name for item in self._reset_plan.environment))
+        own = (item.name for item in self._reset_plan.environment)
+        return (*self._of_body, *(name for name in own if name in self._specs))
 
     def seed(self, seed: int) -> None:
         """Begin again with another seed: the next reset starts every slot's first episode."""

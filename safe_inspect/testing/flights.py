@@ -145,7 +145,7 @@ def _crowd(state: State, slots: AnyArray, rows: AnyArray) -> None:
 
 def _finish_inspection(state: State, rows: BoolArray) -> None:
     """Mark every point as inspected by the first deputy, so that successes occur."""
-    for points in state.points.values():
+    for points in state.owned.get("points", {}).values():
         points.inspector[rows] = 0
         points.team_count[rows] = points.inspector.shape[1]
         points.own_count[rows] = 0

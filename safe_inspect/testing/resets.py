@@ -7,7 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from safe_inspect.platforms.base import Part
+from safe_inspect.config.spec import AgentSpec
+from safe_inspect.dones.time_limit import EpisodeLengthDone
+from safe_inspect.glues.base import ActionGlue
+from safe_inspect.platforms.base import Part, Sensor
+from safe_inspect.platforms.state_sensors import PositionSensor, VelocitySensor
 from safe_inspect.random.streams import Streams
 from safe_inspect.simulators.resets.initializers import Initializer
 from safe_inspect.simulators.resets.parameters import Draw, Parameter
@@ -69,6 +73,8 @@ def check_simulator(plugin: Simulator, parts: Sequence[Part], report: Report) ->
     with report.attempt("the simulator"):
         for deputies in (1, DEPUTIES):
             spec = replace(sample_spec(deputies=deputies), simulator=plugin)
+            if not any(component.bodies for component in plugin.compose()[1]):
+                spec = replace(spec, agents=tuple(map(_without_task, spec.agents)))
             for together, alone in fly_twice(spec):
                 whole, single = together.step.after.state.arrays, alone.step.after.state.arrays
                 for name, array in single.items():
@@ -79,6 +85,20 @@ def check_simulator(plugin: Simulator, parts: Sequence[Part], report: Report) ->
                             "compute each row from itself",
                         )
                         return
+
+
+def _without_task(agent: AgentSpec) -> AgentSpec:
+    """Return an agent that sees where it is and flies, for simulators without points to inspect."""
+    parts = {
+        name: part
+        for name, part in agent.parts.items()
+        if isinstance(part, PositionSensor | VelocitySensor) or not isinstance(part, Sensor)
+    }
+    glues = tuple(
+        glue for glue in agent.glues if isinstance(glue, ActionGlue) or getattr(glue, "sensor", None) in parts
+    )
+    dones = tuple(named for named in agent.dones if isinstance(named.functor, EpisodeLengthDone))
+    return replace(agent, parts=parts, glues=glues, rewards=(), dones=dones)
 
 
 def _states() -> dict[str, FloatArray]:

@@ -240,7 +240,7 @@ class TestRefusals:
         assert export_policy(alone, tmp_path / "p.onnx", experiment=run[0]).info.training["steps"] == 28_000
 
     def test_a_file_that_differs_from_the_checkpoint_is_not_left(self, run, tmp_path, monkeypatch):
-        from safe_inspect.experiments.export.export import export
+        from safe_inspect.experiments.export import export
 
         def spoilt(module, info, title):
             import torch

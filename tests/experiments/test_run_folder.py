@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from training_values import MAKER
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.runs import run_folder
@@ -108,5 +109,5 @@ def test_a_run_whose_record_cannot_be_written_leaves_no_folder(tmp_path, monkeyp
 
     monkeypatch.setattr(run_folder, "write_record", full)
     with pytest.raises(OutputError, match="No space left"):
-        train(TrainingRun({}, output=tmp_path), io.StringIO())
+        train(TrainingRun({}, output=tmp_path, maker=MAKER), io.StringIO())
     assert not list(tmp_path.iterdir())

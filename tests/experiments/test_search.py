@@ -8,6 +8,7 @@ import shutil
 
 import pytest
 from random_checkpoint import SHIPPED, TEAM, experiment_of, single_run
+from training_values import MAKER
 
 from safe_inspect.cli.sources import Wanted, open_candidates
 from safe_inspect.config.experiment import build_experiment, load_experiment
@@ -125,7 +126,7 @@ def test_tune_resolves_nothing_in_the_configuration_of_a_single_run():
 
     tree = {"config": {"lr": LR, "code": {"eval": "1 / 0"}}}
     found = translate_rllib({})
-    config = build_config(found, environment_settings(tree, found.settings)).to_dict()
+    config = build_config(found, environment_settings(tree, found.settings, maker=MAKER)).to_dict()
     (variant,) = generate_variants({"config": config})
     assert json.loads(variant[1]["config"]["env_config"]["experiment"]) == tree
 

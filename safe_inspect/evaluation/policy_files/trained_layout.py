@@ -53,7 +53,7 @@ def check_layout(title: str, trained: PolicyInfo, agent: AgentSpec) -> None:
 def _difference(trained: Sequence[Element], task: Sequence[Element]) -> str:
     """Return the first difference; empty where there is none."""
     for index, (old, new) in enumerate(zip(trained, task, strict=False)):
-        if (old.name, old.unit) != (new.name, new.unit):
+        if (old.name, old.unit.strip("-")) != (new.name, new.unit.strip("-")):  # both stand for no unit
             return f"element {index} is {old} in training and {new} in the task"
     if len(trained) != len(task):
         return f"there are {len(trained)} elements in training and {len(task)} in the task"
