@@ -78,7 +78,7 @@ from training_values import MAKER, QUICK
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.train import TrainingRun, train
 run = dict(rllib=QUICK, tune={"stop": {"training_iteration": 1}}, output=Path(sys.argv[2]), maker=MAKER)
-print(train(TrainingRun({}, maker='builtins:dict', ray={"address": sys.argv[1]}, **run), io.StringIO()).iteration)
+print(train(TrainingRun({}, ray={"address": sys.argv[1]}, **run), io.StringIO()).iteration)
 """
 
 
