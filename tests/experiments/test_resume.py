@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -48,8 +49,11 @@ def processes(folder):
     """Return numbers and titles of the processes that hold files in Ray's folder open: Ray's write their logs there."""
     found = {}
     for path in Path("/proc").glob("[0-9]*"):
+        files = []
         try:
-            files = [os.readlink(file) for file in (path / "fd").iterdir()]
+            for file in (path / "fd").iterdir():
+                with suppress(FileNotFoundError):  # closed since
+                    files.append(os.readlink(file))
             title = (path / "cmdline").read_text().replace("\0", " ")
         except OSError:
             continue
