@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -8,6 +9,13 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
+
+# What starts the tests may ignore signals (`nohup`, background jobs), and every process that is started here would too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+for _number in (signal.SIGTERM, signal.SIGHUP):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session")
