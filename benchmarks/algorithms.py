@@ -15,9 +15,9 @@ TEAM = configs_root() / "multiagent-translational-inspection" / "experiment-seed
 
 def configure(cfg: Any, overrides: list[str] | tuple[str, ...] = (), **rllib: Any) -> Any:
     """Return the configuration of the algorithm of an experiment; keyword arguments are further RLlib keys."""
-    from safe_inspect.experiments.adapters import environment
     from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
-    from safe_inspect.experiments.runs.train import read_settings
+    from safe_inspect.experiments.adapters.registration import register_environments
+    from safe_inspect.experiments.runs.training_run import read_settings
 
     experiment = load_experiment(cfg, overrides)
     task = experiment.config.config.config
@@ -25,7 +25,7 @@ def configure(cfg: Any, overrides: list[str] | tuple[str, ...] = (), **rllib: An
     settings = read_settings(keys, task.tune_config, task.ray_config, tuple(experiment.policies.values()))
     if settings.problems:
         raise SystemExit("\n".join(map(str, settings.problems)))
-    environment.register()
+    register_environments()
     found = environment_settings(experiment.resolved, settings.rllib.settings)
     return build_config(settings.rllib, found, settings.policies)
 

@@ -32,6 +32,7 @@ from safe_inspect.environments import TeamEnvironment, load_spec  # noqa: E402
 
 TASK = "safe_inspect/TranslationalInspection-v0"
 TASK_FILE = configs_root() / "translational-inspection" / "experiment-seed.yml"
+RENDEZVOUS_TASK = "safe_inspect/TumblingRendezvous-v0"
 TEAM_TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 OWN_FILTER = "RTAGlueCWHInspection1v1.config.enabled=True"
 TEAM_FILTER = "env_config.rta.config.enabled=True"
@@ -40,6 +41,7 @@ THRUSTS = {"small": 0.02, "full": 1.0}
 SENSOR = "Sensor_UninspectedPoints"
 LEGEND = """
 batch      the task of one deputy; team: the multi-agent task with D deputies
+rendezvous docking with a tumbling target, levels of thrust at random
 steps/s    steps of agents by the clock, N * D in each step of the batch, median of the rounds (best: the best round)
 per CPU s  the same for a second of processor time, which other work on the machine changes little
 us/step    of one step of all N environments, resets included
@@ -92,9 +94,13 @@ class Case:
             self.resets += len(rows)
 
     def _actions(self) -> list[np.ndarray]:
-        size = THRUSTS[self.thrust]
         draw = np.random.default_rng(0)
         count = max(1, 64 // self.num_envs)
+        layout = self.environment.acting[0].action_layout
+        if layout.choices:
+            shape = (self.num_envs, self.deputies, layout.size)
+            return [draw.integers(0, layout.choices, shape).astype(np.float64) for _ in range(count)]
+        size = THRUSTS[self.thrust]
         return [draw.uniform(-size, size, (self.num_envs, self.deputies, 3)) for _ in range(count)]
 
     def report(self) -> dict[str, Any]:
@@ -144,10 +150,15 @@ def profile(case: Case, seconds: float) -> dict[str, float]:
     return {name: spent / total for name, spent in sorted(watch.seconds.items(), key=lambda item: -item[1])}
 
 
-def make_cases(envs: list[int], deputies: list[int], plain: bool, filtered: bool = False) -> list[Case]:
+def make_cases(
+    envs: list[int], deputies: list[int], plain: bool, filtered: bool = False, rendezvous: bool = False
+) -> list[Case]:
     """Return what is to be measured."""
     spec = load_spec(TASK)
     cases = [Case("batch", count, thrust, TeamEnvironment(spec, count, seed=1)) for count in envs for thrust in THRUSTS]
+    if rendezvous:
+        docking = load_spec(RENDEZVOUS_TASK)
+        cases += [Case("rendezvous", count, "levels", TeamEnvironment(docking, count, seed=1)) for count in envs]
     if plain:
         slow = with_sklearn(spec)
         for thrust in THRUSTS:
@@ -196,10 +207,16 @@ def costs(cases: list[Case]) -> list[dict[str, Any]]:
 
 
 def measure(
-    envs: list[int], deputies: list[int], seconds: float, rounds: int, plain: bool, filtered: bool = False
+    envs: list[int],
+    deputies: list[int],
+    seconds: float,
+    rounds: int,
+    plain: bool,
+    filtered: bool = False,
+    rendezvous: bool = False,
 ) -> dict[str, Any]:
     """Measure every case in turns and return the report."""
-    cases = make_cases(envs, deputies, plain, filtered)
+    cases = make_cases(envs, deputies, plain, filtered, rendezvous)
     for case in cases:
         case.environment.reset()
         case.run(min(0.3, seconds))  # compile, and let the episodes of a batch drift apart
@@ -211,7 +228,7 @@ def measure(
     rows = [case.report() for case in cases]
     base = {row["thrust"]: row for row in rows if row["case"] == "K-means at every step"}
     for row in rows:
-        if base:
+        if row["thrust"] in base:
             row["ratio"] = row["steps_per_cpu_second"] / base[row["thrust"]]["steps_per_cpu_second"]
     told = costs(cases)
     shares = [
@@ -281,6 +298,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=5.0, help="time for each case")
     parser.add_argument("--rounds", type=int, default=10, help="turns that the cases take")
     parser.add_argument("--filtered", action="store_true", help="also with the safety filters on")
+    parser.add_argument("--rendezvous", action="store_true", help="also the rendezvous with a tumbling target")
     parser.add_argument("--no-sklearn", action="store_true", help="leave the plain loop out")
     parser.add_argument("--json", type=Path, help="write the report to this file")
     arguments = parser.parse_args(argv)
@@ -293,6 +311,7 @@ def main(argv: list[str] | None = None) -> int:
         arguments.rounds,
         not arguments.no_sklearn,
         arguments.filtered,
+        arguments.rendezvous,
     )
     show(report)
     if arguments.json is not None:

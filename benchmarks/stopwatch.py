@@ -50,7 +50,7 @@ def on_the_watch(watch: Stopwatch, environment: TeamEnvironment) -> Iterator[Non
         (simulation.Simulation, "step"): "rest of the simulator",
         (Thrusters, "__call__"): "control",
         (FusedGroup, "command"): "control",
-        (FusedGroup, "judge"): "sensors, rewards and dones together",
+        (FusedGroup, "evaluate_step"): "sensors, rewards and dones together",
         (TeamEnvironment, "reset"): "resets",
         (TeamEnvironment, "step"): "rest of the environment",
     }

@@ -4,7 +4,7 @@
         [--filters none decentralised centralised] [--timings] [--json result.json] [--plot figure.png]
 
 Starts are drawn at ranges of 50 to 100 m and up to 0.3 m/s such that every constraint is met and a joint plan exists.
-The adversaries are those of `safe_inspect.evaluation.safety.team_safety`. Each environment is one run. The steps count
+The adversaries are those of `team_safety` beside it. Each environment is one run. The steps count
 environments: with three deputies, three thrusts are filtered in each.
 """
 
@@ -21,11 +21,11 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ[_variable] = "1"  # before NumPy is imported
 
 import numpy as np  # noqa: E402
+from team_figure import team_safety_figure  # noqa: E402
+from team_flight import TeamFlight  # noqa: E402
+from team_safety import FILTERS, draw_teams, team_report, team_thrust  # noqa: E402
 
-from safe_inspect.evaluation.safety.team_flight import TeamFlight  # noqa: E402
-from safe_inspect.evaluation.safety.team_safety import FILTERS, draw_teams, team_report, team_thrust  # noqa: E402
 from safe_inspect.figures.drawing import save  # noqa: E402
-from safe_inspect.figures.team_figure import team_safety_figure  # noqa: E402
 from safe_inspect.rta.filters import TeamFilter, TeamState  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 

@@ -174,12 +174,12 @@ class RLlibTraining:
     """
 
     def __init__(self, experiment: Experiment, **more: Any) -> None:
-        from safe_inspect.experiments.adapters import environment
         from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+        from safe_inspect.experiments.adapters.registration import register_environments
         from safe_inspect.experiments.settings.translation import translate_rllib
 
         rllib = translate_rllib({**experiment.rllib, **more})
-        environment.register()
+        register_environments()
         config = build_config(rllib, environment_settings(experiment.resolved, rllib.settings))
         self.settings = rllib.settings
         self.algorithm = config.build_algo()

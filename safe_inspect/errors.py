@@ -93,6 +93,10 @@ class CheckpointError(SafeInspectError, RuntimeError):
     """A checkpoint that is missing, damaged or of another experiment."""
 
 
+class MissingLibraryError(SafeInspectError, ImportError):
+    """A library of an extra that is not installed."""
+
+
 class OutputError(SafeInspectError, OSError):
     """An output folder that cannot be written."""
 

@@ -17,6 +17,8 @@ from safe_inspect.errors import OutputError
 
 #: The errors of a place that is full: of the disk, of the user's share, and of the process's limit.
 NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+#: Name of the file by which a folder is locked.
+LOCK = ".lock"
 #: Size of a small file [bytes].
 _SMALL = 2**20
 
@@ -81,6 +83,30 @@ def new_folder(path: str | os.PathLike[str], hint: str = "give another with --ou
     finally:
         if work is not None:
             shutil.rmtree(work, ignore_errors=True)
+
+
+@contextmanager
+def exclusive(folder: Path, use: str) -> Iterator[None]:
+    """Keep other processes that ask for the same from a folder; the lock ends with the process.
+
+    Args:
+        folder: A folder that exists; the file ``.lock`` is made in it.
+        use: What another process does there, as in "another process is ... this folder".
+
+    Raises:
+        OutputError: Another process has the lock.
+    """
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        yield
+        return
+    with open(folder / LOCK, "w", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise OutputError(f"{folder}: another process is {use} this folder; wait for its end") from error
+        yield
 
 
 def check_writable(path: Path) -> None:

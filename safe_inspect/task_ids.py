@@ -5,11 +5,20 @@ from __future__ import annotations
 import gymnasium
 
 #: The experiment file of every registered id, below the shipped configurations.
-TASKS = {"safe_inspect/TranslationalInspection-v0": "translational-inspection/experiment-seed.yml"}
+TASKS = {
+    "safe_inspect/TranslationalInspection-v0": "translational-inspection/experiment-seed.yml",
+    "safe_inspect/WeightedTranslationalInspection-v0": "weighted-translational-inspection/experiment.yml",
+    "safe_inspect/Docking-v0": "docking/experiment.yml",
+    "safe_inspect/TumblingRendezvous-v0": "tumbling-rendezvous-learning/experiment.yml",
+}
 
 #: The experiment file of every id that stands for several agents; Gymnasium knows single agents only.
 TEAM_TASKS = {
     "safe_inspect/MultiagentTranslationalInspection-v0": "multiagent-translational-inspection/experiment-seed.yml",
+    "safe_inspect/MultiagentWeightedTranslationalInspection-v0": (
+        "multiagent-weighted-translational-inspection/experiment.yml"
+    ),
+    "safe_inspect/MultiagentDocking-v0": "multiagent-docking/experiment.yml",
 }
 
 

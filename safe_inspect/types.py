@@ -12,6 +12,8 @@ FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
 AnyArray: TypeAlias = NDArray[Any]
+#: Observations, float32.
+Observation: TypeAlias = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,8 @@ _SPELLINGS: dict[str, tuple[str, float, tuple[str, ...]]] = {
     "m/s^2": ("m/s^2", 1.0, ("m/s**2", "m/s2")),
     "rad/s": ("rad/s", 1.0, ("radians/second", "radian/second")),
     "deg/s": ("rad/s", math.pi / 180.0, ("degrees/second", "degree/second")),
+    "N m": ("N m", 1.0, ("Nm", "N*m", "newton meters")),
+    "kg m^2": ("kg m^2", 1.0, ("kg*m^2", "kg m2")),
     "1": ("", 1.0, ("", "-", "dimensionless", "none", "N/A", "n/a")),
 }
 _UNITS: dict[str, Unit] = {
@@ -120,7 +122,8 @@ def to_si(value: Any, symbol: str) -> Any:
 def _describe(symbol: str) -> str:
     names = {
         "m": "length", "s": "time", "rad": "angle", "kg": "mass", "N": "force", "Hz": "frequency",
-        "m/s": "speed", "m/s^2": "acceleration", "rad/s": "angular rate", "": "a pure number",
+        "m/s": "speed", "m/s^2": "acceleration", "rad/s": "angular rate", "N m": "torque",
+        "kg m^2": "moment of inertia", "": "a pure number",
     }  # fmt: skip
     return names.get(symbol, symbol)
 
@@ -147,7 +150,9 @@ PositiveSpeed = quantity("m/s", gt=0)
 Angle = quantity("rad")
 AngularRate = quantity("rad/s")
 PositiveAngularRate = quantity("rad/s", gt=0)
+NonNegativeAngularRate = quantity("rad/s", ge=0)
 PositiveDuration = quantity("s", gt=0)
+NonNegativeDuration = quantity("s", ge=0)
 PositiveMass = quantity("kg", gt=0)
 Force = quantity("N")
 PositiveForce = quantity("N", gt=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import signal
 import sys
@@ -16,7 +17,7 @@ from safe_inspect.outputs import NO_SPACE, cannot_write
 USER_ERROR = 2
 
 
-def parse(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
+def parse_arguments(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
     """Parse a command line whose overrides may stand anywhere; argparse alone takes them before the options only."""
     arguments, rest = parser.parse_known_args(argv)
     unknown = [text for text in rest if text.startswith("-") or "=" not in text or not hasattr(arguments, "overrides")]
@@ -39,7 +40,19 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, *, positional: boo
     )
 
 
-def guarded(command: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
+def command_of(module: str, function: str) -> Callable[[argparse.Namespace], int]:
+    """Return a function of a module of `cli.commands`, which loads all that the command needs when it runs."""
+
+    def run(arguments: argparse.Namespace) -> int:
+        command: Callable[[argparse.Namespace], int] = getattr(
+            importlib.import_module(f"safe_inspect.cli.commands.{module}"), function
+        )
+        return command(arguments)
+
+    return run
+
+
+def run_command(command: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
     """Run a command; return its exit code, which is 128 and the number of the signal that has stopped it.
 
     A mistake of the user's, a full disk and an interruption are printed without a traceback.

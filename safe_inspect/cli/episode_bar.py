@@ -6,7 +6,7 @@ import math
 import time
 from typing import TextIO
 
-from safe_inspect.experiments.runs.progress import clock
+from safe_inspect.experiments.runs.progress import clock_text
 
 
 class EpisodeBar:
@@ -28,9 +28,9 @@ class EpisodeBar:
             return
         share, passed = done / wanted, time.monotonic() - self._begun
         full = round(width * share)
-        left = clock(passed * (1.0 - share) / share if share else math.inf)
-        told = f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {left}"
-        self._stream.write(f"\r{self._label}  {told}\x1b[K")
+        left = clock_text(passed * (1.0 - share) / share if share else math.inf)
+        line = f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {left}"
+        self._stream.write(f"\r{self._label}  {line}\x1b[K")
         self._stream.flush()
 
     def close(self) -> None:

@@ -3,20 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from safe_inspect.cli.arguments import positive, seed
-from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.outputs import check_writable
-
-if TYPE_CHECKING:
-    from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-
-_FIGURES = (".png", ".pdf", ".svg")
-_FILMS = (".gif", ".mp4")
-_PAGES = (".html", ".htm")
 
 
 def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +25,7 @@ def add_film_arguments(parser: argparse.ArgumentParser) -> None:
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``view``."""
     _add_episode_arguments(parser, "episode.html", "page (.html)")
-    parser.add_argument("--title", help="title of the page (default: the source and the episode)")
+    parser.add_argument("--title", help="title of the page (default: the source, and the episode)")
 
 
 def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,138 +53,20 @@ def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run_draw(arguments: argparse.Namespace) -> int:
-    """Draw one episode."""
-    _check_output(arguments.output, _FIGURES, "figure")
-    from safe_inspect.figures.drawing import require_matplotlib, save
-    from safe_inspect.figures.trajectory_figure import trajectory_figure
-
-    require_matplotlib()
-    episode = _episode(arguments)
-    save(trajectory_figure(episode), arguments.output)
-    return _told(arguments.output, episode)
-
-
-def run_film(arguments: argparse.Namespace) -> int:
-    """Film one episode."""
-    _check_output(arguments.output, _FILMS, "film")
-    from safe_inspect.figures.drawing import require_matplotlib
-    from safe_inspect.figures.film import Film
-    from safe_inspect.figures.film_files import find_ffmpeg, save_film
-
-    require_matplotlib()
-    if arguments.frames < 2 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
-        raise SafeInspectError("a film has at least 2 --frames, a --width of 320 to 3840 pixels and at most 100 --fps")
-    if arguments.output.suffix.lower() == ".mp4":
-        find_ffmpeg()
-    episode = _episode(arguments)
-    film = Film(episode, arguments.frames, arguments.width, arguments.turn)
-    terminal = sys.stderr.isatty()
-
-    def tell(done: int, wanted: int) -> None:
-        print(f"\r{done} of {wanted} pictures", end="" if done < wanted else "\n", file=sys.stderr)
-
-    save_film(film, arguments.output, arguments.fps, tell if terminal else None)
-    return _told(arguments.output, episode)
-
-
-def run_view(arguments: argparse.Namespace) -> int:
-    """Write the page of one episode."""
-    _check_output(arguments.output, _PAGES, "page")
-    from safe_inspect.figures.page import episode_page, save_page
-
-    episode = _episode(arguments)
-    title = arguments.title or f"{Path(arguments.source).name}, episode {episode.slot}"
-    save_page(episode_page(episode, title), arguments.output)
-    return _told(arguments.output, episode)
-
-
-def run_curves(arguments: argparse.Namespace) -> int:
-    """Draw the learning curves of runs."""
-    _check_output(arguments.output, _FIGURES, "figure")
-    from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
-    from safe_inspect.figures.curves import curves_figure
-    from safe_inspect.figures.drawing import save
-
-    recipes = recipes_of(arguments.runs, arguments.label) if arguments.runs else {}
-    if arguments.label and not arguments.runs:
-        raise SafeInspectError("--label names the RUNs; give them, or use --recipe LABEL RUN...")
-    for label, *runs in arguments.recipe:
-        if not runs:
-            raise SafeInspectError(f"--recipe {label}: no RUN follows the label; give the folders of training runs")
-        recipes.setdefault(label, []).extend(path for run in runs for path in one_recipe(run))
-    if not recipes:
-        raise SafeInspectError("no learning curves: give the folders of training runs")
-    save(curves_figure(recipes, arguments.centre, each=arguments.each), arguments.output)
-    told = ", ".join(f"{label} ({len(paths)})" for label, paths in recipes.items())
-    print(f"{arguments.output}: {told}")
-    return 0
-
-
 def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: str) -> None:
     parser.add_argument(
         "source", metavar="SOURCE", help="a checkpoint's or a run's folder, an ONNX file, the name of a shipped policy "
-        "or of a baseline (inspector, random, zero-thrust), or what `evaluate --record` wrote",
+        "or of a baseline (inspector, random, zero-thrust), or what `evaluate --record` or `rendezvous --output` wrote",
     )  # fmt: skip
     parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="replaces a value, by its dotted path")
     parser.add_argument("--cfg", metavar="CFG", help="experiment file (default: the one the policy was trained with)")
     parser.add_argument("--episode", type=_number, default=0, metavar="K", help="number of the episode (default: 0)")
     parser.add_argument("--seed", type=seed, default=0, help="seed of the episodes (default: 0)")
-    parser.add_argument("--until", type=_seconds, metavar="SECONDS", help="show the episode up to this time")
-    parser.add_argument("--output", type=Path, default=Path(output), metavar="FILE", help=f"{what} (default: {output})")
-
-
-def _episode(arguments: argparse.Namespace) -> Trajectory:
-    """Return the episode that the command line names: flown, or read from a recording."""
-    source = Path(arguments.source).expanduser()
-    if source.suffix == ".parquet" or (source / "trajectories.parquet").is_file():
-        episode = _recorded(arguments, source)
-    else:
-        from safe_inspect.evaluation.rollouts.recording import record_episode
-        from safe_inspect.experiments.modules.sources import open_source
-
-        spec, policies = open_source(arguments.source, arguments.cfg, arguments.overrides)
-        episode = record_episode(spec, policies, arguments.episode, arguments.seed)
-    if not len(episode.points):
-        raise SafeInspectError(f"{arguments.source}: the task has no inspection points, so there is nothing to show")
-    if arguments.until is None:
-        return episode
-    episode = episode.until(arguments.until)
-    if len(episode.time) < 2:
-        raise SafeInspectError(f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds")
-    return episode
-
-
-def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
-    from safe_inspect.evaluation.results.trajectory_table import read_trajectories
-
-    for given, option in ((arguments.cfg, "--cfg"), (arguments.overrides, "KEY=VALUE"), (arguments.seed, "--seed")):
-        if given:
-            raise SafeInspectError(f"{source}: {option} changes nothing in a recorded episode; leave it out")
-    episodes = {episode.slot: episode for episode in read_trajectories(source)}
-    if arguments.episode not in episodes:
-        last = max(episodes, default=-1)
-        raise SafeInspectError(f"{source}: no episode {arguments.episode} is recorded; the last one is {last}")
-    return episodes[arguments.episode]
-
-
-def _told(path: Path, episode: Trajectory) -> int:
-    seen = int((episode.inspected_at < float("inf")).sum())
-    spent = float(episode.delta_v[-1].sum())
-    print(
-        f"{path}: episode {episode.slot}, {episode.time[-1] / 60.0:.1f} min, {seen} of {len(episode.points)} points, "
-        f"delta-v {spent:.3f} m/s, {path.stat().st_size / 1000.0:.0f} kB"
+    parser.add_argument(
+        "--until", type=_seconds, metavar="SECONDS", help="show the episode, or the mission, up to this time"
     )
-    return 0
-
-
-def _check_output(path: Path, endings: tuple[str, ...], what: str) -> None:
-    """Refuse a file that cannot be written, before there is anything to write."""
-    if path.suffix.lower() not in endings:
-        raise OutputError(
-            f"{path}: the name of the {what} ends in {', '.join(endings)}; give such a file with --output"
-        )
-    check_writable(path)
+    default = f"(default: {output}, or mission{Path(output).suffix} of a rendezvous)"
+    parser.add_argument("--output", type=Path, metavar="FILE", help=f"{what} {default}")
 
 
 def _number(text: str) -> int:

@@ -22,7 +22,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar, overload
 
-__all__ = ["Kernel", "njit"]
+__all__ = ["BORROWING", "Kernel", "njit"]
+
+#: Options of ``@njit`` for functions that make and return no array. They count no references to the arrays that they
+#: are given, for their caller holds them; else Numba changes a counter, atomically, for each array of a tuple.
+BORROWING: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -54,15 +58,22 @@ class Kernel(Generic[P, R]):
         call = self._dispatcher or self.dispatcher
         return call(*args, **kwargs)
 
-    def __reduce__(self) -> str:
-        """Pickle the kernel as what its module calls it."""
-        return self._function.__qualname__
+    def __reduce__(self) -> Any:
+        """Pickle the kernel as what its module calls it, or as its function where another process lacks the module."""
+        name: str = self._function.__qualname__
+        if "<locals>" in name or self._function.__module__ == "__main__":
+            return Kernel, (self._function, self._options)
+        return name
+
+    def __deepcopy__(self, memo: Any) -> Kernel[P, R]:
+        """Return the kernel itself: it does not change."""
+        return self
 
     @property
     def dispatcher(self) -> Any:
         """Numba's dispatcher of the function."""
         if self._dispatcher is None:
-            _prepare()
+            prepare()
             from numba import njit as compile_with
 
             try:
@@ -90,7 +101,7 @@ def njit(function: Any = None, /, **options: Any) -> Any:
 
 
 @functools.cache
-def _prepare() -> None:
+def prepare() -> None:
     """Load Numba, teach it what a `Kernel` is, and remove machine code that is out of date; done once."""
     remove_stale_cache()
     from numba.core import event

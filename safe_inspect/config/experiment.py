@@ -21,7 +21,7 @@ from safe_inspect.config.loading.references import expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.messages.report import problems_of
 from safe_inspect.config.models.experiment import ExperimentConfig
-from safe_inspect.config.spec import EnvironmentSpec, Policy
+from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.version import __version__
@@ -52,7 +52,7 @@ class Experiment:
     spec: EnvironmentSpec
     rllib: dict[str, Any]
     algorithm: str
-    policies: Mapping[str, Policy]
+    policies: Mapping[str, PolicySpec]
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -196,8 +196,8 @@ def _import_plugins(tree: LocatedDict) -> None:
 
 
 def _rllib(
-    config: ExperimentConfig, policies: dict[str, Policy], compute_platform: str, report: Any
-) -> tuple[dict[str, Any], dict[str, Policy]]:
+    config: ExperimentConfig, policies: dict[str, PolicySpec], compute_platform: str, report: Any
+) -> tuple[dict[str, Any], dict[str, PolicySpec]]:
     """Return the RLlib keys that concern all policies, and the policies with what each has of its own."""
     configs = config.config.config.rllib_configs
     name = compute_platform if compute_platform in configs else "default"
@@ -220,11 +220,14 @@ def _rllib(
 
 
 def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> int:
-    """Return the time limit; it may stand in the environment or, as the peer has it, among the RLlib keys."""
-    own, other = config.config.config.env_config.horizon, rllib.pop("horizon", None)
-    if own is not None and other is not None and own != other:
-        where = ("config", "config", "env_config", "horizon")
-        report(where, f"the horizon is {own} here and {other} in the RLlib configuration; give it once")
+    """Return the time limit; it may stand in the environment or, as the peer has it, among the RLlib keys.
+
+    Where both have one the environment's holds, as it does for the peer; that of the RLlib keys stays among them, so
+    that a training notes that it has no effect.
+    """
+    own, other = config.config.config.env_config.horizon, rllib.get("horizon")
+    if own is None or own == other:
+        rllib.pop("horizon", None)
     if other is not None and (isinstance(other, bool) or not isinstance(other, int) or other < 1):
         report(("config", "config", "rllib_configs"), f"`horizon` is a number of steps, at least 1, not {other!r}")
         other = None

@@ -30,7 +30,7 @@ class AgentSpec:
         rewards: Terms of the reward, by name.
         dones: What ends the episode, by name.
         policy: Name of the policy that flies the agent; agents of one name share one policy.
-        pilot: The scripted policy that flies the agent inside the environment; None: actions come from outside.
+        scripted_policy: What flies the agent inside the environment; None: actions come from outside.
     """
 
     name: str
@@ -40,7 +40,7 @@ class AgentSpec:
     rewards: tuple[Named[Reward], ...]
     dones: tuple[Named[DoneFunction], ...]
     policy: str = ""
-    pilot: ScriptedPolicy | None = None
+    scripted_policy: ScriptedPolicy | None = None
 
     def same_terms(self, other: AgentSpec) -> bool:
         """Return whether another agent differs in its names alone, so that both can be computed together."""
@@ -50,7 +50,7 @@ class AgentSpec:
             and self.glues == other.glues
             and self.rewards == other.rewards
             and self.dones == other.dones
-            and self.pilot == other.pilot
+            and self.scripted_policy == other.scripted_policy
         )
 
     @property
@@ -70,7 +70,7 @@ class AgentSpec:
 
 
 @dataclass(frozen=True)
-class Policy:
+class PolicySpec:
     """What trains, or a checkpoint that flies, agents whose actions come from outside the environment.
 
     Attributes:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
 from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.geometry.distance import is_farther, is_nearer
 from safe_inspect.plugins.plugin import SensorName
-from safe_inspect.simulators.view import Step
-from safe_inspect.types import BoolArray
+from safe_inspect.simulators.row_terms.inputs import range_inputs
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.tasks.docking.region import is_too_fast
+from safe_inspect.tasks.docking.speed_limit import SpeedLimit, own_motion, reference_inputs, region_rule
 from safe_inspect.units import PositiveLength
 
 
@@ -26,18 +29,22 @@ class MaxDistanceDoneFunction(DoneFunction):
     max_distance: PositiveLength = 800.0
     reference_position_sensor_name: SensorName | None = None
 
-    def __call__(self, step: Step) -> BoolArray:
-        """Return the rows that are out of range, shape (R,)."""
-        return np.asarray(step.after.range_to(self.reference_position_sensor_name) > self.max_distance)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return whether the range is larger."""
+        return RowTerm(is_farther, (self.max_distance, *range_inputs(self.reference_position_sensor_name)))
 
 
 class CrashDoneFunction(DoneFunction):
     """Lose when the range to the reference falls below `crash_region_radius`; shape (R,).
 
+    With a `velocity_constraint` only those lose who reach the region above its speed limit.
+
     Attributes:
         crash_region_radius: Smallest range [m].
         reference_position_sensor_name: Sensor of the reference's position; the origin of Hill's frame unless given.
-        reference_velocity_sensor_name: Sensor of the reference's velocity; the peer's key, without effect on the rule.
+        reference_velocity_sensor_name: Sensor of the reference's velocity; it matters with a `velocity_constraint`.
+        velocity_constraint: The speed limit; see `SpeedLimit`.
+        along_step: With a `velocity_constraint`: see `DockingRegion`.
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.LOSE
@@ -45,7 +52,14 @@ class CrashDoneFunction(DoneFunction):
     crash_region_radius: PositiveLength = 10.0
     reference_position_sensor_name: SensorName | None = None
     reference_velocity_sensor_name: SensorName | None = None
+    velocity_constraint: SpeedLimit | None = None
+    along_step: bool = True
 
-    def __call__(self, step: Step) -> BoolArray:
-        """Return the rows that have crashed, shape (R,)."""
-        return np.asarray(step.after.range_to(self.reference_position_sensor_name) < self.crash_region_radius)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return whether the range is smaller, or reached too fast."""
+        limit = self.velocity_constraint
+        if limit is not None:
+            references = self.reference_position_sensor_name, self.reference_velocity_sensor_name
+            rule = region_rule(limit, world, self.crash_region_radius, self.along_step)
+            return RowTerm(is_too_fast, (rule, *own_motion(before=True), *own_motion(), *reference_inputs(*references)))
+        return RowTerm(is_nearer, (self.crash_region_radius, *range_inputs(self.reference_position_sensor_name)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from safe_inspect.simulators.team import TeamStep
 from safe_inspect.types import AnyArray, BoolArray
 from safe_inspect.units import PositiveLength
 
+Ending = Literal["win", "lose", "draw"]
 #: What counts when agents end in several ways at once: the first of these.
 _WORST_FIRST = (DoneStatus.LOSE, DoneStatus.WIN, DoneStatus.DRAW)
 #: As NumPy's numbers: an array is compared with them ten times as fast as with the members of an enumeration.
@@ -37,17 +39,24 @@ class SharedDoneFunction(Plugin):
 class CollisionDoneFunction(SharedDoneFunction):
     """All lose when two deputies are closer than `safety_constraint` at the end of the step; shape (N,).
 
-    Deputies whose agents are done still count: their spacecraft fly on.
+    Deputies whose agents are done still count, as their spacecraft fly on, unless they ended in one of `exempt`.
 
     Attributes:
         safety_constraint: Smallest distance of two deputies [m].
+        exempt: Endings of an agent after which its deputy counts no more, such as ``win`` for one that has docked.
     """
 
     safety_constraint: PositiveLength = 10.0
+    exempt: tuple[Ending, ...] = ()
 
     def __call__(self, step: TeamStep) -> AnyArray:
         """Return `DoneStatus.LOSE` where two deputies have collided, int8, shape (N,)."""
-        return _where((step.after.distance < self.safety_constraint).any(axis=-1), _LOSE)
+        near = step.after.distance < self.safety_constraint
+        if self.exempt:
+            gone = _ended_in(step.status, self.exempt)
+            one, other = np.triu_indices(step.status.shape[1], 1)
+            near = near & ~gone[:, one] & ~gone[:, other]
+        return _where(near.any(axis=-1), _LOSE)
 
 
 class MultiagentSuccessDoneFunction(SharedDoneFunction):
@@ -82,7 +91,7 @@ class SetAllDoneFunction(SharedDoneFunction):
         statuses: Endings of an agent that end the episode for all.
     """
 
-    statuses: tuple[Literal["win", "lose", "draw"], ...] = Field(default=("win", "lose", "draw"), min_length=1)
+    statuses: tuple[Ending, ...] = Field(default=("win", "lose", "draw"), min_length=1)
 
     def __call__(self, step: TeamStep) -> AnyArray:
         """Return the worst status of an agent, 0 where none has ended so, int8, shape (N,)."""
@@ -91,6 +100,11 @@ class SetAllDoneFunction(SharedDoneFunction):
             if status.name.lower() in self.statuses:
                 found[(step.status == status).any(axis=-1)] = status
         return found
+
+
+def _ended_in(status: AnyArray, endings: Sequence[Ending]) -> BoolArray:
+    """Return the agents whose status is one of some endings, shape (N, D)."""
+    return np.isin(status, [DoneStatus[ending.upper()] for ending in endings])
 
 
 def _where(rows: BoolArray, status: np.int8) -> AnyArray:

@@ -5,12 +5,27 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from pydantic import Field
 
+from safe_inspect.compiling import njit
 from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.dynamics.coasting import least_coasting_range
 from safe_inspect.plugins.plugin import PointsName
-from safe_inspect.simulators.view import Step
-from safe_inspect.types import BoolArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.completion import PassiveSafety, WeightThreshold, completion
+from safe_inspect.types import FloatArray
+
+
+@njit
+def has_reached(count: int, limit: int) -> bool:
+    """Return whether a count has reached a limit."""
+    return count >= limit
+
+
+@njit
+def _is_complete(limit: float, inspected: float) -> bool:
+    return inspected >= limit
 
 
 class SuccessfulInspectionDoneFunction(DoneFunction):
@@ -24,11 +39,68 @@ class SuccessfulInspectionDoneFunction(DoneFunction):
     status: ClassVar[DoneStatus] = DoneStatus.WIN
 
     inspection_entity_name: PointsName = "chief"
-    weight_threshold: float | None = Field(default=None, gt=0, le=1)
+    weight_threshold: WeightThreshold = None
 
-    def __call__(self, step: Step) -> BoolArray:
-        """Return the rows whose inspection is complete, shape (R,)."""
-        points = step.after.points(self.inspection_entity_name)
-        if self.weight_threshold is None:
-            return np.asarray(points.count >= points.num_points)
-        return np.asarray(points.inspected_weight >= self.weight_threshold)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return whether the inspection is complete."""
+        return RowTerm(_is_complete, completion(world, self.inspection_entity_name, self.weight_threshold))
+
+
+@njit
+def _coasts_on(
+    orbit: FloatArray,
+    limit: float,
+    inspected: float,
+    position: FloatArray,
+    velocity: FloatArray,
+    table: FloatArray,
+) -> bool:
+    """Return whether the inspection is complete and coasting on is safe, or with orbit[2] = 0 unsafe."""
+    if inspected < limit:
+        return False
+    clear = least_coasting_range(position, velocity, table, orbit[0]) >= orbit[1]
+    return bool(clear == (orbit[2] != 0.0))
+
+
+class SafeSuccessfulInspectionDoneFunction(PassiveSafety, DoneFunction):
+    """Win when the inspection is complete and the deputy, coasting for an orbit, would not crash; shape (R,).
+
+    Attributes:
+        inspection_entity_name: The body that carries the points.
+        weight_threshold: Summed weight of inspected points that is enough, in (0, 1]; None: all points.
+    """
+
+    status: ClassVar[DoneStatus] = DoneStatus.WIN
+
+    inspection_entity_name: PointsName = "chief"
+    weight_threshold: WeightThreshold = None
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return whether the inspection is complete and coasting is safe."""
+        return _coasting_term(self, world, safe=True)
+
+
+class CrashAfterSuccessfulInspectionDoneFunction(PassiveSafety, DoneFunction):
+    """Lose when the inspection is complete and the deputy, coasting for an orbit, would crash; shape (R,).
+
+    Attributes:
+        inspection_entity_name: The body that carries the points.
+        weight_threshold: Summed weight of inspected points that is enough, in (0, 1]; None: all points.
+    """
+
+    status: ClassVar[DoneStatus] = DoneStatus.LOSE
+
+    inspection_entity_name: PointsName = "chief"
+    weight_threshold: WeightThreshold = None
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return whether the inspection is complete and coasting is not safe."""
+        return _coasting_term(self, world, safe=False)
+
+
+def _coasting_term(
+    done: SafeSuccessfulInspectionDoneFunction | CrashAfterSuccessfulInspectionDoneFunction, world: World, safe: bool
+) -> RowTerm:
+    n, radius, *motion = done.coasting_inputs(world)
+    complete = completion(world, done.inspection_entity_name, done.weight_threshold)
+    return RowTerm(_coasts_on, (np.array([n, radius, float(safe)]), *complete, *motion))

@@ -6,9 +6,19 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from safe_inspect.compiling import njit
 from safe_inspect.dones.base import DoneFunction, DoneStatus
-from safe_inspect.simulators.view import Step
-from safe_inspect.types import BoolArray
+from safe_inspect.dones.success import has_reached
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.units import PositiveDuration
+
+
+@njit
+def _is_over(time: float, limit: float) -> bool:
+    return time >= limit
 
 
 class EpisodeLengthDone(DoneFunction):
@@ -23,6 +33,22 @@ class EpisodeLengthDone(DoneFunction):
 
     horizon: int = Field(default=1224, ge=1)
 
-    def __call__(self, step: Step) -> BoolArray:
-        """Return the rows that have run for `horizon` steps, shape (R,)."""
-        return step.after.step >= self.horizon
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return whether the episode has run for `horizon` steps."""
+        return RowTerm(has_reached, (EnvironmentArray("step"), self.horizon))
+
+
+class TimeoutDoneFunction(DoneFunction):
+    """Lose when the time since the reset reaches `max_sim_time`: a termination, as the task prices time; shape (R,).
+
+    Attributes:
+        max_sim_time: Largest time [s].
+    """
+
+    status: ClassVar[DoneStatus] = DoneStatus.LOSE
+
+    max_sim_time: PositiveDuration = 2000.0
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return whether the time has come."""
+        return RowTerm(_is_over, (EnvironmentArray("time"), self.max_sim_time))

@@ -2,5 +2,6 @@
 
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
+from safe_inspect.dynamics.double_integrator import DoubleIntegrator
 
-__all__ = ["ClohessyWiltshire", "Dynamics"]
+__all__ = ["ClohessyWiltshire", "DoubleIntegrator", "Dynamics"]

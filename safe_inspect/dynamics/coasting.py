@@ -6,9 +6,20 @@ J. Aerospace Sciences 27, 1960) for what its callers need, in an order of operat
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+
+import numpy as np
+
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.types import FloatArray
+
+#: Widest cell of the grid, as an angle of the orbit [rad]; the range squared holds no frequency above 2 n.
+CELL = 0.1
+_FEWEST_CELLS = 4
+_STEPS = 60
+_TOLERANCE = 1e-9
 
 
 @njit
@@ -49,3 +60,100 @@ def closed_motion_state(n: float, x: RowState, cos: float, sin: float) -> RowSta
         -2.0 * n * px,
         cos * x[5] - n * sin * x[2],
     )
+
+
+@lru_cache(maxsize=64)
+def grid(n: float, horizon: float) -> FloatArray:
+    """Return the times of the grid and their terms: t, sin nt, cos nt, shape (K, 3)."""
+    cells = max(_FEWEST_CELLS, math.ceil(n * horizon / CELL))
+    time = np.linspace(0.0, horizon, cells + 1)
+    table = np.stack((time, np.sin(n * time), np.cos(n * time)), axis=-1)
+    table.setflags(write=False)
+    return table
+
+
+@njit
+def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n: float) -> float:
+    """Return the time in (low, high) at which the second derivative, of that sign at `high`, is zero; by bisection."""
+    for _ in range(_STEPS):
+        middle = 0.5 * (low + high)
+        if sign * coast(p, v, middle, math.sin(n * middle), math.cos(n * middle), n)[8] < 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@njit
+def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: float, n: float) -> float:
+    """Return the time in (low, high) at which the range stops falling; Newton's method, held in the bracket."""
+    t = start
+    for _ in range(_STEPS):
+        now = coast(p, v, t, math.sin(n * t), math.cos(n * t), n)
+        first, second = now[7], now[8]
+        if first < 0.0:
+            low = t
+        else:
+            high = t
+        following = 0.5 * (low + high)
+        if second > 0.0:
+            newton = t - first / second
+            if abs(newton - t) <= _TOLERANCE:
+                return min(max(newton, low), high)
+            if low < newton < high:
+                following = newton
+        if high - low <= _TOLERANCE:
+            return following
+        t = following
+    return t
+
+
+@njit
+def closest_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
+    """Return the time of the closest approach to the origin over the grid's span [s]; see `least_coasting_range`."""
+    a, f_a, g_a = 0.0, 0.0, 0.0
+    best, best_f = 0.0, 0.0
+    for k in range(table.shape[0]):
+        b = table[k, 0]
+        node = coast(p, v, b, table[k, 1], table[k, 2], n)
+        f_b, g_b, square = node[7], node[8], node[6]
+        if k == 0 or square < best_f:
+            best, best_f = b, square
+        if k > 0:
+            low, high = a, b
+            found = f_a < 0.0 <= f_b
+            if not found and f_a * f_b > 0.0 and f_a * g_a < 0.0 and f_b * g_b > 0.0:
+                # falling at both ends or rising at both: the tangents of the derivative say if it may turn between
+                meet = (f_b - f_a + g_a * a - g_b * b) / (g_a - g_b)
+                if f_a * (f_a + g_a * (meet - a)) < 0.0:
+                    meet = _turn(p, v, a, b, 1.0 if g_b > 0.0 else -1.0, n)
+                    between = coast(p, v, meet, math.sin(n * meet), math.cos(n * meet), n)[7]
+                    found = f_a * between < 0.0
+                    if f_a > 0.0:
+                        low, high = meet, b
+                    else:
+                        low, high = a, meet
+            if found:
+                start = 0.5 * (low + high)
+                if low == a and high == b:
+                    start = a - f_a * (b - a) / (f_b - f_a)
+                t = _approach(p, v, low, high, start, n)
+                square = coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6]
+                if square < best_f:
+                    best, best_f = t, square
+        a, f_a, g_a = b, f_b, g_b
+    return best
+
+
+@njit
+def least_coasting_range(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
+    """Return the least range over the grid's span without thrust [m].
+
+    Args:
+        p: Position in Hill's frame [m], shape (3,).
+        v: Velocity [m/s], shape (3,).
+        table: See `grid`.
+        n: Mean motion [rad/s].
+    """
+    t = closest_time(p, v, table, n)
+    return math.sqrt(coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6])

@@ -103,10 +103,10 @@ def require_one_agent(spec: EnvironmentSpec, taker: str, instead: str) -> None:
     Raises:
         SafeInspectError: Another number does.
     """
-    names = [agent.name for agent in spec.agents if agent.pilot is None]
+    names = [agent.name for agent in spec.agents if agent.scripted_policy is None]
     if len(names) != 1:
-        told = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "") or "none"
+        listed = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "") or "none"
         raise SafeInspectError(
-            f"{taker} takes one agent, but {len(names)} act from outside here ({told}); "
+            f"{taker} takes one agent, but {len(names)} act from outside here ({listed}); "
             f"use safe_inspect.environments.{instead}"
         )

@@ -1,4 +1,4 @@
-"""What the façades tell about every environment beside observation and reward."""
+"""Infos: what the façades give of every environment beside observation and reward."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from safe_inspect.simulators.view import View
 from safe_inspect.types import AnyArray
 
 
-def facts(view: View, *, guarded: bool = False) -> dict[str, AnyArray]:
-    """Return the facts of a state, one array of R rows for each.
+def state_info(view: View, *, has_filter: bool = False) -> dict[str, AnyArray]:
+    """Return the info of a state, one array of R rows for each.
 
     ``inspected_count`` and ``inspected_fraction`` (by the team), ``own_inspected_count`` (points that the own deputy
     was the first to inspect), ``delta_v`` spent in the episode [m/s] and the `DoneStatus` as ``status``; with a safety
@@ -24,19 +24,19 @@ def facts(view: View, *, guarded: bool = False) -> dict[str, AnyArray]:
 
     Args:
         view: The state.
-        guarded: Whether a safety filter acts on the whole team.
+        has_filter: Whether a safety filter acts on the whole team.
     """
-    told: dict[str, AnyArray] = {"delta_v": view.delta_v.copy()}
-    if guarded or view.group.guard is not None:
-        told["interventions"] = view.interventions.copy()
+    info: dict[str, AnyArray] = {"delta_v": view.delta_v.copy()}
+    if has_filter or view.group.safety_filter is not None:
+        info["interventions"] = view.interventions.copy()
     for component in view.world.offers.components:
-        told |= component.info(view)
-    told["status"] = view.finished.copy()
-    return told
+        info |= component.info(view)
+    info["status"] = view.finished.copy()
+    return info
 
 
-def step_facts(transition: Transition, team: TeamFiltered | None = None) -> dict[str, AnyArray]:
-    """Return the facts of a step: those of its last state, and ``reward/NAME`` for every term.
+def transition_info(transition: Transition, team: TeamFiltered | None = None) -> dict[str, AnyArray]:
+    """Return the info of a step: those of its last state, and ``reward/NAME`` for every term.
 
     With a safety filter also, of this step, ``rta/intervening`` and ``rta/infeasible``; with one of the agent's own
     ``rta/active`` (bit j: the j-th constraint refused the desired thrust) and ``rta/phi_min``, the smallest plain
@@ -45,61 +45,61 @@ def step_facts(transition: Transition, team: TeamFiltered | None = None) -> dict
 
     Args:
         transition: The step of a group of agents.
-        team: What the team's safety filter told, where there is one.
+        team: What the team's safety filter info, where there is one.
     """
     step = transition.step
-    told = facts(step.after, guarded=team is not None)
-    told |= {f"reward/{name}": value.reshape(-1) for name, value in transition.terms.items()}
+    info = state_info(step.after, has_filter=team is not None)
+    info |= {f"reward/{name}": value.reshape(-1) for name, value in transition.terms.items()}
     filtered = step.filtered
     if filtered is not None:
         active = transition.active.reshape(-1)
-        told["rta/intervening"] = step.intervening & active
-        told["rta/infeasible"] = filtered.infeasible & active
-        told["rta/active"] = np.where(active, filtered.active, 0)
-        told["rta/phi_min"] = filtered.phi.min(axis=1, initial=np.inf)
+        info["rta/intervening"] = step.intervening & active
+        info["rta/infeasible"] = filtered.infeasible & active
+        info["rta/active"] = np.where(active, filtered.active, 0)
+        info["rta/phi_min"] = filtered.phi.min(axis=1, initial=np.inf)
     if team is not None:
-        told["rta/intervening"] = step.intervening.copy()
-        told["rta/infeasible"] = step.after.per_environment(team.infeasible).copy()
-        told["rta/backup"] = step.after.per_environment(team.backup).copy()
-    return told
+        info["rta/intervening"] = step.intervening.copy()
+        info["rta/infeasible"] = step.after.per_environment(team.infeasible).copy()
+        info["rta/backup"] = step.after.per_environment(team.backup).copy()
+    return info
 
 
-def team_facts(environment: TeamEnvironment) -> dict[str, AnyArray]:
-    """Return the facts of the current state that concern all deputies, scripted ones included, each of shape (N,).
+def team_info(environment: TeamEnvironment) -> dict[str, AnyArray]:
+    """Return the info of the current state that concern all deputies, scripted ones included, each of shape (N,).
 
     ``inspected_count`` and ``inspected_fraction``, ``delta_v`` spent by all deputies in the episode and
     ``delta_v_mean`` by each [m/s], ``closest``, the least distance between two deputies (infinite with one) [m], and
     ``outcome``, how the episode stands for the team (`DoneStatus`).
     """
     team = environment.team()
-    told: dict[str, AnyArray] = {}
+    info: dict[str, AnyArray] = {}
     for component in team.world.offers.components:
-        told |= component.team_info(team)
-    told["delta_v"] = team.delta_v.sum(axis=1)
-    told["delta_v_mean"] = told["delta_v"] / team.delta_v.shape[1]
-    told["closest"] = team.distance.min(axis=1, initial=np.inf)
-    told["outcome"] = environment.outcome()
-    return told
+        info |= component.team_info(team)
+    info["delta_v"] = team.delta_v.sum(axis=1)
+    info["delta_v_mean"] = info["delta_v"] / team.delta_v.shape[1]
+    info["closest"] = team.distance.min(axis=1, initial=np.inf)
+    info["outcome"] = environment.outcome()
+    return info
 
 
-def row(told: Mapping[str, AnyArray], index: int) -> dict[str, Any]:
-    """Return the facts of one row as plain numbers, and the status by its name in lower case."""
-    found: dict[str, Any] = {name: array[index].item() for name, array in told.items()}
+def info_row(info: Mapping[str, AnyArray], index: int) -> dict[str, Any]:
+    """Return the info of one row as plain numbers, and the status by its name in lower case."""
+    found: dict[str, Any] = {name: array[index].item() for name, array in info.items()}
     found["status"] = DoneStatus(found["status"]).name.lower()
     return found
 
 
-def step_info(transition: Transition, told: Mapping[str, AnyArray], index: int) -> dict[str, Any]:
-    """Return the facts of one row of a step; with a safety filter also the constraints by name and the thrusts [N].
+def step_info(transition: Transition, infos: Mapping[str, AnyArray], index: int) -> dict[str, Any]:
+    """Return the info of one row of a step; with a safety filter also the constraints by name and the thrusts [N].
 
     Args:
         transition: The step of a group of agents.
-        told: Its facts, see `step_facts`.
+        infos: The infos of all rows, see `transition_info`.
         index: The row.
     """
-    step, info = transition.step, row(told, index)
+    step, info = transition.step, info_row(infos, index)
     if step.filtered is not None:
         info["rta/active"] = step.filtered.active_names(index)
-    if "rta/intervening" in told:
+    if "rta/intervening" in infos:
         info["desired_control"], info["control"] = step.desired_control[index].copy(), step.control[index].copy()
     return info

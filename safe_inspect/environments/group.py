@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from safe_inspect.config.spec import AgentSpec
-from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.guard import all_finite, require_choices, require_finite, require_shape
+from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.environments.finite_checks import all_finite, require_choices, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.glues.base import Glue
-from safe_inspect.policies.base import PILOT, ThrustLimits
+from safe_inspect.policies.base import SCRIPTED_POLICY, ThrustLimits
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
-if TYPE_CHECKING:
-    from safe_inspect.environments.fused.step import FusedGroup
 
-
-class Judged(NamedTuple):
+class StepOutcome(NamedTuple):
     """What a step gives for the agents of a group; agents that had ended before count as 0.
 
     Attributes:
@@ -42,6 +39,19 @@ class Judged(NamedTuple):
     ended: bool
 
 
+class CompiledGroup(Protocol):
+    """Does what an `AgentGroup` does by one kernel; every method returns None where the group has to do it itself."""
+
+    def command(self, action: FloatArray, /) -> tuple[FloatArray, FloatArray] | None:
+        """As `AgentGroup.command`."""
+
+    def observe(self, view: View, /) -> AnyArray | None:
+        """As `AgentGroup.observe`, shape (R, O)."""
+
+    def evaluate_step(self, step: Step, /) -> StepOutcome | None:
+        """As `AgentGroup.evaluate_step`."""
+
+
 class AgentGroup:
     """G agents that stand side by side in agent order and have equal terms.
 
@@ -51,6 +61,7 @@ class AgentGroup:
         policies: Name of each agent's policy.
         first: Index of the first deputy among all.
         size: Number of agents, G.
+        safety_filter: What filters the thrusts of its agents, where one is enabled.
         scripted: Whether a scripted policy flies the deputies, so that no action is taken from outside.
         group: What views of the state know of the group.
         observation_layout: Layout of one agent's observation.
@@ -59,6 +70,7 @@ class AgentGroup:
         thrusters: From actions to thrust.
         dones: What ends an episode, in the order in which a later status stands: draw, win, lose.
         fused: What does the same by one kernel, where it is used.
+        remembering: Done functions with memory, by the name under which it stands.
     """
 
     def __init__(self, specs: Sequence[AgentSpec], first: int) -> None:
@@ -67,10 +79,17 @@ class AgentGroup:
         self.policies = tuple(spec.policy for spec in specs)
         self.name = self.agents[0] if len(specs) == 1 else f"{self.agents[0]} to {self.agents[-1]}"
         self.agent = agent
-        guards = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
-        self.guard = guards[0] if guards else None
-        self.first, self.size, self.scripted = first, len(specs), agent.pilot is not None
-        self.group = Group(self.name, first, len(specs), agent.sensors, self.guard, agent.pilot)
+        filters = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
+        self.safety_filter = filters[0] if filters else None
+        self.first, self.size, self.scripted = first, len(specs), agent.scripted_policy is not None
+        self.remembering = {
+            f"done {named.name}": named.functor
+            for named in agent.dones
+            if type(named.functor).remember is not DoneFunction.remember
+        }
+        self.group = Group(
+            self.name, first, len(specs), agent.sensors, self.safety_filter, agent.scripted_policy, self.remembering
+        )
         self.observation_layout: Layout = observation_layout(agent)
         self.action_layout: Layout = action_layout(agent)
         self.thrusters = Thrusters(agent)
@@ -81,7 +100,7 @@ class AgentGroup:
         self._unobserved = [name for name in agent.sensors if name not in observed]
         order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
         self.dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
-        self.fused: FusedGroup | None = None
+        self.fused: CompiledGroup | None = None
 
     def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
         """Return the actions within their bounds, shape (R, A), and the thrust that they ask for [N], shape (R, 3).
@@ -116,12 +135,12 @@ class AgentGroup:
 
     def fly(self, view: View) -> FloatArray:
         """Return the thrust of the scripted policy within the controllers' limits [N], shape (R, 3)."""
-        pilot = self.group.pilot
-        assert pilot is not None, "only scripted groups fly themselves"
-        view.remembering = PILOT
-        thrust = np.asarray(pilot(view, self.limits), dtype=np.float64)
+        policy = self.agent.scripted_policy
+        assert policy is not None, "only scripted groups fly themselves"
+        view.remembering = SCRIPTED_POLICY
+        thrust = np.asarray(policy(view, self.limits), dtype=np.float64)
         view.remembering = None
-        what = f"policy {pilot.registered_name} of {self.name}"
+        what = f"policy {policy.registered_name} of {self.name}"
         if thrust.shape != (view.num_rows, 3):
             require_shape(what, thrust, (view.num_rows, 3))
         if not all_finite(thrust):
@@ -130,7 +149,7 @@ class AgentGroup:
 
     def filter(self, desired: FloatArray, view: View) -> Filtered | None:
         """Return what the agents' own safety filter does to the thrust; None without one."""
-        return None if self.guard is None else self.guard.filter(read_only(desired), view)
+        return None if self.safety_filter is None else self.safety_filter.filter(read_only(desired), view)
 
     def observe(self, view: View) -> AnyArray:
         """Return the observations, float32, shape (N, G, O); of no elements for a scripted group."""
@@ -149,7 +168,7 @@ class AgentGroup:
                 require_finite(self.title(glue), part, view.state)
         return observation.astype(np.float32).reshape(view.writable.num_envs, self.size, observation.shape[-1])
 
-    def judge(self, step: Step) -> Judged:
+    def evaluate_step(self, step: Step) -> StepOutcome:
         """Return what a step gives, by calling every plugin."""
         after, before = step.after, step.before
         observation = self.observe(after)
@@ -163,7 +182,7 @@ class AgentGroup:
             values[:, out] = 0.0
             flags[:, out] = False
             status[out] = before.finished[out]
-        return Judged(observation, values, flags, status, bool(np.count_nonzero(status)))
+        return StepOutcome(observation, values, flags, status, bool(np.count_nonzero(status)))
 
     def rewards(self, step: Step) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Return the sum of the terms, shape (R,), and each term by name, shape (R,)."""

@@ -9,15 +9,15 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.finite_checks import all_finite, checked_seed, require_finite, require_shape
 from safe_inspect.environments.group import AgentGroup, group_agents
-from safe_inspect.environments.guard import all_finite, checked_seed, require_finite, require_shape
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.environments.writers import names_writers
 from safe_inspect.rta.team import TeamFiltered
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
-from safe_inspect.simulators.team import TEAM, TEAM_GUARD, TeamStep, TeamView
-from safe_inspect.simulators.view import GUARD, Step, View
+from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamStep, TeamView
+from safe_inspect.simulators.view import SAFETY_FILTER, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: The weight of a status when several are given in one step: lose before win before draw.
@@ -52,7 +52,7 @@ class TeamEnvironment:
         self.spec = spec
         self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents)
         self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)
-        self._guard = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
+        self._safety_filter = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
         self.simulation = spec.simulator(
             masses={agent.platform: spec.platforms[agent.platform].mass for agent in spec.agents},
             groups=tuple(group.group for group in self.groups),
@@ -61,7 +61,7 @@ class TeamEnvironment:
             num_envs=num_envs,
             seed=checked_seed(spec.seed if seed is None else seed),
             first_slot=first_slot,
-            team_guard=self._guard,
+            team_filter=self._safety_filter,
         )
         if _fused:
             from safe_inspect.environments.fused.step import FusedGroup  # compiled: not when only validated
@@ -179,7 +179,7 @@ class TeamEnvironment:
         active = self._everyone if everyone else simulation.state.finished == 0
         control = self._whole([step.writable_control for step in steps])
         team = None
-        if self._guard is not None:
+        if self._safety_filter is not None:
             team = self._filter_team(control, steps)
             control = team.control
         if not everyone:
@@ -193,10 +193,10 @@ class TeamEnvironment:
                 mine = simulation.state.interventions[:, first : first + group.size]
                 mine += step.writable_intervening.reshape(-1, group.size)
             for name, array in found.memory.items() if found is not None else ():
-                simulation.state.memory[group.name, GUARD, name][...] = array
+                simulation.state.memory[group.name, SAFETY_FILTER, name][...] = array
         for name, array in team.memory.items() if team is not None else ():
-            simulation.state.memory[TEAM, TEAM_GUARD, name][...] = array
-        return self._judge(steps, active, team)
+            simulation.state.memory[TEAM, TEAM_FILTER, name][...] = array
+        return self._evaluate(steps, active, team)
 
     def _whole(self, parts: list[FloatArray]) -> FloatArray:
         """Return the thrusts of all groups as one array, shape (N, D, 3)."""
@@ -207,9 +207,9 @@ class TeamEnvironment:
 
     def _filter_team(self, desired: FloatArray, steps: list[Step]) -> TeamFiltered:
         """Let the team's filter act, and write its thrusts into the groups' steps."""
-        assert self._guard is not None
-        team = self._guard(read_only(desired), self.team())
-        what = f"safety filter {self._guard.registered_name}"
+        assert self._safety_filter is not None
+        team = self._safety_filter(read_only(desired), self.team())
+        what = f"safety filter {self._safety_filter.registered_name}"
         if team.control.shape != desired.shape:
             require_shape(what, team.control, desired.shape)
         if not all_finite(team.control):
@@ -230,18 +230,22 @@ class TeamEnvironment:
             step.writable_intervening = step.writable_intervening & active[:, mine].reshape(-1)
         return control
 
-    def _judge(self, steps: list[Step], active: BoolArray, team: TeamFiltered | None) -> TeamTransition:
+    def _evaluate(self, steps: list[Step], active: BoolArray, team: TeamFiltered | None) -> TeamTransition:
         """Return observations, rewards and ends of a step whose dynamics are done."""
         simulation = self.simulation
         transitions = []
         fired: dict[str, BoolArray] = {}
         ended = False
         for group, step in zip(self.groups, steps, strict=True):
-            judged = group.fused.judge(step) if group.fused is not None else None
-            if judged is None:  # the plugins themselves tell what is wrong
-                judged = group.judge(step)
+            for name, done in group.remembering.items():
+                step.after.remembering = name
+                done.remember(step, name)
+                step.after.remembering = None
+            found = group.fused.evaluate_step(step) if group.fused is not None else None
+            if found is None:  # the plugins themselves tell what is wrong
+                found = group.evaluate_step(step)
             shape = (self.num_envs, group.size)
-            values, flags = judged.values.reshape(-1, *shape), judged.flags.reshape(-1, *shape)
+            values, flags = found.values.reshape(-1, *shape), found.flags.reshape(-1, *shape)
             mine = slice(group.first, group.first + group.size)
             if self.spec.shared_dones:
                 said = flags[2:]
@@ -251,16 +255,16 @@ class TeamEnvironment:
                         fired[named.name] = said[index]
                     else:
                         fired.setdefault(named.name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = said[index]
-            ended |= judged.ended
+            ended |= found.ended
             transitions.append(
                 Transition(
-                    judged.observation.reshape(*shape, judged.observation.shape[-1]),
+                    found.observation.reshape(*shape, found.observation.shape[-1]),
                     values[0],
                     {named.name: values[1 + index] for index, named in enumerate(group.agent.rewards)},
                     active if shape == active.shape else active[:, mine],
                     flags[0],
                     flags[1],
-                    judged.status.reshape(shape),
+                    found.status.reshape(shape),
                     step,
                 )
             )

@@ -52,7 +52,7 @@ class TeamTransition:
         over: The episode has ended for every agent that acts from outside, shape (N,).
         outcome: How the episode stands for the team, `DoneStatus`, int8, shape (N,): lost when any agent has lost, else
             won when any has won, else a draw when any has ended so.
-        filtered: What the team's safety filter told, where there is one.
+        filtered: What the team's safety filter gave, where there is one.
     """
 
     groups: tuple[Transition, ...]

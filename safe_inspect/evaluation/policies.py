@@ -19,12 +19,12 @@ from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
-Observation: TypeAlias = NDArray[np.float32]
+ObservationRows: TypeAlias = NDArray[np.float32]
 
 #: From observations, float32, shape (R, O), to actions, shape (R, A). There are R = N * K rows for the K agents that it
 #: flies in N environments, environment by environment. A policy that keeps something from step to step has a method
 #: ``begin(flight: Flight)``, which is called before the first step of every batch.
-Policy: TypeAlias = Callable[[Observation], AnyArray]
+Policy: TypeAlias = Callable[[ObservationRows], AnyArray]
 
 #: The baselines: the scripted policy of each, with its defaults.
 BASELINES: Mapping[str, str] = MappingProxyType(
@@ -34,7 +34,7 @@ BASELINES: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Flight:
-    """What a policy is told before the first step of a batch of episodes.
+    """What a policy gets before the first step of a batch of episodes.
 
     Attributes:
         slots: Global index of the environment slot of each row, shape (R,).
@@ -67,8 +67,8 @@ def baseline(name: str) -> ScriptedPolicy:
         known = {*BASELINES, *(registered for registered, _ in registry.items("policy"))}
         if name not in known and "." not in name:
             raise SafeInspectError(f"no scripted policy {name!r}; {did_you_mean(name, known)}") from None
-        told = "; ".join(str(problem["msg"]) for problem in (error.context or {})["errors"])
-        raise SafeInspectError(f"scripted policy {name!r}: {told}") from None
+        mistakes = "; ".join(str(problem["msg"]) for problem in (error.context or {})["errors"])
+        raise SafeInspectError(f"scripted policy {name!r}: {mistakes}") from None
     assert isinstance(plugin, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
     return plugin
 
@@ -104,5 +104,5 @@ def with_scripted(
                 f"the `{field}` of {plugin.registered_name}: no {kind} is named {value!r}; "
                 f"{did_you_mean(value, known[kind])}"
             )
-    flown = tuple(replace(agent, pilot=plugin) if agent.name in chosen else agent for agent in spec.agents)
+    flown = tuple(replace(agent, scripted_policy=plugin) if agent.name in chosen else agent for agent in spec.agents)
     return replace(spec, agents=flown)

@@ -1,4 +1,4 @@
-"""What makes episodes comparable, and what is measured of a task unless told otherwise."""
+"""What makes episodes comparable, and what is measured of a task by default."""
 
 from __future__ import annotations
 
@@ -112,10 +112,10 @@ def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
             raise SafeInspectError(f"--metric {text!r}: this is no mapping of YAML ({error})") from None
         except PydanticCustomError as error:
             problems = (error.context or {})["errors"]
-            told = "; ".join(
+            mistakes = "; ".join(
                 f"{'.'.join(map(str, item['loc']))}: {item['msg']}".removeprefix(": ") for item in problems
             )
-            raise SafeInspectError(f"--metric {text}: {told}") from None
+            raise SafeInspectError(f"--metric {text}: {mistakes}") from None
         assert isinstance(plugin, BaseMetric), "the registry gives a plugin of the kind that is asked for"
         if plugin.label in FIGURES and not type(plugin).__module__.startswith("safe_inspect."):
             raise SafeInspectError(f"--metric {text}: every table has a figure {plugin.label!r}; give it another label")
@@ -147,13 +147,13 @@ def _described(items: Iterable[Any]) -> list[Mapping[str, Any]]:
     return [{"name": item.name, **describe(item.functor)} for item in items]
 
 
-def differences(one: Any, other: Any, path: str = "") -> Iterable[str]:
+def differing_keys(one: Any, other: Any, path: str = "") -> Iterable[str]:
     """Yield the paths of keys at which two tasks differ."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         for key in dict.fromkeys([*one, *other]):
-            yield from differences(one.get(key), other.get(key), f"{path}.{key}" if path else str(key))
+            yield from differing_keys(one.get(key), other.get(key), f"{path}.{key}" if path else str(key))
     elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
         for index, pair in enumerate(zip(one, other, strict=True)):
-            yield from differences(*pair, f"{path}[{index}]")
+            yield from differing_keys(*pair, f"{path}[{index}]")
     elif one != other:
         yield path

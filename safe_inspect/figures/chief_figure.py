@@ -91,15 +91,21 @@ def draw_chief(figure: Figure, episode: Trajectory) -> None:
         axes.set_axis_off()
         axes.set_title("from behind" if column else "chief as above", pad=2.0, fontsize=8.5)
     (_inspectors_key if several else _time_key)(figure, episode)
-    scale, unit = clock(episode)
-    text = f"{int(seen.sum())} of {len(seen)} points inspected after {episode.time[-1] / scale:.1f} {unit}"
-    spent = float(episode.delta_v[-1].sum())
-    text += f", delta-v {spent:.3g} m/s{' in all' if several else ''}"
-    text += f" ({ending(episode)})" if ending(episode) else ""
-    figure.text(_RIGHT, 0.985, text, fontsize=9.5, color=BLACK, ha="right", va="top")
     if not seen.all():
         ink = BLACK if several else VERMILION
         figure.text(0.1925, 0.012, "crosses: not inspected", fontsize=8, color=ink, ha="center")
+
+
+def draw_summary(figure: Figure, episode: Trajectory) -> None:
+    """Write the line at the top: what was inspected and spent until when, and how the episode ended."""
+    scale, unit = clock(episode)
+    text = f"after {episode.time[-1] / scale:.1f} {unit}"
+    if len(episode.points):
+        text = f"{int(np.isfinite(episode.inspected_at).sum())} of {len(episode.points)} points inspected {text}"
+    spent = float(episode.delta_v[-1].sum())
+    text += f", delta-v {spent:.3g} m/s{' in all' if len(episode.deputies) > 1 else ''}"
+    text += f" ({ending(episode)})" if ending(episode) else ""
+    figure.text(_RIGHT, 0.985, text, fontsize=9.5, color=BLACK, ha="right", va="top")
 
 
 def time_norm(episode: Trajectory) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.bands import Centre, band
 from safe_inspect.figures.drawing import GREY, deputy_line, style
-from safe_inspect.figures.learning_curve import PANELS, STEPS, read_progress, step_unit
+from safe_inspect.figures.learning_curve import PANELS, STEPS, read_learning_curve, step_unit
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def curves_figure(
     """
     if not recipes or not all(recipes.values()):
         raise SafeInspectError("no learning curves: give the folders of trainings")
-    columns = {label: [read_progress(path) for path in paths] for label, paths in recipes.items()}
+    columns = {label: [read_learning_curve(path) for path in paths] for label, paths in recipes.items()}
     with style():
         from matplotlib.figure import Figure
 
@@ -104,9 +104,9 @@ def _draw_legend(figure: Figure, columns: Mapping[str, Sequence[Any]], centre: C
         seeds = f" ({len(runs)} seeds)" if len(runs) > 1 else ""
         labels.append(f"{label}{seeds}")
         handles.append(Line2D([], [], linewidth=2.0, label=labels[-1], **deputy_line(index)))
-    told = f"{_CENTRES[centre]} over the seeds, with its 95 % bootstrap interval"
+    title = f"{_CENTRES[centre]} over the seeds, with its 95 % bootstrap interval"
     if all(len(runs) < 2 for runs in columns.values()):
-        told = ""
+        title = ""
     widest = max(map(len, labels))
     place: Any = {"loc": "outside upper left", "ncols": max(1, min(4, 110 // (widest + 6))), "alignment": "left"}
-    figure.legend(handles=handles, title=told or None, title_fontsize=8.5, **place)
+    figure.legend(handles=handles, title=title or None, title_fontsize=8.5, **place)

@@ -205,14 +205,18 @@ class Film:
             lit.set_data(*flat[near & ~now.seen & now.lit].T)
             for index, dots in enumerate(owners):
                 dots.set_data(*flat[near & now.seen & (episode.inspector == index)].T)
-        self._tell(now)
+        self._write_counters(now)
 
-    def _tell(self, now: Moment) -> None:
+    def _write_counters(self, now: Moment) -> None:
         episode = self.episode
         scale, unit = clock(episode)
         count, time = int(now.seen.sum()), np.append(episode.time[: now.row + 1], now.time) / scale
-        told = (f"{now.time / scale:.1f} {unit}", f"{count} of {len(now.seen)} points", f"{now.delta_v.sum():.3f} m/s")
-        for text, words in zip(self._counters, told, strict=True):
+        counters = (
+            f"{now.time / scale:.1f} {unit}",
+            f"{count} of {len(now.seen)} points",
+            f"{now.delta_v.sum():.3f} m/s",
+        )
+        for text, words in zip(self._counters, counters, strict=True):
             text.set_text(words)
         self._panels[0][0].set_data(time, 100.0 * np.append(episode.coverage[: now.row + 1], count / len(now.seen)))
         for index, line in enumerate(self._panels[1]):

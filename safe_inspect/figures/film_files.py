@@ -7,25 +7,38 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.figures.film import Film
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
 
 #: Told the number of drawn pictures and of all of them.
-Progress = Callable[[int, int], None]
+FilmProgress = Callable[[int, int], None]
 
 _COLOURS = 96
 
 
-def save_film(film: Film, path: str | os.PathLike[str], fps: float = 25.0, progress: Progress | None = None) -> None:
+class Pictures(Protocol):
+    """What a film is written from: pictures of one size, as `Film` and `MissionFilm` draw them."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of a picture [pixels]."""
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[AnyArray]: ...
+
+
+def save_film(
+    film: Pictures, path: str | os.PathLike[str], fps: float = 25.0, progress: FilmProgress | None = None
+) -> None:
     """Write a film; the ending of the file's name says the format (gif, mp4).
 
     Args:
@@ -48,10 +61,10 @@ def save_film(film: Film, path: str | os.PathLike[str], fps: float = 25.0, progr
         find_ffmpeg()  # before the pictures are drawn
     with new_file(path) as work:
         work.touch()  # likewise
-        writers[target.suffix.lower()](_told(film, progress), film.size, work, fps)
+        writers[target.suffix.lower()](_with_progress(film, progress), film.size, work, fps)
 
 
-def _told(film: Film, progress: Progress | None) -> Iterable[AnyArray]:
+def _with_progress(film: Pictures, progress: FilmProgress | None) -> Iterable[AnyArray]:
     for index, picture in enumerate(film):
         yield picture
         if progress is not None:

@@ -27,7 +27,7 @@ PANELS = (
 )
 
 
-def read_progress(path: str | os.PathLike[str]) -> dict[str, FloatArray]:
+def read_learning_curve(path: str | os.PathLike[str]) -> dict[str, FloatArray]:
     """Return the columns of a ``progress.csv`` by name; a cell without a number is NaN.
 
     Raises:
@@ -63,7 +63,7 @@ def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
     Raises:
         SafeInspectError: The file cannot be read, or Matplotlib is not installed.
     """
-    columns = read_progress(progress)
+    columns = read_learning_curve(progress)
     with style():
         from matplotlib.figure import Figure
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import clock, ending, radius_of, reach_of
+from safe_inspect.figures.chief_figure import VIEW, clock, ending, radius_of, reach_of
 from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, VERMILION, deputy_line
-from safe_inspect.figures.scene import FEW_BURNS, burns_of, ring_radii, stroke
-from safe_inspect.figures.time_panels import speed_limit
+from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke
+from safe_inspect.figures.time_panels import safe_speed
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray, FloatArray
 
@@ -34,16 +34,27 @@ def episode_page(episode: Trajectory, title: str = "Inspection of a chief") -> s
         episode: The episode.
         title: Title of the page.
     """
+    return page_of(episode_data(episode), title, "episode_scene.js")
+
+
+def page_of(data: dict[str, Any], title: str, scene: str) -> str:
+    """Return a page.
+
+    Args:
+        data: What it draws, as plain lists.
+        title: Its title.
+        scene: The script of its scene.
+    """
     folder = files("safe_inspect.figures")
-    text, style, script = (
-        folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "page.css", "page.js")
+    text, style, script, own = (
+        folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "page.css", "page.js", scene)
     )
-    data = json.dumps(episode_data(episode), separators=(",", ":"), allow_nan=False)
+    written = json.dumps(data, separators=(",", ":"), allow_nan=False)
     parts = {
         "@TITLE@": html.escape(title),
         "@STYLE@": style.strip(),
-        "@SCRIPT@": script.strip(),
-        "@DATA@": data.replace("<", "\\u003c"),  # a name cannot end the script
+        "@SCRIPT@": script.strip() + "\n\n" + own.strip(),
+        "@DATA@": written.replace("<", "\\u003c"),  # a name cannot end the script
     }
     for mark, part in parts.items():
         text = text.replace(mark, part)
@@ -72,23 +83,27 @@ def episode_data(episode: Trajectory) -> dict[str, Any]:
     rings = ring_radii(reach_of(episode))
     deputies = range(len(episode.deputies))
     lines = [deputy_line(index) for index in deputies]
+    reach = max(reach_of(episode), 1.1 * rings[-1])
+    radius = radius_of(episode) or 1.0
     return {
-        "time": _rounded(episode.time, 3),
+        "view": {"azimuth": VIEW["azim"], "elevation": VIEW["elev"]},
+        "most_zoom": 2.0 * reach / radius,
+        "time": rounded(episode.time, 3),
         "unit": unit,
         "unit_seconds": scale,
         "deputies": [
             {"name": name, "colour": line["color"], "dashes": _dashes(line["linestyle"])}
             for name, line in zip(episode.deputies, lines, strict=True)
         ],
-        "position": [_rounded(episode.position[:, index], 3) for index in deputies],
-        "delta_v": [_rounded(episode.delta_v[:, index], 5) for index in deputies],
-        "sun": _rounded(episode.sun_angle, 5),
-        "points": _rounded(episode.points, 3),
+        "position": [rounded(episode.position[:, index], 3) for index in deputies],
+        "delta_v": [rounded(episode.delta_v[:, index], 5) for index in deputies],
+        "sun": rounded(episode.sun_angle, 5),
+        "points": rounded(episode.points, 3),
         "inspected_at": [round(when, 3) if np.isfinite(when) else None for when in episode.inspected_at.tolist()],
         "inspector": [int(index) for index in episode.inspector],
-        "radius": radius_of(episode) or 1.0,
+        "radius": radius,
         "rings": rings,
-        "reach": max(reach_of(episode), 1.1 * rings[-1]),
+        "reach": reach,
         "burns": [_burns(episode, index) for index in deputies],
         "charts": _charts(episode),
         "ending": ending(episode),
@@ -100,12 +115,12 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
     deputies = range(len(episode.deputies))
     several = len(episode.deputies) > 1
     lines = [{"colour": deputy_line(i)["color"], "dashes": _dashes(deputy_line(i)["linestyle"])} for i in deputies]
-    limit, norm = speed_limit(episode), np.sqrt(np.square(episode.control).sum(axis=-1))
+    limit, norm = safe_speed(episode), np.sqrt(np.square(episode.control).sum(axis=-1))
 
     def all_of(values: FloatArray, digits: int, **more: Any) -> list[dict[str, Any]]:
-        return [{**line, **more, "values": _rounded(values[:, i], digits)} for i, line in enumerate(lines)]
+        return [{**line, **more, "values": rounded(values[:, i], digits)} for i, line in enumerate(lines)]
 
-    coverage = [{"colour": BLACK, "step": True, "values": _rounded(100.0 * episode.coverage, 2)}]
+    coverage = [{"colour": BLACK, "step": True, "values": rounded(100.0 * episode.coverage, 2)}]
     if several:
         own = np.stack([100.0 * episode.coverage_of(index) for index in deputies], axis=-1)
         coverage += all_of(own, 2, step=True, width=1.2)
@@ -113,27 +128,28 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
         all_of(_held(norm), 4, step=True, width=1.1)
         if several
         else [
-            {"colour": colour, "step": True, "width": 1.1, "values": _rounded(_held(episode.control[:, 0, axis]), 4)}
+            {"colour": colour, "step": True, "width": 1.1, "values": rounded(_held(episode.control[:, 0, axis]), 4)}
             for axis, (_, colour) in enumerate(_AXES)
         ]
     )
     limits = [{**line, "width": 1.0, "dashes": [5, 3], "colour": line["colour"] if several else GREY} for line in lines]
     for index, line in enumerate(limits):
-        line["values"] = _rounded(limit[:, index], 4)
+        line["values"] = rounded(limit[:, index], 4)
     near = episode.range <= reach_of(episode)
     far = None if near.all() else 1.05 * reach_of(episode)
     fast = None if near.all() else 1.05 * max(float(episode.speed[near].max()), float(limit[near].max()))
     return [
-        _chart("inspected [%]", coverage, low=0.0, high=100.0),
-        _chart("range [m]", all_of(episode.range, 2), low=0.0, high=far),
-        _chart("speed, and the largest safe one (dashed) [m/s]", [*all_of(episode.speed, 4), *limits], 0.0, fast),
-        _chart("norm of thrust [N]" if several else "thrust [N]: x red, y blue, z green", thrust),
-        _chart("delta-v [m/s]", all_of(episode.delta_v, 5, step=True), low=0.0),
+        chart("inspected [%]", coverage, low=0.0, high=100.0),
+        chart("range [m]", all_of(episode.range, 2), low=0.0, high=far),
+        chart("speed, and the largest safe one (dashed) [m/s]", [*all_of(episode.speed, 4), *limits], 0.0, fast),
+        chart("norm of thrust [N]" if several else "thrust [N]: x red, y blue, z green", thrust),
+        chart("delta-v [m/s]", all_of(episode.delta_v, 5, step=True), low=0.0),
     ]
 
 
-def _chart(label: str, lines: list[dict[str, Any]], low: float | None = None, high: float | None = None) -> Any:
-    values = np.concatenate([np.asarray(line["values"]) for line in lines])
+def chart(label: str, lines: list[dict[str, Any]], low: float | None = None, high: float | None = None) -> Any:
+    """Return a chart; a value that is None is a gap."""
+    values = np.array([value for line in lines for value in line["values"] if value is not None] or [0.0])
     bottom, top = (float(values.min()) if low is None else low), (float(values.max()) if high is None else high)
     room = 0.06 * (top - bottom)
     bottom, top = bottom if low is not None else bottom - room, top if high is not None else top + room
@@ -144,12 +160,12 @@ def _burns(episode: Trajectory, deputy: int) -> list[dict[str, Any]]:
     """Return the deputy's burns: their steps, and the stroke that shows each as a multiple of the outer ring."""
     largest = float(np.sqrt(np.square(episode.control).sum(axis=-1)).max(initial=0.0))
     found = []
-    steps = burns_of(episode, deputy)
+    steps = largest_burns(episode, deputy)
     for step in steps:
         thrust = episode.control[step, deputy]
         size = float(np.sqrt(np.square(thrust).sum()))
         found.append(
-            {"step": int(step), "thrust": _rounded(thrust / size * stroke(size / largest, len(steps) <= FEW_BURNS), 4)}
+            {"step": int(step), "thrust": rounded(thrust / size * stroke(size / largest, len(steps) <= FEW_BURNS), 4)}
         )
     return found
 
@@ -163,13 +179,14 @@ def _dashes(linestyle: Any) -> list[float]:
     return [] if linestyle == "-" else [2.0 * float(length) for length in linestyle[1]]
 
 
-def _rounded(values: AnyArray, digits: int) -> Any:
-    """Return rounded values as nested lists; whole numbers are written without a fraction."""
-    rounded = np.round(np.asarray(values, dtype=np.float64), digits) + 0.0
-    return _plain(rounded.tolist())
+def rounded(values: AnyArray, digits: int) -> Any:
+    """Return rounded values as nested lists; whole numbers have no fraction, what is not finite is None."""
+    return _plain((np.round(np.asarray(values, dtype=np.float64), digits) + 0.0).tolist())
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, list):
         return [_plain(item) for item in value]
+    if not np.isfinite(value):
+        return None
     return int(value) if value == int(value) else value

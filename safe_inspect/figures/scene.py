@@ -14,7 +14,8 @@ from safe_inspect.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")
+_AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")  # about a chief on an orbit
+_PLAIN_AXES = ("x [m]", "y [m]", "z [m]")
 _MOST_BURNS = 80  # drawn for each deputy: the largest
 #: Up to so many burns of a deputy are drawn one by one, so that the smallest is seen too.
 FEW_BURNS = 20
@@ -22,14 +23,16 @@ _TURN = 2.0 * np.pi
 
 
 def draw_scene(figure: Figure, episode: Trajectory) -> None:
-    """Draw the ways of the deputies about the chief."""
-    axes: Any = figure.add_axes((0.0, 0.318, 0.53, 0.625), projection="3d", computed_zorder=False)
+    """Draw the ways of the deputies about the chief, or about the origin in a task without one."""
+    place = (0.0, 0.318, 0.53, 0.625) if len(episode.points) else (0.0, 0.19, 0.53, 0.625)
+    axes: Any = figure.add_axes(place, projection="3d", computed_zorder=False)
     axes.view_init(**VIEW)
     axes.set_proj_type("ortho")
     reach = reach_of(episode)
     radius, rings = radius_of(episode), ring_radii(reach)
     _draw_rings(axes, rings, radius, _label_azimuth(episode))
-    _draw_chief(axes, episode)
+    if radius:
+        _draw_chief(axes, episode)
     for index, name in enumerate(episode.deputies):
         line, way = deputy_line(index), _shown(episode.position[:, index], reach)
         _draw_line(axes, way, radius, linewidth=1.4, label=f"deputy {name}", **line)
@@ -46,10 +49,16 @@ def draw_scene(figure: Figure, episode: Trajectory) -> None:
             markeredgewidth=1.3, label=label,
         )  # fmt: skip
     _draw_burns(axes, episode, rings[-1])
-    _draw_sun(axes, episode, rings[-1])
+    if episode.sun_direction is not None:
+        _draw_sun(axes, episode, episode.sun_direction, rings[-1])
     _fit(axes, episode, 1.1 * rings[-1])
-    axes.set(xlabel=_AXES[0], ylabel=_AXES[1])
+    names = _axes_of(episode)
+    axes.set(xlabel=names[0], ylabel=names[1])
     _draw_legends(figure, axes, len(episode.deputies))
+
+
+def _axes_of(episode: Trajectory) -> tuple[str, str, str]:
+    return _AXES if episode.mean_motion else _PLAIN_AXES
 
 
 def _shown(way: FloatArray, reach: float) -> FloatArray:
@@ -68,7 +77,10 @@ def _label_azimuth(episode: Trajectory) -> float:
         return np.stack(((directions * right).sum(axis=-1), (directions * up).sum(axis=-1)), axis=-1)
 
     places = flat(np.stack((np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)), axis=-1))
-    arrows = np.concatenate([share * flat(episode.sun_direction[[0, -1]]) for share in (0.65, 0.8, 1.0)])
+    sun = episode.sun_direction
+    if sun is None:
+        return float(azimuths[0])
+    arrows = np.concatenate([share * flat(sun[[0, -1]]) for share in (0.65, 0.8, 1.0)])
     apart = np.sqrt(np.square(places[:, None] - arrows).sum(axis=-1)).min(axis=1)
     return float(azimuths[int(np.argmax(apart > 0.35))] if (apart > 0.35).any() else azimuths[int(np.argmax(apart))])
 
@@ -120,7 +132,7 @@ def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = No
         )  # fmt: skip
 
 
-def burns_of(episode: Trajectory, deputy: int, most: int = _MOST_BURNS) -> np.ndarray[Any, np.dtype[np.int64]]:
+def largest_burns(episode: Trajectory, deputy: int, most: int = _MOST_BURNS) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Return the steps of a deputy's largest burns, in the order of time, shape (B,)."""
     size = np.square(episode.control[:, deputy]).sum(axis=-1)
     burning = np.flatnonzero(size)
@@ -138,7 +150,7 @@ def _draw_burns(axes: Any, episode: Trajectory, ring: float) -> None:
     if not norm.any():
         return
     for deputy in range(len(episode.deputies)):
-        steps = burns_of(episode, deputy)
+        steps = largest_burns(episode, deputy)
         steps = steps[episode.range[steps, deputy] <= 1.2 * ring]
         if not len(steps):
             continue
@@ -153,9 +165,8 @@ def _draw_burns(axes: Any, episode: Trajectory, ring: float) -> None:
     axes.plot([], [], [], color=BLACK, linewidth=1.3, marker="o", markevery=[0], markersize=3.0, label="burn")
 
 
-def _draw_sun(axes: Any, episode: Trajectory, ring: float) -> None:
+def _draw_sun(axes: Any, episode: Trajectory, sun: FloatArray, ring: float) -> None:
     """Draw an arrow from the chief towards the sun at the start and at the end, and the sun's way between them."""
-    sun = episode.sun_direction
     for row, dashes, label in ((0, "-", "sun at the start"), (-1, (0, (2, 1.5)), "at the end")):
         direction = sun[row]
         tail, tip = direction * 0.62 * ring, direction * 1.0 * ring
@@ -185,7 +196,7 @@ def _fit(axes: Any, episode: Trajectory, ring: float) -> None:
     low, high = low - pad, high + pad
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.1)
-    axes.text(high[0], high[1], high[2] + 2.0 * pad, _AXES[2], ha="right", va="bottom")
+    axes.text(high[0], high[1], high[2] + 2.0 * pad, _axes_of(episode)[2], ha="right", va="bottom")
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.pane.set_visible(False)
     axes.grid(False)
@@ -196,7 +207,7 @@ def _fit(axes: Any, episode: Trajectory, ring: float) -> None:
 def _draw_legends(figure: Figure, axes: Any, deputies: int) -> None:
     """Write the legend; several deputies stand in rows of four, and below them what is the same for all."""
     handles, labels = axes.get_legend_handles_labels()
-    cuts = [*range(0, deputies, 4), deputies] if deputies > 1 else [0, labels.index("sun at the start")]
+    cuts = [*range(0, deputies, 4), deputies] if deputies > 1 else [0, labels.index("end") + 1]
     for index, (first, last) in enumerate(zip(cuts, [*cuts[1:], None], strict=True)):
         place: Any = {"loc": "upper left", "bbox_to_anchor": (0.01, 0.99 - 0.028 * index), "borderpad": 0.2}
         figure.legend(handles[first:last], labels[first:last], ncols=6, columnspacing=1.1, handlelength=1.5, **place)

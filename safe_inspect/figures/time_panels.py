@@ -21,11 +21,14 @@ _LEFT, _WIDTH = 0.625, 0.36
 _PLACES = ((0.79, 0.15), (0.605, 0.15), (0.42, 0.15), (0.305, 0.08), (0.195, 0.08), (0.085, 0.08))
 
 
-def speed_limit(episode: Trajectory) -> FloatArray:
-    """Return the largest safe speed at each deputy's range: v0 + 2 n (r - d0) [m/s], shape (T + 1, D).
+def safe_speed(episode: Trajectory) -> FloatArray:
+    """Return the largest safe speed at each deputy's range [m/s], shape (T + 1, D).
 
-    These are the published values: 0.2 m/s at 10 m, and twice the mean motion more for every metre.
+    It is the task's ``speed_limit`` where a component records that, else the published values of inspection,
+    v0 + 2 n (r - d0): 0.2 m/s at 10 m, and twice the mean motion more for every metre.
     """
+    if "speed_limit" in episode.arrays:
+        return episode.arrays["speed_limit"]
     limit = ConstraintParameters(n=episode.mean_motion)
     return np.asarray(limit.v0 + limit.v1 * (episode.range - limit.speed_distance))
 
@@ -35,7 +38,7 @@ def draw_times(figure: Figure, episode: Trajectory) -> None:
     scale, unit = clock(episode)
     time = episode.time / scale
     panels: list[Any] = [figure.add_axes((_LEFT, bottom, _WIDTH, height)) for bottom, height in _PLACES]
-    _draw_coverage(panels[0], episode, time)
+    (_draw_coverage if len(episode.points) else _draw_delta_v)(panels[0], episode, time)
     for index in range(len(episode.deputies)):
         panels[1].plot(time, episode.range[:, index], **deputy_line(index))
     near = episode.range <= reach_of(episode)
@@ -54,8 +57,10 @@ def draw_times(figure: Figure, episode: Trajectory) -> None:
         axes.set_xlim(-0.015 * time[-1], time[-1])  # a burn at the start is seen beside the axis
         axes.tick_params(labelbottom=axes is panels[-1])
         axes.yaxis.set_label_coords(-0.135, 0.5)
-    orbit = 2.0 * np.pi / episode.mean_motion / scale
-    panels[-1].set_xlabel(f"time [{unit}], an orbit is {orbit:.3g} {unit}")
+    label = f"time [{unit}]"
+    if episode.mean_motion:
+        label += f", an orbit is {2.0 * np.pi / episode.mean_motion / scale:.3g} {unit}"
+    panels[-1].set_xlabel(label)
 
 
 def _draw_coverage(axes: Any, episode: Trajectory, time: FloatArray) -> None:
@@ -68,16 +73,26 @@ def _draw_coverage(axes: Any, episode: Trajectory, time: FloatArray) -> None:
     axes.set(ylabel="inspected\n[%]", ylim=(0, 104), yticks=(0, 50, 100))
 
 
+def _draw_delta_v(axes: Any, episode: Trajectory, time: FloatArray) -> None:
+    for index in range(len(episode.deputies)):
+        axes.plot(time, episode.delta_v[:, index], **deputy_line(index))
+    axes.set(ylabel="delta-v\n[m/s]", ylim=(0, None))
+
+
 def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:
-    limit = speed_limit(episode)
+    """Draw the speeds, and about an orbiting chief the largest safe ones."""
+    limit = safe_speed(episode) if episode.mean_motion else None
     for index in range(len(episode.deputies)):
         line = deputy_line(index)
         axes.plot(time, episode.speed[:, index], **line)
-        axes.plot(time, limit[:, index], color=line["color"], linewidth=0.9, linestyle=(0, (4, 2)))
-    axes.plot([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), label="largest safe speed at the range")
-    axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.96), handlelength=2.0, borderpad=0.0)
+        if limit is not None:
+            axes.plot(time, limit[:, index], color=line["color"], linewidth=0.9, linestyle=(0, (4, 2)))
     near = episode.range <= reach_of(episode)
-    top = max(float(episode.speed[near].max()), float(limit[near].max()))
+    top = float(episode.speed[near].max())
+    if limit is not None:
+        axes.plot([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), label="largest safe speed at the range")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.96), handlelength=2.0, borderpad=0.0)
+        top = max(top, float(limit[near].max()))
     axes.set(ylabel="speed\n[m/s]", ylim=(0, None if near.all() else 1.05 * top))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import draw_chief
+from safe_inspect.figures.chief_figure import draw_chief, draw_summary
 from safe_inspect.figures.drawing import style
 from safe_inspect.figures.scene import draw_scene
 from safe_inspect.figures.time_panels import draw_times
@@ -20,7 +20,8 @@ def trajectory_figure(episode: Trajectory) -> Figure:
     Left, the deputies' way round the chief in Hill's frame, with rings of equal range in the orbital plane, the burns,
     and the direction to the sun from the start to the end. Below it the chief from two sides, its points coloured by
     the time of their inspection. Right, over time: the share of inspected points, the range, the speed with its limit,
-    and the thrust along each axis. Several deputies have a colour each, and so have the points that each saw first.
+    and the thrust along each axis. Several deputies have a colour each, and so have the points that each saw first. A
+    task without points, sun or orbit has no chief, no sun and no largest safe speed; delta-v stands for the points.
 
     Raises:
         SafeInspectError: Matplotlib is not installed.
@@ -30,6 +31,8 @@ def trajectory_figure(episode: Trajectory) -> Figure:
 
         figure = Figure(figsize=(10.0, 6.8), facecolor="white")
         draw_scene(figure, episode)
-        draw_chief(figure, episode)
+        if len(episode.points):
+            draw_chief(figure, episode)
+        draw_summary(figure, episode)
         draw_times(figure, episode)
     return figure

@@ -5,15 +5,46 @@ Every row is computed by itself and in one fixed order, so its result is the sam
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from safe_inspect.compiling import njit
-from safe_inspect.geometry.nearest import nearest_centre
 from safe_inspect.random.integers import pick_below
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["cluster", "cluster_sklearn", "max_clusters", "nearest_centre", "start_centres"]
+__all__ = ["Clusters", "KMeansRule", "RowDraws", "cluster", "cluster_sklearn", "start_centres"]
+
+
+class Clusters(NamedTuple):
+    """What is kept of R rows between two calls; read and written.
+
+    Attributes:
+        centres: Centres [m], shape (R, K, 3). See `start_centres`.
+        num_centres: How many centres a row has, shape (R,). Set to 0 to start anew.
+        candidates: Candidates of the last call, shape (R, P).
+        settled: Whether the last call converged, shape (R,). Set to False to start anew.
+    """
+
+    centres: FloatArray
+    num_centres: IntArray
+    candidates: BoolArray
+    settled: BoolArray
+
+
+class RowDraws(NamedTuple):
+    """Where the random draws of rows come from: the key, uint64, and the number of the step of each, shape (R,)."""
+
+    key: NDArray[np.uint64]
+    step: IntArray
+
+
+class KMeansRule(NamedTuple):
+    """Candidates per cluster, at least 1, and most of Lloyd's iterations in a call."""
+
+    points_per_cluster: int
+    max_iterations: int
 
 
 @njit
@@ -193,14 +224,9 @@ def _unchanged(candidates: BoolArray, previous: BoolArray) -> bool:
 def cluster(
     points: FloatArray,
     candidates: BoolArray,
-    centres: FloatArray,
-    count: IntArray,
-    key: NDArray[np.uint64],
-    step: IntArray,
-    points_per_cluster: int,
-    max_iterations: int,
-    previous: BoolArray,
-    settled: BoolArray,
+    clusters: Clusters,
+    draws: RowDraws,
+    rule: KMeansRule,
 ) -> None:
     """Cluster each row's candidates by K-means, from the row's previous centres.
 
@@ -211,33 +237,34 @@ def cluster(
 
     Args:
         points: Points on the chief [m], shape (P, 3).
-        candidates: Points to cluster, shape (N, P).
-        centres: Centres [m], shape (N, K, 3); read and written. See `start_centres`.
-        count: How many centres a row has, shape (N,); read and written. Set to 0 to start anew.
-        key: Key of a row's random draws, shape (N,).
-        step: Number of a row's step, shape (N,).
-        points_per_cluster: Candidates per cluster, at least 1.
-        max_iterations: Most of Lloyd's iterations in a call.
-        previous: Candidates of the last call, shape (N, P); read and written.
-        settled: Whether the last call converged, shape (N,); read and written. Set to False to start anew.
+        candidates: Points to cluster, shape (R, P).
+        clusters: The clusters of each row; read and written.
+        draws: Where each row's random draws come from.
+        rule: Sizes of the clusters, and the limit of the iterations.
 
     Raises:
-        ValueError: If `centres` is too small or `points_per_cluster` is not positive.
+        ValueError: If there are too few centres or `points_per_cluster` is not positive.
 
     Source:
         Lloyd, "Least squares quantization in PCM", 1982.
     """
-    if centres.shape[1] < max_clusters(points.shape[0], points_per_cluster):
-        raise ValueError("centres has less than ceil(P / points_per_cluster) places")
-    chosen = np.empty(points.shape[0] + 1, dtype=np.int64)
-    own = np.empty((3, points.shape[0]))
+    centres, num_centres, previous, settled = clusters  # a tuple of arrays costs in every inner call
+    require_centres(points, centres, rule)
+    chosen, own = np.empty(points.shape[0] + 1, dtype=np.int64), np.empty((3, points.shape[0]))
     for row in range(candidates.shape[0]):
         if not (settled[row] and _unchanged(candidates[row], previous[row])):
-            count[row], settled[row] = cluster_row(
-                points, candidates[row], centres[row], count[row], key[row], step[row], points_per_cluster,
-                max_iterations, chosen, own,
+            num_centres[row], settled[row] = cluster_row(
+                points, candidates[row], centres[row], num_centres[row], draws.key[row], draws.step[row], rule, chosen,
+                own,
             )  # fmt: skip
             previous[row] = candidates[row]
+
+
+@njit
+def require_centres(points: FloatArray, centres: FloatArray, rule: KMeansRule) -> None:
+    """Raise ValueError, as `cluster`, where there are too few places for centres."""
+    if centres.shape[1] < max_clusters(points.shape[0], rule.points_per_cluster):
+        raise ValueError("centres has less than ceil(P / points_per_cluster) places")
 
 
 @njit
@@ -245,35 +272,37 @@ def cluster_row(
     points: FloatArray,
     candidates: BoolArray,
     centres: FloatArray,
-    count: int,
+    num_centres: int,
     key: np.uint64,
     step: int,
-    points_per_cluster: int,
-    max_iterations: int,
+    rule: KMeansRule,
     chosen: IntArray,
     own: FloatArray,
 ) -> tuple[int, bool]:
-    """Cluster one row as `cluster` does, with `chosen` (P + 1) and `own` (3, P) as room; return count and `settled`."""
+    """Cluster one row as `cluster` does; return the number of centres and whether the iterations converged.
+
+    Args:
+        points: Points on the chief [m], shape (P, 3).
+        candidates: Points to cluster, shape (P,).
+        centres: The row's centres [m], shape (K, 3); read and written.
+        num_centres: How many there are.
+        key: Key of the row's random draws.
+        step: Number of the row's step.
+        rule: Sizes of the clusters, and the limit of the iterations.
+        chosen: Workspace, shape (P + 1,).
+        own: Workspace, shape (3, P).
+    """
     total = _gather(points, candidates, chosen)
-    want = max_clusters(total, points_per_cluster)
-    _start(points, chosen[:total], centres, count, want, key, step)
+    want = max_clusters(total, rule.points_per_cluster)
+    _start(points, chosen[:total], centres, num_centres, want, key, step)
     for m in range(total):
         for axis in range(3):
             own[axis, m] = points[chosen[m], axis]
-    return want, total == 0 or _lloyd(own, total, centres, want, max_iterations)
+    return want, total == 0 or _lloyd(own, total, centres, want, rule.max_iterations)
 
 
 def cluster_sklearn(
-    points: FloatArray,
-    candidates: BoolArray,
-    centres: FloatArray,
-    count: IntArray,
-    key: NDArray[np.uint64],
-    step: IntArray,
-    points_per_cluster: int,
-    max_iterations: int,
-    previous: BoolArray,
-    settled: BoolArray,
+    points: FloatArray, candidates: BoolArray, clusters: Clusters, draws: RowDraws, rule: KMeansRule
 ) -> None:
     """Do what `cluster` does with scikit-learn's K-means, from the same start: the reference, and much slower."""
     import warnings
@@ -281,17 +310,19 @@ def cluster_sklearn(
     from sklearn.cluster import KMeans
     from sklearn.exceptions import ConvergenceWarning
 
+    centres, count, previous, settled = clusters
     for row in np.flatnonzero(~settled | (candidates != previous).any(axis=1)):
         one = slice(row, row + 1)
-        start_centres(points, candidates[one], centres[one], count[one], key[one], step[one], points_per_cluster)
+        key, step = draws.key[one], draws.step[one]
+        start_centres(points, candidates[one], centres[one], count[one], key, step, rule.points_per_cluster)
         k = int(count[row])
         converged = True
         if k:
-            means = KMeans(k, init=centres[row, :k].copy(), n_init=1, max_iter=max_iterations, tol=0.0)
+            means = KMeans(k, init=centres[row, :k].copy(), n_init=1, max_iter=rule.max_iterations, tol=0.0)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ConvergenceWarning)  # fewer distinct centres than clusters
                 means.fit(points[candidates[row]])
             centres[row, :k] = means.cluster_centers_
-            converged = means.n_iter_ < max_iterations and len(np.unique(means.labels_)) == k
+            converged = means.n_iter_ < rule.max_iterations and len(np.unique(means.labels_)) == k
         settled[row] = converged
         previous[row] = candidates[row]

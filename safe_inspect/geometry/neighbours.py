@@ -1,186 +1,144 @@
 """Which deputies are near a deputy, and in which direction: compiled, row by row.
 
-A row is a deputy of a group in an environment: R = N * G rows, environment by environment, as in a view. Positions are
-those of the state, (N, B, 3), the D deputies first among the bodies.
+Positions are those of the bodies of one environment, (B, 3), the D deputies first, but for `pair_distances`.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from safe_inspect.compiling import njit
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.types import FloatArray
 
 # A position nearer to the origin [m] is only rounding away from it and has no direction.
 _AT_ORIGIN = 1e-9
 
 
 @njit
-def _squared_distance(position: FloatArray, env: int, one: int, other: int) -> float:
-    x = position[env, other, 0] - position[env, one, 0]
-    y = position[env, other, 1] - position[env, one, 1]
-    z = position[env, other, 2] - position[env, one, 2]
+def _squared_distance(position: FloatArray, one: int, other: int) -> float:
+    x = position[other, 0] - position[one, 0]
+    y = position[other, 1] - position[one, 1]
+    z = position[other, 2] - position[one, 2]
     return float(x * x + y * y + z * z)
 
 
 @njit
-def nearest_deputies(
-    position: FloatArray, deputies: int, first: int, size: int, count: int, max_range: float
-) -> IntArray:  # fmt: skip
-    """Return the nearest other deputies within a range, the nearest first; of equals the one of the lower index.
+def next_nearest(
+    position: FloatArray, deputies: int, own: int, max_range: float, last: int, beyond: float
+) -> tuple[int, float]:
+    """Return the nearest other deputy behind the last one within a range; of equals the one of the lower index first.
 
     Args:
-        position: Positions of the bodies [m], shape (N, B, 3).
+        position: Positions of the bodies [m], shape (B, 3).
         deputies: Number of deputies, D.
-        first: Index of the group's first deputy.
-        size: Number of the group's deputies, G.
-        count: How many are wanted, k.
+        own: Index of the own deputy.
         max_range: Distance up to which a deputy counts [m].
+        last: Index of the last one; -1 for the first call.
+        beyond: Its squared distance [m^2]; -1 for the first call.
 
     Returns:
-        Their indices, -1 where there are no more, shape (R, k).
+        Its index, -1 when there is none, and its squared distance [m^2].
     """
-    environments = position.shape[0]
-    found = np.empty((environments * size, count), dtype=np.int64)
-    least = np.empty(count)
-    for env in range(environments):
-        for own in range(first, first + size):
-            nearest_to(position, deputies, env, own, max_range, found[env * size + own - first], least)
-    return found
-
-
-@njit
-def nearest_to(
-    position: FloatArray, deputies: int, env: int, own: int, max_range: float, found: IntArray, least: FloatArray
-) -> None:
-    """Write what `nearest_deputies` returns for one deputy, shape (k,); `least` is room of that size."""
-    count, known, limit = len(found), 0, max_range * max_range
-    found[:] = -1
+    found, least, limit = -1, math.inf, max_range * max_range
     for other in range(deputies):
         if other == own:
             continue
-        squared = _squared_distance(position, env, own, other)
-        if not squared <= limit:
-            continue
-        place = known
-        while place > 0 and squared < least[place - 1]:
-            place -= 1
-        if place >= count:
-            continue
-        known = min(known + 1, count)
-        for later in range(known - 1, place, -1):
-            least[later] = least[later - 1]
-            found[later] = found[later - 1]
-        least[place] = squared
-        found[place] = other
+        squared = _squared_distance(position, own, other)
+        later = squared > beyond or (squared == beyond and other > last)
+        if squared <= limit and later and (found < 0 or squared < least):
+            found, least = other, squared
+    return found, least
 
 
 @njit
-def differences(values: FloatArray, index: IntArray, first: int, size: int) -> FloatArray:
-    """Return what others' vectors are beyond the own: v_other - v_own, zeros where there is no other.
+def nearest_positions(deputies: int, max_range: float, own: int, position: FloatArray, relative: FloatArray) -> None:
+    """Write the positions of the nearest other deputies relative to the own, nearest first.
+
+    A place without one is `max_range` away, straight out from the origin; in the direction +x at the origin itself.
 
     Args:
-        values: A vector of each body, such as its velocity, shape (N, B, 3).
-        index: Indices of the others, -1 for none, shape (R, k).
-        first: Index of the group's first deputy.
-        size: Number of the group's deputies, G.
-
-    Returns:
-        The differences in the unit of the vectors, shape (R, k, 3).
+        deputies: Number of deputies, D.
+        max_range: Distance up to which a deputy counts [m].
+        own: Index of the own deputy.
+        position: Positions of the bodies [m], shape (B, 3).
+        relative: Takes the relative positions [m], shape (3 k,).
     """
-    rows, count = index.shape
-    found = np.zeros((rows, count, 3))
-    for row in range(rows):
-        env, own = row // size, first + row % size
-        for place in range(count):
-            other = index[row, place]
-            if other >= 0:
-                for axis in range(3):
-                    found[row, place, axis] = values[env, other, axis] - values[env, own, axis]
-    return found
+    last, squared = -1, -1.0
+    for place in range(0, len(relative), 3):
+        if last >= 0 or place == 0:
+            last, squared = next_nearest(position, deputies, own, max_range, last, squared)
+        if last >= 0:
+            for axis in range(3):
+                relative[place + axis] = position[last, axis] - position[own, axis]
+        else:
+            x, y, z = position[own, 0], position[own, 1], position[own, 2]
+            length = math.sqrt(x * x + y * y + z * z)
+            if length > _AT_ORIGIN:
+                x, y, z = max_range * (x / length), max_range * (y / length), max_range * (z / length)
+            else:
+                x, y, z = max_range, 0.0, 0.0
+            relative[place], relative[place + 1], relative[place + 2] = x, y, z
 
 
 @njit
-def outwards(own: FloatArray, distance: float) -> tuple[float, float, float]:
-    """Return a vector of a length, from the origin towards a position, shape (3,); +x at the origin itself."""
-    length = math.sqrt(own[0] * own[0] + own[1] * own[1] + own[2] * own[2])
-    if length > _AT_ORIGIN:
-        return distance * (own[0] / length), distance * (own[1] / length), distance * (own[2] / length)
-    return distance, 0.0, 0.0
+def nearest_velocities(
+    deputies: int, max_range: float, own: int, position: FloatArray, velocity: FloatArray, relative: FloatArray
+) -> None:
+    """Write the velocities [m/s] of the nearest other deputies relative to the own, shape (3 k,); 0 without one."""
+    last, squared = -1, -1.0
+    for place in range(0, len(relative), 3):
+        if last >= 0 or place == 0:
+            last, squared = next_nearest(position, deputies, own, max_range, last, squared)
+        for axis in range(3):
+            relative[place + axis] = velocity[last, axis] - velocity[own, axis] if last >= 0 else 0.0
 
 
 @njit
-def pad_outwards(
-    relative: FloatArray, index: IntArray, position: FloatArray, first: int, size: int, distance: float
-) -> None:  # fmt: skip
-    """Put vectors where there is no other deputy: `distance` long, away from the origin; in place.
-
-    Args:
-        relative: The vectors [m], shape (R, k, 3).
-        index: Indices of the others, -1 for none (behind the others), shape (R, k).
-        position: Positions of the bodies [m], shape (N, B, 3). At the origin itself the direction is +x.
-        first: Index of the group's first deputy.
-        size: Number of the group's deputies, G.
-        distance: Length of the vectors that are put in [m].
-    """
-    rows, count = index.shape
-    for row in range(rows):
-        if index[row, count - 1] >= 0:
-            continue
-        own = position[row // size, first + row % size]
-        x, y, z = outwards(own, distance)
-        for place in range(count):
-            if index[row, place] < 0:
-                relative[row, place, 0], relative[row, place, 1], relative[row, place, 2] = x, y, z
+def nearest_presence(deputies: int, max_range: float, own: int, position: FloatArray, present: FloatArray) -> None:
+    """Write 1 where one of the nearest other deputies takes the place, else 0, shape (k,)."""
+    last, squared = -1, -1.0
+    for place in range(len(present)):
+        if last >= 0 or place == 0:
+            last, squared = next_nearest(position, deputies, own, max_range, last, squared)
+        present[place] = 1.0 if last >= 0 else 0.0
 
 
 @njit
 def scan_deputies(
-    position: FloatArray, deputies: int, first: int, size: int, directions: FloatArray, max_range: float
-) -> FloatArray:
-    """Return the range to the nearest other deputy in every bin of directions about each deputy.
+    deputies: int, max_range: float, directions: FloatArray, own: int, position: FloatArray, ranges: FloatArray
+) -> None:
+    """Write the range to the nearest other deputy in every bin of directions about the own.
 
     A deputy stands in the bin whose direction is nearest to its own, the first of equals; one at the very same place
     stands in every bin.
 
     Args:
-        position: Positions of the bodies [m], shape (N, B, 3).
         deputies: Number of deputies, D.
-        first: Index of the group's first deputy.
-        size: Number of the group's deputies, G.
-        directions: Unit vectors of the bins [-], shape (K, 3).
         max_range: The range where there is none, or none that is nearer [m].
-
-    Returns:
-        Ranges [m], shape (R, K).
+        directions: Unit vectors of the bins [-], shape (K, 3).
+        own: Index of the own deputy.
+        position: Positions of the bodies [m], shape (B, 3).
+        ranges: Takes the ranges [m], shape (K,).
     """
-    environments, bins = position.shape[0], directions.shape[0]
-    ranges = np.full((environments * size, bins), max_range)
-    limit = max_range * max_range
-    for env in range(environments):
-        for own in range(first, first + size):
-            row = env * size + own - first
-            for other in range(deputies):
-                if other == own:
-                    continue
-                squared = _squared_distance(position, env, own, other)
-                if not squared < limit:
-                    continue
-                if squared == 0.0:
-                    ranges[row] = 0.0
-                    continue
-                x = position[env, other, 0] - position[env, own, 0]
-                y = position[env, other, 1] - position[env, own, 1]
-                z = position[env, other, 2] - position[env, own, 2]
-                best, most = 0, -math.inf
-                for bin in range(bins):
-                    along = directions[bin, 0] * x + directions[bin, 1] * y + directions[bin, 2] * z
-                    if along > most:
-                        best, most = bin, along
-                ranges[row, best] = min(ranges[row, best], math.sqrt(squared))
-    return ranges
+    ranges[:] = max_range
+    for other in range(deputies):
+        if other == own:
+            continue
+        squared = _squared_distance(position, own, other)
+        if not squared < max_range * max_range:
+            continue
+        if squared == 0.0:
+            ranges[:] = 0.0
+            continue
+        x = position[other, 0] - position[own, 0]
+        y = position[other, 1] - position[own, 1]
+        z = position[other, 2] - position[own, 2]
+        best, most = 0, -math.inf
+        for bin in range(len(ranges)):
+            along = directions[bin, 0] * x + directions[bin, 1] * y + directions[bin, 2] * z
+            if along > most:
+                best, most = bin, along
+        ranges[best] = min(ranges[best], math.sqrt(squared))
 
 
 @njit

@@ -6,6 +6,7 @@ Every row is computed by itself and in one fixed order, so its result is the sam
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,34 @@ from numpy.typing import NDArray
 from safe_inspect.compiling import njit
 from safe_inspect.geometry.light import Light
 from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+
+class Surface(NamedTuple):
+    """Points on a sphere, and the rule of light.
+
+    Attributes:
+        points: Points [m], shape (P, 3).
+        radius: Radius of the sphere [m].
+        light: When a point is lit.
+    """
+
+    points: FloatArray
+    radius: float
+    light: Light
+
+
+class Credit(NamedTuple):
+    """Which points are inspected, and by whom.
+
+    Attributes:
+        inspector: Index of the viewer that inspected a point, -1 for none, int8, shape (N, P).
+        team_count: How many points are inspected, shape (N,).
+        own_count: How many of them each viewer inspected, shape (N, D).
+    """
+
+    inspector: NDArray[np.int8]
+    team_count: IntArray
+    own_count: IntArray
 
 
 @njit
@@ -175,29 +204,23 @@ def lit_and_uninspected(
 def inspect_points(
     viewer: FloatArray,
     sun: FloatArray,
-    points: FloatArray,
-    radius: float,
+    surface: Surface,
     cos_half_fov: float,
-    light: Light,
     active: BoolArray,
-    inspector: NDArray[np.int8],
-    team_count: IntArray,
-    own_count: IntArray,
+    credit: Credit,
 ) -> None:
     """Give each point that is seen and lit to the first viewer that sees it, for good, and count.
 
     Args:
         viewer: Positions relative to the chief's centre [m], in the order of the agents, shape (N, D, 3).
         sun: Unit vectors to the sun [-], shape (N, 3).
-        points: Points on the sphere [m], in the same frame, shape (P, 3).
-        radius: Radius of the sphere [m].
+        surface: The points, in the same frame.
         cos_half_fov: Cosine of half the field of view about the direction to the chief [-]; -1 is no limit.
-        light: The rule of light.
         active: Whether a viewer's sensor works, shape (N, D).
-        inspector: Index of the viewer that inspected a point, -1 for none, shape (N, P); read and written.
-        team_count: Receives how many points are inspected, shape (N,).
-        own_count: Receives how many of them each viewer inspected, shape (N, D).
+        credit: Who inspected what; read and written.
     """
+    points, radius, light = surface.points, surface.radius, surface.light
+    inspector, team_count, own_count = credit.inspector, credit.team_count, credit.own_count
     count = points.shape[0]
     horizon = radius * radius
     terminator = radius * light.threshold

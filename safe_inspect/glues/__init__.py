@@ -2,6 +2,7 @@
 
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.derived import DerivedGlue, SimsMagnitudeGlue, VelocityLimitGlue
 from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.normalizers import LinearNormalizer, Normalizer, StandardNormalNormalizer
@@ -10,6 +11,7 @@ from safe_inspect.glues.observe_sensor import ObserveSensor
 __all__ = [
     "ActionGlue",
     "ControllerGlue",
+    "DerivedGlue",
     "DiscreteControllerGlue",
     "Glue",
     "LinearNormalizer",
@@ -17,5 +19,7 @@ __all__ = [
     "Normalizer",
     "ObservationGlue",
     "ObserveSensor",
+    "SimsMagnitudeGlue",
     "StandardNormalNormalizer",
+    "VelocityLimitGlue",
 ]

@@ -19,6 +19,7 @@ class Normalization(BaseModel):
         enabled: False: the values pass as they are.
         normalizer: Name of the normaliser.
         config: Its fields.
+        output_units: The peer's key, without effect here as there.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -26,6 +27,7 @@ class Normalization(BaseModel):
     enabled: bool = True
     normalizer: str = "LinearNormalizer"
     config: dict[str, Any] = Field(default_factory=dict)
+    output_units: Any = None
 
     @field_validator("config", mode="before")
     @classmethod

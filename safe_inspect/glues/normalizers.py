@@ -4,13 +4,45 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.types import FloatArray
+
+
+class Affine(NamedTuple):
+    """The map add + (x - subtract) * multiply / divide, element by element and in this order of operations.
+
+    What an element does without stands as 0, 1, 1 and -0.0: these change no number, -0.0 included.
+
+    Attributes:
+        subtract: Shape (1,) or (k,), as the others.
+        multiply: Factor.
+        divide: Divisor.
+        add: Sum.
+    """
+
+    subtract: FloatArray = np.zeros(1)
+    multiply: FloatArray = np.ones(1)
+    divide: FloatArray = np.ones(1)
+    add: FloatArray = np.full(1, -0.0)
+
+    def map(self, values: FloatArray) -> FloatArray:
+        """Return the mapped values, shape (R, k)."""
+        return np.asarray(self.add + (values - self.subtract) * self.multiply / self.divide)
+
+    @property
+    def gain(self) -> FloatArray:
+        """What the map multiplies by in all."""
+        return np.asarray(self.multiply / self.divide)
+
+    @property
+    def offset(self) -> FloatArray:
+        """Where the map takes 0."""
+        return np.asarray(self.add - self.subtract * self.multiply / self.divide)
 
 
 class Normalizer(Plugin):
@@ -21,6 +53,15 @@ class Normalizer(Plugin):
     @abstractmethod
     def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the normalised values, shape (R, k)."""
+
+    def affine(self, low: FloatArray, high: FloatArray) -> Affine | None:
+        """Return the map as a compiled step and a file of a policy can hold it; None: it is no affine map.
+
+        Args:
+            low: Smallest values, shape (k,).
+            high: Largest values, shape (k,).
+        """
+        return None
 
     @abstractmethod
     def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
@@ -63,8 +104,12 @@ class StandardNormalNormalizer(Normalizer):
 
     def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return (values - mu) / sigma."""
+        return self.affine(low, high).map(values)
+
+    def affine(self, low: FloatArray, high: FloatArray) -> Affine:
+        """Return (x - mu) / sigma."""
         mu, sigma = self.arrays
-        return (values - mu) / sigma
+        return Affine(subtract=mu, divide=sigma)
 
     def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return mu + sigma * values."""
@@ -99,7 +144,12 @@ class LinearNormalizer(Normalizer):
 
     def __call__(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the values mapped from [low, high] onto [minimum, maximum]."""
-        return np.asarray(self.minimum + (values - low) * ((self.maximum - self.minimum) / (high - low)))
+        return self.affine(low, high).map(values)
+
+    def affine(self, low: FloatArray, high: FloatArray) -> Affine:
+        """Return minimum + (x - low) (maximum - minimum) / (high - low)."""
+        slope = (self.maximum - self.minimum) / (high - low)
+        return Affine(subtract=low, multiply=slope, add=np.full(1, self.minimum))
 
     def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the values mapped from [minimum, maximum] onto [low, high]."""

@@ -10,8 +10,8 @@ from pydantic import field_validator
 from safe_inspect.glues.base import Bounds, ObservationGlue, Parts, sensor_of
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.normalizers import Normalizer
-from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.plugin import SensorName
+from safe_inspect.simulators.protocols import ReadsState
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import factor, unit
@@ -64,7 +64,7 @@ class ObserveSensor(ObservationGlue):
             values = values * scale
         return values if normalizer is None else normalizer(values, low, high)
 
-    def prepared(self, sensor: Sensor) -> tuple[float, Normalizer | None, FloatArray, FloatArray]:
+    def prepared(self, sensor: ReadsState) -> tuple[float, Normalizer | None, FloatArray, FloatArray]:
         """Return what the observation of a sensor needs in every step; it is worked out once."""
         known = self.__dict__.get("_known")
         if known is None or known[0] is not sensor:

@@ -6,6 +6,7 @@ from safe_inspect.metrics.coverage import (
     DeltaVToCoverage,
     InspectedFraction,
     InspectedPoints,
+    InspectedScore,
     OwnInspectedPoints,
     TimeToCoverage,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "EpisodeLength",
     "InspectedFraction",
     "InspectedPoints",
+    "InspectedScore",
     "InterventionShare",
     "Interventions",
     "LargestRange",

@@ -9,14 +9,33 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.outputs import new_file
-from safe_inspect.planning.open_loop import Plan
 
 FORMAT = 1
-_PLAN: TypeAdapter[Plan] = TypeAdapter(Plan)
+
+
+class Burn(BaseModel):
+    """One burn of a plan.
+
+    Attributes:
+        step: Step of the episode with which it begins, from 0.
+        steps: Number of steps that it lasts.
+        thrust: Thrust held all the while [N], Hill frame.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    step: int = Field(ge=0)
+    steps: int = Field(default=1, ge=1)
+    thrust: tuple[float, float, float]
+
+
+FlightPlan = tuple[Burn, ...]
+
+_PLAN: TypeAdapter[FlightPlan] = TypeAdapter(FlightPlan)
 
 
 @dataclass(frozen=True)
@@ -42,7 +61,7 @@ class Entry:
     steps: int
     inspected: int
     burns: float
-    plan: Plan | None = None
+    plan: FlightPlan | None = None
     planned: float | None = None
     inspector: float | None = None
     own: bool = True
@@ -133,8 +152,8 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     except OSError as error:
         raise SafeInspectError(f"{path}: it cannot be read ({error.strerror}); give another file") from None
     except (ValueError, KeyError, TypeError, IndexError, ValidationError) as error:
-        told = f"no {error}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
-        raise SafeInspectError(f"{path}: this is no file of `safe-inspect baseline` ({told})") from None
+        reason = f"no {error}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
+        raise SafeInspectError(f"{path}: this is no file of `safe-inspect baseline` ({reason})") from None
 
 
 _COLUMNS = ("success", "steps", "inspected", "burns", "planned", "inspector", "own")

@@ -3,6 +3,7 @@
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
 from safe_inspect.platforms.controllers import RateController, ThrustProp
 from safe_inspect.platforms.cwh import CWHPlatform
+from safe_inspect.platforms.docking_sensors import SpeedLimitSensor, SpeedSensor
 from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
 from safe_inspect.platforms.neighbour_sensors import (
     DeputyScanSensor,
@@ -10,27 +11,48 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
-from safe_inspect.platforms.point_sensors import InspectedPointsSensor, UninspectedPointsSensor
+from safe_inspect.platforms.point_sensors import (
+    InspectedPointsScoreSensor,
+    InspectedPointsSensor,
+    PriorityVectorSensor,
+    UninspectedPointsSensor,
+)
 from safe_inspect.platforms.state_sensors import PositionSensor, SunAngleSensor, SunDirectionSensor, VelocitySensor
+from safe_inspect.platforms.target_sensors import (
+    ClearanceSensor,
+    MatingPointPositionSensor,
+    MatingPointVelocitySensor,
+    TargetAngularVelocitySensor,
+    TargetAxesSensor,
+)
 
 __all__ = [
     "CWHPlatform",
+    "ClearanceSensor",
     "Controller",
     "DeputyScanSensor",
     "EntityPositionSensor",
     "EntityVelocitySensor",
+    "InspectedPointsScoreSensor",
     "InspectedPointsSensor",
+    "MatingPointPositionSensor",
+    "MatingPointVelocitySensor",
     "NearestDeputiesPositionSensor",
     "NearestDeputiesPresenceSensor",
     "NearestDeputiesVelocitySensor",
     "Part",
     "Platform",
     "PositionSensor",
+    "PriorityVectorSensor",
     "Property",
     "RateController",
     "Sensor",
+    "SpeedLimitSensor",
+    "SpeedSensor",
     "SunAngleSensor",
     "SunDirectionSensor",
+    "TargetAngularVelocitySensor",
+    "TargetAxesSensor",
     "ThrustProp",
     "UninspectedPointsSensor",
     "VelocitySensor",

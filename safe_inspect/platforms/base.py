@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
@@ -89,8 +90,10 @@ class Controller(Part):
         """Return the share of the thrust [N], Hill frame, shape (R, 3)."""
 
 
-class Sensor(Part):
+class Sensor(Part, RowPlugin):
     """A part that reads something from a state: called with a `View`, it returns an array of shape (R, size).
+
+    It defines ``__call__``, or `row`, a row kernel that writes the reading into its last argument, shape (size,).
 
     Class attributes:
         elements: Name of each element of the reading; a sensor whose elements depend on its configuration defines
@@ -118,9 +121,14 @@ class Sensor(Part):
         """Smallest and largest possible value with the sensor's configuration, SI; `bounds` unless it depends on it."""
         return self.bounds
 
-    @abstractmethod
+    @batch_call
     def __call__(self, view: View) -> FloatArray:
         """Return the reading, SI, shape (R, size)."""
+        return self.call_rows(view)
+
+    def row_result(self) -> tuple[type[Any], int]:
+        """Return float and the size of the reading."""
+        return np.float64, self.size
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the arrays that the sensor remembers, each with its shape for one agent. None by default."""

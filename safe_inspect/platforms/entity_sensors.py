@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import ClassVar
 
 from safe_inspect.platforms.base import Sensor
+from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.plugin import EntityName
-from safe_inspect.simulators.view import View
-from safe_inspect.types import FloatArray
+from safe_inspect.simulators.row_terms.inputs import BodyArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
 
 
 class EntityPositionSensor(Sensor, name="Sensor_EntityPosition"):
@@ -22,9 +25,9 @@ class EntityPositionSensor(Sensor, name="Sensor_EntityPosition"):
 
     entity_name: EntityName = "chief"
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the body's position [m], shape (R, 3)."""
-        return view.entity_position(self.entity_name)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the body's position [m]."""
+        return RowTerm(copy_vector, (BodyArray("position", self.entity_name),))
 
 
 class EntityVelocitySensor(Sensor, name="Sensor_EntityVelocity"):
@@ -39,6 +42,6 @@ class EntityVelocitySensor(Sensor, name="Sensor_EntityVelocity"):
 
     entity_name: EntityName = "chief"
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the body's velocity [m/s], shape (R, 3)."""
-        return view.entity_velocity(self.entity_name)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the body's velocity [m/s]."""
+        return RowTerm(copy_vector, (BodyArray("velocity", self.entity_name),))

@@ -8,9 +8,14 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from safe_inspect.geometry.neighbours import nearest_positions, nearest_presence, nearest_velocities, scan_deputies
+from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.simulators.view import View
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.simulators.row_terms.inputs import AgentParameter, EnvironmentArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
 
 
@@ -41,15 +46,11 @@ class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition
         """From -max_range to max_range [m]."""
         return -self.max_range, self.max_range
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the relative positions [m], Hill frame, shape (R, 3 k)."""
-        from safe_inspect.geometry.neighbours import differences, pad_outwards
-
-        index = _nearest(view, self.k, self.max_range)
-        position, first, size = view.writable.position, view.group.first, view.group.size
-        relative = differences(position, index, first, size)
-        pad_outwards(relative, index, position, first, size, self.max_range)
-        return np.asarray(relative.reshape(len(index), -1))
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the relative positions [m], Hill frame."""
+        return RowTerm(
+            nearest_positions, (world.num_deputies, self.max_range, _own_index(group), EnvironmentArray("position"))
+        )
 
 
 class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity"):
@@ -72,13 +73,18 @@ class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity
         """Three for each place, v_x_0 to v_z_0 of the nearest first."""
         return tuple(f"v_{axis}_{place}" for place in range(self.k) for axis in "xyz")
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the relative velocities [m/s], Hill frame, shape (R, 3 k)."""
-        from safe_inspect.geometry.neighbours import differences
-
-        index = _nearest(view, self.k, self.max_range)
-        relative = differences(view.writable.velocity, index, view.group.first, view.group.size)
-        return np.asarray(relative.reshape(len(index), -1))
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the relative velocities [m/s], Hill frame."""
+        return RowTerm(
+            nearest_velocities,
+            (
+                world.num_deputies,
+                self.max_range,
+                _own_index(group),
+                EnvironmentArray("position"),
+                EnvironmentArray("velocity"),
+            ),
+        )
 
 
 class NearestDeputiesPresenceSensor(Sensor, name="Sensor_NearestDeputiesPresence"):
@@ -99,9 +105,11 @@ class NearestDeputiesPresenceSensor(Sensor, name="Sensor_NearestDeputiesPresence
         """One for each place, present_0 of the nearest first."""
         return tuple(f"present_{place}" for place in range(self.k))
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return 1 where a deputy takes the place, else 0, shape (R, k)."""
-        return (_nearest(view, self.k, self.max_range) >= 0).astype(np.float64)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write 1 where a deputy takes the place, else 0."""
+        return RowTerm(
+            nearest_presence, (world.num_deputies, self.max_range, _own_index(group), EnvironmentArray("position"))
+        )
 
 
 class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):
@@ -134,27 +142,16 @@ class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):
     @cached_property
     def directions(self) -> FloatArray:
         """Unit vectors to the middles of the sectors [-], Hill frame, shape (bins, 3)."""
-        from safe_inspect.geometry.sphere import sphere_points
-
         return sphere_points("fibonacci", self.bins, 1.0)
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the ranges [m], shape (R, bins)."""
-        from safe_inspect.geometry.neighbours import scan_deputies
-
-        group, deputies = view.group, view.world.num_deputies
-        found: FloatArray = scan_deputies(
-            view.writable.position, deputies, group.first, group.size, self.directions, self.max_range
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the ranges [m]."""
+        return RowTerm(
+            scan_deputies,
+            (world.num_deputies, self.max_range, self.directions, _own_index(group), EnvironmentArray("position")),
         )
-        return found
 
 
-def _nearest(view: View, count: int, max_range: float) -> IntArray:
-    """Return the indices of the nearest other deputies, -1 for none, shape (R, k)."""
-    from safe_inspect.geometry.neighbours import nearest_deputies
-
-    group, deputies = view.group, view.world.num_deputies
-    found: IntArray = nearest_deputies(
-        view.writable.position, deputies, group.first, group.size, count, max_range
-    )  # fmt: skip
-    return found
+def _own_index(group: Group) -> AgentParameter:
+    """Return the index of each agent's deputy."""
+    return AgentParameter(np.arange(group.first, group.first + group.size))

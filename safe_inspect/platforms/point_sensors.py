@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
+from safe_inspect.geometry.clusters import Clusters, KMeansRule, RowDraws, cluster_sklearn
+from safe_inspect.geometry.inspection_kernels import cluster_candidates
+from safe_inspect.geometry.nearest import direction_to_nearest
 from safe_inspect.platforms.base import Sensor
+from safe_inspect.platforms.copies import copy_number, copy_vector
 from safe_inspect.plugins.plugin import PlatformName, PointsName
 from safe_inspect.simulators.arrays import for_kernel
+from safe_inspect.simulators.row_terms.inputs import BodyArray, EnvironmentArray, OwnArray, SensorMemory
+from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import World
-from safe_inspect.types import FloatArray
+
+#: The arrays that an `UninspectedPointsSensor` remembers, in the order of `Clusters`.
+_MEMORY = ("centres", "count", "candidates", "settled")
 
 
 class InspectedPointsSensor(Sensor, name="Sensor_InspectedPoints"):
@@ -31,10 +39,41 @@ class InspectedPointsSensor(Sensor, name="Sensor_InspectedPoints"):
     inspector_entity_name: PlatformName | None = None
     inspection_entity_name: PointsName = "chief"
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the count, shape (R, 1)."""
-        count = view.points(self.inspection_entity_name).count_of(self.inspector_entity_name)
-        return np.asarray(count[:, None], dtype=np.float64)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the count."""
+        name, inspector = f"points/{self.inspection_entity_name}/own_count", self.inspector_entity_name
+        return RowTerm(copy_number, (OwnArray(name) if inspector is None else BodyArray(name, inspector),))
+
+
+class InspectedPointsScoreSensor(Sensor, name="Sensor_InspectedPointsScore"):
+    """Summed weight of the points that one deputy was the first to inspect [-], shape (R, 1).
+
+    Attributes:
+        inspector_entity_name: The deputy; the own one unless given.
+        inspection_entity_name: The body that carries the points.
+    """
+
+    elements: ClassVar[tuple[str, ...]] = ("score",)
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)  # rounding may take a complete score above 1
+
+    inspector_entity_name: PlatformName | None = None
+    inspection_entity_name: PointsName = "chief"
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the score."""
+        name, inspector = f"points/{self.inspection_entity_name}/own_score", self.inspector_entity_name
+        return RowTerm(copy_number, (OwnArray(name) if inspector is None else BodyArray(name, inspector),))
+
+
+class PriorityVectorSensor(Sensor, name="Sensor_PriorityVector"):
+    """Direction in which points weigh most [-], fixed to the body, shape (R, 3); zeros where points weigh the same."""
+
+    elements: ClassVar[tuple[str, ...]] = ("x_priority", "y_priority", "z_priority")
+    bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the priority vector [-]."""
+        return RowTerm(copy_vector, (EnvironmentArray("priority_vector"),))
 
 
 class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
@@ -71,62 +110,50 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
             "settled": ArraySpec((), np.bool_),
         }
 
+    @property
+    def _rule(self) -> KMeansRule:
+        return KMeansRule(self.points_per_cluster, self.max_iterations)
+
     def remember(self, view: View, name: str) -> None:
         """Cluster the candidates of every row."""
         if self.backend == "sklearn":
             self._remember_with_sklearn(view, name)
             return
-        from safe_inspect.geometry.looking import cluster_candidates
+        bound = view.writable.bound.get((view.group.name, name))
+        call, arguments = bound or self._bind(view, name)
+        call(*arguments)
 
+    def _bind(self, view: View, name: str) -> tuple[Any, tuple[Any, ...]]:
         state, group, model = view.writable, view.group, view.world.points[self.inspection_entity_name]
-        memory = state.memory
-        cluster_candidates(
-            state.position,
-            model.body,
-            group.first,
-            group.size,
-            state.sun_direction,
-            model.points,
-            model.radius,
-            model.light,
-            state.points[self.inspection_entity_name].inspector,
-            memory[group.name, name, "centres"],
-            memory[group.name, name, "count"],
-            state.key,
-            state.step,
-            self.points_per_cluster,
-            self.max_iterations,
-            memory[group.name, name, "candidates"],
-            memory[group.name, name, "settled"],
+        found = state.bound[group.name, name] = (
+            cluster_candidates.dispatcher,
+            (
+                state.position,
+                model.body,
+                (group.first, group.size),
+                state.sun_direction,
+                model.surface,
+                state.points[self.inspection_entity_name].inspector,
+                *(state.memory[group.name, name, array] for array in _MEMORY),
+                RowDraws(state.key, state.step),
+                self._rule,
+            ),
         )
+        return found
 
     def _remember_with_sklearn(self, view: View, name: str) -> None:
-        from safe_inspect.geometry.clusters import cluster_sklearn
-
         points = view.points(self.inspection_entity_name)
         cluster_sklearn(
             points.model.points,
             points.candidates,
-            view.memory(name, "centres"),
-            view.memory(name, "count"),
-            for_kernel(view.per_environment(view.state.key)),
-            for_kernel(view.step),
-            self.points_per_cluster,
-            self.max_iterations,
-            view.memory(name, "candidates"),
-            view.memory(name, "settled"),
+            Clusters(*(view.memory(name, array) for array in _MEMORY)),
+            RowDraws(for_kernel(view.per_environment(view.state.key)), for_kernel(view.step)),
+            self._rule,
         )
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the direction [-], Hill frame, shape (R, 3)."""
-        from safe_inspect.geometry.clusters import nearest_centre
-
-        name = self.part_name
-        entity = self.inspection_entity_name
-        if self.inspector_entity_name is None:
-            position = view.position
-        else:
-            position = view.entity_position(self.inspector_entity_name)
-        relative = position - view.entity_position(entity)
-        memory, group = view.writable.memory, view.group.name
-        return nearest_centre(relative, memory[group, name, "centres"], memory[group, name, "count"])
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the direction [-], Hill frame."""
+        inspector = self.inspector_entity_name
+        viewer = OwnArray("position") if inspector is None else BodyArray("position", inspector)
+        memory = (SensorMemory(self.part_name, name) for name in ("centres", "count"))
+        return RowTerm(direction_to_nearest, (viewer, BodyArray("position", self.inspection_entity_name), *memory))

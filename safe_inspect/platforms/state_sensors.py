@@ -7,9 +7,30 @@ from typing import ClassVar
 
 import numpy as np
 
+from safe_inspect.compiling import njit
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.simulators.view import View
+from safe_inspect.platforms.copies import copy_number, copy_vector
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
+
+_TURN = 2.0 * math.pi
+
+
+@njit
+def _wrapped_angle(angle: float, reading: FloatArray) -> None:
+    """Write an angle within [0, 2 pi), as NumPy's `mod` does; that of a tiny negative angle rounds up to 2 pi."""
+    if 0.0 < angle < _TURN:
+        reading[0] = angle
+        return
+    rest = np.fmod(angle, _TURN)
+    if rest == 0.0:
+        rest = 0.0  # never -0
+    elif rest < 0.0:
+        rest += _TURN
+    reading[0] = 0.0 if rest >= _TURN else rest
 
 
 class PositionSensor(Sensor, name="Sensor_Position"):
@@ -18,9 +39,9 @@ class PositionSensor(Sensor, name="Sensor_Position"):
     elements: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     symbol: ClassVar[str] = "m"
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the own position [m], shape (R, 3)."""
-        return view.position
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the own position [m]."""
+        return RowTerm(copy_vector, (OwnArray("position"),))
 
 
 class VelocitySensor(Sensor, name="Sensor_Velocity"):
@@ -29,9 +50,9 @@ class VelocitySensor(Sensor, name="Sensor_Velocity"):
     elements: ClassVar[tuple[str, ...]] = ("v_x", "v_y", "v_z")
     symbol: ClassVar[str] = "m/s"
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the own velocity [m/s], shape (R, 3)."""
-        return view.velocity
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the own velocity [m/s]."""
+        return RowTerm(copy_vector, (OwnArray("velocity"),))
 
 
 class SunAngleSensor(Sensor, name="Sensor_SunAngle"):
@@ -52,13 +73,9 @@ class SunAngleSensor(Sensor, name="Sensor_SunAngle"):
         """Smallest and largest angle [rad]; none when it is not wrapped."""
         return self.bounds if self.wrap else (-math.inf, math.inf)
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the sun's angle [rad], shape (R, 1)."""
-        angle: FloatArray = view.sun_angle[:, None]
-        if not self.wrap:
-            return angle
-        wrapped = np.mod(angle, 2.0 * math.pi)
-        return np.where(wrapped >= 2.0 * math.pi, 0.0, wrapped)  # mod of a tiny negative angle rounds up to 2 pi
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the sun's angle [rad]."""
+        return RowTerm(_wrapped_angle if self.wrap else copy_number, (EnvironmentArray("sun_angle"),))
 
 
 class SunDirectionSensor(Sensor, name="Sensor_SunDirection"):
@@ -71,7 +88,6 @@ class SunDirectionSensor(Sensor, name="Sensor_SunDirection"):
     symbol: ClassVar[str] = ""
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
-    def __call__(self, view: View) -> FloatArray:
-        """Return the direction to the sun [-], shape (R, 3)."""
-        direction: FloatArray = view.sun_direction
-        return direction
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the direction to the sun [-]."""
+        return RowTerm(copy_vector, (EnvironmentArray("sun_direction"),))

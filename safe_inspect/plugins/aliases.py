@@ -5,6 +5,7 @@ from __future__ import annotations
 _SAS = "safe_autonomy_sims"
 _INITIALIZERS = f"{_SAS}.simulators.initializers"
 _REWARDS = f"{_SAS}.rewards.cwh.inspection_rewards"
+_DOCKING = f"{_SAS}.rewards.cwh.docking_rewards"
 
 ALIASES: dict[str, str] = {
     # corl
@@ -31,12 +32,30 @@ ALIASES: dict[str, str] = {
     f"{_SAS}.dones.common_dones.MultiagentSuccessDoneFunction": "MultiagentSuccessDoneFunction",
     f"{_SAS}.dones.cwh.common.MaxDistanceDoneFunction": "MaxDistanceDoneFunction",
     f"{_SAS}.dones.cwh.common.CrashDoneFunction": "CrashDoneFunction",
+    f"{_SAS}.dones.common_dones.SetAllDoneFunction": "SetAllDoneFunction",
+    f"{_SAS}.dones.cwh.inspection_dones.SafeSuccessfulInspectionDoneFunction": "SafeSuccessfulInspectionDoneFunction",
+    f"{_SAS}.dones.cwh.inspection_dones.CrashAfterSuccessfulInspectionDoneFunction": (
+        "CrashAfterSuccessfulInspectionDoneFunction"
+    ),
     f"{_SAS}.dones.cwh.inspection_dones.SuccessfulInspectionDoneFunction": "SuccessfulInspectionDoneFunction",
     f"{_REWARDS}.ObservedPointsReward": "ObservedPointsReward",
     f"{_REWARDS}.InspectionSuccessReward": "InspectionSuccessReward",
+    f"{_REWARDS}.SafeInspectionSuccessReward": "SafeInspectionSuccessReward",
     f"{_REWARDS}.InspectionCrashReward": "InspectionCrashReward",
     f"{_REWARDS}.InspectionDeltaVReward": "InspectionDeltaVReward",
     f"{_REWARDS}.InspectionRTAReward": "InspectionRTAReward",
+    f"{_DOCKING}.DockingDistanceExponentialChangeReward": "DockingDistanceExponentialChangeReward",
+    f"{_DOCKING}.DockingDeltaVReward": "DockingDeltaVReward",
+    f"{_DOCKING}.DockingVelocityConstraintReward": "DockingVelocityConstraintReward",
+    f"{_DOCKING}.DockingSuccessReward": "DockingSuccessReward",
+    f"{_DOCKING}.DockingFailureReward": "DockingFailureReward",
+    f"{_SAS}.dones.common_dones.TimeoutDoneFunction": "TimeoutDoneFunction",
+    f"{_SAS}.dones.cwh.common.TerminalRewardSaturationDoneFunction": "TerminalRewardSaturationDoneFunction",
+    f"{_SAS}.dones.cwh.docking_dones.SuccessfulDockingDoneFunction": "SuccessfulDockingDoneFunction",
+    f"{_SAS}.glues.magnitude_glue.SimsMagnitudeGlue": "SimsMagnitudeGlue",
+    f"{_SAS}.glues.vel_limit_glue.VelocityLimitGlue": "VelocityLimitGlue",
+    f"{_INITIALIZERS}.cwh.Docking3DRadialInitializer": "Docking3DRadialInitializer",
+    f"{_INITIALIZERS}.docking_initializer.Docking3DRadialInitializer": "Docking3DRadialInitializer",
     f"{_SAS}.simulators.inspection_simulator.InspectionSimulator": "InspectionSimulator",
     f"{_SAS}.simulators.inspection_simulator.InspectionCallbacks": "InspectionCallbacks",
     # safe-autonomy-simulation

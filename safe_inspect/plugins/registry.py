@@ -12,13 +12,10 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterator
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING
+from typing import Any
 
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.plugins.aliases import ALIASES
-
-if TYPE_CHECKING:
-    from safe_inspect.plugins.plugin import Plugin
 
 ENTRY_POINT_GROUP = "safe_inspect.plugins"
 
@@ -34,6 +31,7 @@ BUILT_IN = (
     "safe_inspect.policies",
     "safe_inspect.rta",
     "safe_inspect.metrics",
+    "safe_inspect.rendezvous.plugins",
 )
 
 
@@ -41,10 +39,10 @@ class Registry:
     """Plugin classes by kind (``reward``, ``done``, ``part``, ...) and name."""
 
     def __init__(self) -> None:
-        self._classes: dict[str, dict[str, type[Plugin]]] = {}
+        self._classes: dict[str, dict[str, type[Any]]] = {}
         self._loaded = False
 
-    def add(self, kind: str, name: str, cls: type[Plugin]) -> None:
+    def add(self, kind: str, name: str, cls: type[Any]) -> None:
         """Register a class; the same class defined again (a reloaded module, a notebook cell) replaces itself.
 
         Raises:
@@ -64,12 +62,12 @@ class Registry:
         self._load()
         return tuple(sorted(self._classes))
 
-    def items(self, kind: str) -> Iterator[tuple[str, type[Plugin]]]:
+    def items(self, kind: str) -> Iterator[tuple[str, type[Any]]]:
         """Yield (name, class) of one kind, sorted by name."""
         self._load()
         yield from sorted(self._classes.get(kind, {}).items())
 
-    def get(self, kind: str, name: str) -> type[Plugin]:
+    def get(self, kind: str, name: str) -> type[Any]:
         """Return the class of that kind and name.
 
         Args:
@@ -93,19 +91,17 @@ class Registry:
             )
         return self._import(kind, name, head, tail)
 
-    def _import(self, kind: str, name: str, module: str, attribute: str) -> type[Plugin]:
-        from safe_inspect.plugins.plugin import Plugin
-
+    def _import(self, kind: str, name: str, module: str, attribute: str) -> type[Any]:
         try:
             loaded = importlib.import_module(module)
         except ModuleNotFoundError as error:
             if error.name is None or not (module == error.name or module.startswith(error.name + ".")):
                 raise  # the module exists and fails by itself: its own traceback says more
             raise RegistryError(f"no module {module!r} for {kind} {name!r}; {self._suggest(kind, attribute)}") from None
-        cls = getattr(loaded, attribute, None)
+        cls: Any = getattr(loaded, attribute, None)
         if cls is None:
             raise RegistryError(f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, vars(loaded))}")
-        if not (isinstance(cls, type) and issubclass(cls, Plugin)):
+        if not (isinstance(cls, type) and hasattr(cls, "registered_name") and hasattr(cls, "kind")):
             raise RegistryError(f"{name!r} is no plugin; a {kind} is a subclass of safe_inspect.plugins.plugin.Plugin")
         if cls.kind != kind:
             raise RegistryError(f"{name!r} is a {cls.kind}; a {kind} is wanted here")

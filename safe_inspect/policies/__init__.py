@@ -1,7 +1,22 @@
 """Scripted policies: what flies a deputy without training. Importing it registers them."""
 
-from safe_inspect.policies.base import PILOT, ScriptedPolicy, ThrustLimits
+from safe_inspect.policies.autopilot import DockingAutopilot
+from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
 from safe_inspect.policies.blind import RandomThrust, ZeroThrust
+from safe_inspect.policies.docking import DockingController
 from safe_inspect.policies.inspector import NaturalMotionInspector
 
-__all__ = ["PILOT", "NaturalMotionInspector", "RandomThrust", "ScriptedPolicy", "ThrustLimits", "ZeroThrust"]
+#: The former name of `SCRIPTED_POLICY`; it goes with the next release.
+PILOT = SCRIPTED_POLICY
+
+__all__ = [
+    "PILOT",
+    "SCRIPTED_POLICY",
+    "DockingAutopilot",
+    "DockingController",
+    "NaturalMotionInspector",
+    "RandomThrust",
+    "ScriptedPolicy",
+    "ThrustLimits",
+    "ZeroThrust",
+]

@@ -9,11 +9,11 @@ from typing import ClassVar
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import PILOT, View
+from safe_inspect.simulators.view import SCRIPTED_POLICY, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 
-__all__ = ["PILOT", "ScriptedPolicy", "ThrustLimits"]
+__all__ = ["SCRIPTED_POLICY", "ScriptedPolicy", "ThrustLimits"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ScriptedPolicy(Plugin):
 
     The thrust is clipped to the controllers' limits and passes the safety filter, as a trained policy's does. A policy
     sees the whole state. What it remembers it declares in `memory` and writes in place, through
-    ``view.memory(PILOT, array)``, at its call; the arrays are filled anew at every reset.
+    ``view.memory(SCRIPTED_POLICY, array)``, at its call; the arrays are filled anew at every reset.
     """
 
     kind: ClassVar[str] = "policy"

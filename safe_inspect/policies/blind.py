@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
+from safe_inspect.policies.draws import uniform
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
@@ -27,8 +28,6 @@ class RandomThrust(ScriptedPolicy):
 
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
         """Return thrusts between the limits [N], Hill frame, shape (R, 3)."""
-        from safe_inspect.policies.draws import uniform  # compiled: not when a configuration is only validated
-
         share: FloatArray = uniform(
             for_kernel(view.per_environment(view.state.key)), for_kernel(view.step), for_kernel(view.own_index), 3
         )

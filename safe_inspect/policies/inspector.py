@@ -4,26 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
 
+from safe_inspect.dynamics.step_maps import step_maps
+from safe_inspect.planning.burns.following import DeputyRows, PlanRows, follow_plans, rows_to_plan
+from safe_inspect.planning.burns.others import coast_others
+from safe_inspect.planning.burns.problem import BurnProblem, FlightLimits
+from safe_inspect.planning.burns.search import AnnealingEffort, revise_plan
+from safe_inspect.planning.burns.turns import take_turns
+from safe_inspect.planning.visibility import lit_from_all_sides, sight_range, sun_directions
 from safe_inspect.plugins.plugin import PointsName
-from safe_inspect.policies.base import PILOT, ScriptedPolicy, ThrustLimits
+from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
 from safe_inspect.policies.fields import FieldOfView, KeepOutAngle, NonNegativeAcceleration
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.types import FloatArray
 from safe_inspect.units import AngularRate, NonNegativeSpeed, PositiveLength
 
-if TYPE_CHECKING:
-    from safe_inspect.policies.plan import Course
-
-#: Distance from which the light on the points is judged before the flight [m].
-_AFAR = 1e6
 _WORD = 0xFFFFFFFFFFFFFFFF
 _MIX_DEPUTY, _MIX_STEP = 0xD1342543DE82EF95, 0xA24BAED4963EE407  # odd numbers that part the draws of a key
 
@@ -37,7 +38,7 @@ class NaturalMotionInspector(ScriptedPolicy):
 
         sum over the burns of |dv_x| + |dv_y| + |dv_z|, plus `haste` times the time to the last point,
 
-    within the limits below, by simulated annealing from several beginnings: the plan that it has, and burns that take
+    within the limits below, by simulated annealing from several starts: the plan that it has, and burns that take
     away most of the drift along the track, which leaves a nearly closed ellipse about the chief. It plans at the
     first step, looks for a better rest of the plan whenever a burn is due, and plans anew when it finds itself off its
     course (a safety filter may have changed the thrust) or points left that should have been inspected.
@@ -53,9 +54,9 @@ class NaturalMotionInspector(ScriptedPolicy):
         inspection_entity_name: The body whose points are inspected.
         horizon: Steps of an episode; a plan ends there.
         burns: Largest number of burns of a plan.
-        restarts: Beginnings of the search at the first step.
-        iterations: Plans that are tried from each beginning.
-        stride: The search looks at the points every so-many-th step; what it finds is checked in every step.
+        restarts: Starts of the search at the first step.
+        iterations: Plans that are tried from each start.
+        stride: The search checks the points every so-many-th step; what it finds is checked in every step.
         review: Steps between two reviews of a plan in the company of others.
         near: Least range to the body's centre that a plan keeps to [m].
         far: Largest range that it keeps to [m].
@@ -98,114 +99,79 @@ class NaturalMotionInspector(ScriptedPolicy):
 
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
         """Return the thrust that the plans ask for [N], Hill frame, shape (R, 3)."""
-        from safe_inspect.policies.arcs import step_maps  # compiled: not when a configuration is only validated
-        from safe_inspect.policies.pilot import follow, who_plans
-        from safe_inspect.policies.turns import take_turns
-
+        # Compiled: not when a configuration is only validated.
         world = view.world
-        start, delta_v, review, expected, arrival, turn = (
-            view.memory(PILOT, name) for name in ("start", "delta_v", "review", "expected", "arrival", "turn")
-        )
-        phi, gamma = step_maps(world.mean_motion, world.step_size, self.horizon)
+        maps = step_maps(world.mean_motion, world.step_size, self.horizon)
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
         strength = np.maximum(np.minimum(limits.high, -limits.low), 0.0)  # burns go either way
-        reach = strength * (world.step_size / mass)
-        step, deputy, finished = for_kernel(view.step), for_kernel(view.own_index), for_kernel(view.finished)
-        position, velocity = for_kernel(view.position), for_kernel(view.velocity)
-        flown = (start, delta_v, reach)
-        if (turn < 0).any():
-            state, deputies = view.writable, world.num_deputies
-            team = state.position[:, :deputies], state.velocity[:, :deputies]
-            take_turns(turn, deputy, view.group.size, *team, phi, gamma, self.clearance)
-        due = who_plans(step, turn, world.num_deputies, finished, position, velocity, expected, arrival, *flown, review)
-        for row in np.flatnonzero(due & (step < self.horizon)):
-            self._plan(view, int(row), reach[row], start[row], delta_v[row], review)
+        remembered = {name: view.memory(SCRIPTED_POLICY, name) for name in self.memory(world)}
+        plans = PlanRows(reach=strength * (world.step_size / mass), **remembered)
+        deputies = DeputyRows(
+            *(for_kernel(array) for array in (view.step, view.finished, view.position, view.velocity))
+        )
+        if (plans.turn < 0).any():
+            state, count = view.writable, world.num_deputies
+            team = state.position[:, :count], state.velocity[:, :count]
+            take_turns(plans.turn, for_kernel(view.own_index), view.group.size, *team, maps, self.clearance)
+        due = rows_to_plan(deputies, plans, world.num_deputies)
+        for row in np.flatnonzero(due & (deputies.step < self.horizon)):
+            self._plan(view, int(row), plans)
         acceleration = np.zeros((view.num_rows, 3))
-        follow(step, position, velocity, *flown, world.step_size, phi, gamma, finished, expected, arrival, acceleration)
+        follow_plans(deputies, plans, maps, acceleration)
         return acceleration * mass
 
-    def _plan(
-        self,
-        view: View,
-        row: int,
-        reach: FloatArray,
-        start: IntArray,
-        delta_v: FloatArray,
-        review: IntArray,
-    ) -> None:
-        """Look at the plan of one row and better it where that is needed; its arrays are written in place."""
-        from safe_inspect.policies.search import revise
-
+    def _plan(self, view: View, row: int, plans: PlanRows) -> None:
+        """Review the plan of one row and improve it where that is needed; its arrays are written in place."""
         world, entity = view.world, self.inspection_entity_name
         now, deputy = int(view.step[row]), int(view.own_index[row])
-        course = self._course(view, row, now, reach)
+        start, delta_v = plans.start[row], plans.delta_v[row]
+        problem = self._problem(view, row, now, plans.reach[row])
         state = np.concatenate((view.position[row], view.velocity[row]))
         state -= np.concatenate((view.entity_position(entity)[row], view.entity_velocity(entity)[row]))
         delta_v[start < now] = 0.0  # those are flown
-        begin = np.maximum(start - now, 0)
+        from_now = np.maximum(start - now, 0)
         mixed = int(view.per_environment(view.state.key)[row]) + _MIX_DEPUTY * (deputy + 1) + _MIX_STEP * now
         seed = np.array([mixed & _WORD], np.uint64)
-        left, end = revise(course, state, begin, delta_v, seed, self.restarts, self.iterations, self.stride)
-        start[:] = now + begin
+        effort = AnnealingEffort(self.restarts, self.iterations, self.stride)
+        left, end = revise_plan(problem, state, from_now, delta_v, seed, effort)
+        start[:] = now + from_now
         # Alone the future is known up to the end; in company it changes whenever another deputy burns.
         alone = world.num_deputies == 1 and left == 0
-        review[row] = now + (end + 1 if alone else self.review)
+        plans.review[row] = now + (end + 1 if alone else self.review)
 
-    def _course(self, view: View, row: int, now: int, reach: FloatArray) -> Course:
+    def _problem(self, view: View, row: int, now: int, reach: FloatArray) -> BurnProblem:
         """Return what one row plans for."""
-        from safe_inspect.policies.arcs import coast_of_others, step_maps
-        from safe_inspect.policies.plan import Course
-
         world, state = view.world, view.state
         points = view.points(self.inspection_entity_name)
         model, body = points.model, points.model.body
         env, deputy, deputies = row // view.group.size, int(view.own_index[row]), world.num_deputies
-        phi, gamma = step_maps(world.mean_motion, world.step_size, self.horizon)
         steps = self.horizon - now
         rate = world.mean_motion if self.sun_rate is None else self.sun_rate
-        angle = view.sun_angle[row] + rate * world.step_size * np.arange(steps + 1)
-        sun = np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=1)
-        # A highlight may wash a point out; it lies elsewhere for a viewer above and one below the orbit's plane.
-        above = np.tile((0.0, 0.0, _AFAR), (steps + 1, 1))
-        lit = model.lit(above, sun) & model.lit(-above, sun)
-        half = self.field_of_view / 2.0
-        sight = model.radius if half >= math.pi / 2.0 else model.radius / math.sin(half)
-        needed = ~points.inspected[row]
-        track = np.empty((deputies - 1, steps + 1, 6))
-        wait = coast_of_others(
-            phi,
-            gamma,
-            np.delete(state.position[env, :deputies], deputy, axis=0) - state.position[env, body],
-            np.delete(state.velocity[env, :deputies], deputy, axis=0) - state.velocity[env, body],
-            model.points,
-            model.radius,
-            sight,
-            self.far,
-            lit,
-            needed,
-            track,
-        )
-        return Course(
-            phi=phi,
-            gamma=gamma,
-            step_size=world.step_size,
-            lit=lit,
+        sun = sun_directions(view.sun_angle[row] + rate * world.step_size * np.arange(steps + 1))
+        problem = BurnProblem(
+            maps=step_maps(world.mean_motion, world.step_size, self.horizon),
+            lit=lit_from_all_sides(model, sun),
             sun=sun,
             points=model.points,
             radius=model.radius,
-            sight=sight,
-            needed=needed,
-            others=track,
-            wait=wait,
+            sight=sight_range(model.radius, self.field_of_view),
+            needed=~points.inspected[row],
+            others=np.empty((deputies - 1, steps + 1, 6)),
+            wait=0,
             margin=self.review + deputies if deputies > 1 else 0,
             phase=now % self.stride,
             period=deputies,
             reach=reach,
-            near=self.near,
-            far=self.far,
+            limits=FlightLimits(
+                near=self.near,
+                far=self.far,
+                speed=math.inf if self.speed is None else self.speed,
+                slope=self.speed_slope * world.mean_motion,
+                cos_glare=2.0 if self.glare == 0.0 else math.cos(self.glare),
+            ),
             clearance=self.clearance,
-            speed=math.inf if self.speed is None else self.speed,
-            slope=self.speed_slope * world.mean_motion,
-            cos_glare=2.0 if self.glare == 0.0 else math.cos(self.glare),
             haste=self.haste,
         )
+        position = np.delete(state.position[env, :deputies], deputy, axis=0) - state.position[env, body]
+        velocity = np.delete(state.velocity[env, :deputies], deputy, axis=0) - state.velocity[env, body]
+        return problem._replace(wait=coast_others(problem, position, velocity))

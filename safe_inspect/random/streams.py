@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from safe_inspect.random.philox import Words, draw_bits
 from safe_inspect.types import FloatArray, IntArray
-
-Words = NDArray[np.uint64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +49,6 @@ class Streams:
             count: How many words a row.
             index: Number of the draw, for repeated draws of one purpose (below 2**20).
         """
-        from safe_inspect.random.philox import draw_bits  # compiled: not when a configuration is only validated
-
         words: Words = draw_bits(
             np.uint64(self.seed),
             self.slot.astype(np.uint64),

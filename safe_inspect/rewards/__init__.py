@@ -2,15 +2,31 @@
 
 from safe_inspect.rewards.base import Reward
 from safe_inspect.rewards.crash import InspectionCrashReward
-from safe_inspect.rewards.delta_v import InspectionDeltaVReward
-from safe_inspect.rewards.points import InspectionSuccessReward, ObservedPointsReward
+from safe_inspect.rewards.delta_v import DockingDeltaVReward, InspectionDeltaVReward
+from safe_inspect.rewards.docking import (
+    DockingDistanceExponentialChangeReward,
+    DockingFailureReward,
+    DockingSuccessReward,
+    DockingVelocityConstraintReward,
+)
+from safe_inspect.rewards.mating import ContactReward, MatingProgressReward, MatingSuccessReward
+from safe_inspect.rewards.points import InspectionSuccessReward, ObservedPointsReward, SafeInspectionSuccessReward
 from safe_inspect.rewards.rta import InspectionRTAReward
 
 __all__ = [
+    "ContactReward",
+    "DockingDeltaVReward",
+    "DockingDistanceExponentialChangeReward",
+    "DockingFailureReward",
+    "DockingSuccessReward",
+    "DockingVelocityConstraintReward",
     "InspectionCrashReward",
     "InspectionDeltaVReward",
     "InspectionRTAReward",
     "InspectionSuccessReward",
+    "MatingProgressReward",
+    "MatingSuccessReward",
     "ObservedPointsReward",
     "Reward",
+    "SafeInspectionSuccessReward",
 ]

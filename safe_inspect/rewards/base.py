@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from typing import ClassVar
 
-from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import FloatArray
 
 
-class Reward(Plugin):
+class Reward(RowPlugin):
     """A term of the reward: called with a `Step`, it returns the reward of each row [-], shape (R,).
 
-    A reward has no memory and changes nothing that it is given.
+    A reward has no memory and changes nothing that it is given. It defines ``__call__``, or `row`, a row kernel that
+    returns a number.
     """
 
     kind: ClassVar[str] = "reward"
 
-    @abstractmethod
+    @batch_call
     def __call__(self, step: Step) -> FloatArray:
         """Return the reward of each row [-], shape (R,)."""
+        return self.call_rows(step)

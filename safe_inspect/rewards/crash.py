@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from safe_inspect.compiling import njit
+from safe_inspect.geometry.distance import is_nearer
 from safe_inspect.plugins.plugin import SensorName
 from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.view import Step
+from safe_inspect.simulators.row_terms.inputs import range_inputs
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
+
+
+@njit
+def _crash(scale: float, radius: float, position: FloatArray, reference: FloatArray) -> float:
+    return scale if is_nearer(radius, position, reference) else 0.0
 
 
 class InspectionCrashReward(Reward):
@@ -26,7 +34,8 @@ class InspectionCrashReward(Reward):
     reference_position_sensor_name: SensorName | None = None
     reference_velocity_sensor_name: SensorName | None = None
 
-    def __call__(self, step: Step) -> FloatArray:
-        """Return scale in the rows that have crashed, else 0, shape (R,)."""
-        distance = step.after.range_to(self.reference_position_sensor_name)
-        return np.where(distance < self.crash_region_radius, self.scale, 0.0)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return scale where the range is smaller, else 0."""
+        return RowTerm(
+            _crash, (self.scale, self.crash_region_radius, *range_inputs(self.reference_position_sensor_name))
+        )

@@ -7,10 +7,20 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from safe_inspect.compiling import njit
 from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.view import Step
+from safe_inspect.simulators.row_terms.inputs import AgentParameter, EnvironmentArray, OwnArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration, PositiveMass
+
+
+@njit
+def _price_of_fuel(scale: float, seconds_per_mass: float, thrust: FloatArray) -> float:
+    price: float = scale * ((abs(thrust[0]) + abs(thrust[1]) + abs(thrust[2])) * seconds_per_mass)
+    return price
 
 
 class InspectionDeltaVReward(Reward):
@@ -28,8 +38,42 @@ class InspectionDeltaVReward(Reward):
     step_size: PositiveDuration | None = None
     mass: PositiveMass | None = None
 
-    def __call__(self, step: Step) -> FloatArray:
-        """Return scale times the velocity change, shape (R,)."""
-        dt, mass = self.step_size or step.dt, self.mass or step.before.mass
-        scale = step.before.delta_v_scale if self.mode == "scale" else self.scale
-        return np.asarray(scale * (step.total_thrust * (dt / mass)))
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return scale times the velocity change."""
+        scale = EnvironmentArray("delta_v_scale", before=True) if self.mode == "scale" else self.scale
+        return RowTerm(_price_of_fuel, (scale, _seconds_per_mass(self, world, group), OwnArray("control")))
+
+
+@njit
+def _price_with_bias(scale: float, bias: float, seconds_per_mass: float, thrust: FloatArray) -> float:
+    return _price_of_fuel(scale, seconds_per_mass, thrust) + bias
+
+
+class DockingDeltaVReward(Reward):
+    """Pay scale * sum_i abs(u_i) dt / m + bias for the thrust u; shape (R,).
+
+    Attributes:
+        scale: Reward for 1 m/s, a negative number [1/(m/s)].
+        bias: Reward of every step [-].
+        step_size: Length of a step [s]; the step's own unless given.
+        mass: Mass of the deputy [kg]; the platform's own unless given.
+    """
+
+    scale: float = Field(default=-0.01, le=0)
+    bias: float = 0.0
+    step_size: PositiveDuration | None = None
+    mass: PositiveMass | None = None
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return scale times the velocity change, and the bias."""
+        duration = _seconds_per_mass(self, world, group)
+        return RowTerm(_price_with_bias, (self.scale, self.bias, duration, OwnArray("control")))
+
+
+def _seconds_per_mass(
+    reward: InspectionDeltaVReward | DockingDeltaVReward, world: World, group: Group
+) -> AgentParameter:
+    """Return dt / m of each agent [s/kg]."""
+    own = world.masses[group.first : group.first + group.size]
+    masses = np.full(group.size, reward.mass) if reward.mass else own
+    return AgentParameter((reward.step_size or world.step_size) / masses)

@@ -4,42 +4,109 @@ from __future__ import annotations
 
 import numpy as np
 
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.coasting import least_coasting_range
 from safe_inspect.plugins.plugin import PointsName
 from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.view import Step
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.completion import PassiveSafety, WeightThreshold, completion
 from safe_inspect.types import FloatArray
 
 
+@njit
+def _new_points(scale: float, step_before: int, before: int, after: int) -> float:
+    return scale * float(after - (0 if step_before == 0 else before))
+
+
+@njit
+def _new_weight(scale: float, step_before: int, before: float, after: float) -> float:
+    return scale * (after - (0.0 if step_before == 0 else before))
+
+
+@njit
+def _complete(scale: float, limit: float, inspected: float) -> float:
+    return scale if inspected >= limit else 0.0
+
+
+@njit
+def _safely_complete(
+    pays: FloatArray,
+    orbit: FloatArray,
+    limit: float,
+    inspected: float,
+    position: FloatArray,
+    velocity: FloatArray,
+    table: FloatArray,
+) -> float:
+    if inspected < limit:
+        return 0.0
+    clear = least_coasting_range(position, velocity, table, orbit[0]) >= orbit[1]
+    reward: float = pays[0] if clear else pays[1]
+    return reward
+
+
 class ObservedPointsReward(Reward):
-    """Pay `scale` for every point that the team first inspects in this step; shape (R,).
+    """Pay `scale` for every point that the team first inspects in this step, or for its weight; shape (R,).
 
     Points seen at the reset are paid in the episode's first step.
 
     Attributes:
-        scale: Reward of one point [-].
+        scale: Reward of one point, or of the weight of all of them [-].
         inspection_entity_name: The body that carries the points.
+        weighted_priority: Pay the summed weight of the new points instead of their number.
     """
 
     scale: float = 0.01
     inspection_entity_name: PointsName = "chief"
+    weighted_priority: bool = False
 
-    def __call__(self, step: Step) -> FloatArray:
-        """Return scale times the number of new points, shape (R,)."""
-        return np.asarray(self.scale * step.new_points(self.inspection_entity_name))
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return scale times the number, or the weight, of new points."""
+        name = f"points/{self.inspection_entity_name}/{'team_score' if self.weighted_priority else 'team_count'}"
+        before = EnvironmentArray("step", before=True), EnvironmentArray(name, before=True)
+        kernel = _new_weight if self.weighted_priority else _new_points
+        return RowTerm(kernel, (self.scale, *before, EnvironmentArray(name)))
 
 
 class InspectionSuccessReward(Reward):
-    """Pay `scale` in a step at whose end every point is inspected; shape (R,).
+    """Pay `scale` in a step at whose end every point is inspected, or enough of their summed weight; shape (R,).
 
     Attributes:
         scale: Reward of success [-].
         inspection_entity_name: The body that carries the points.
+        weight_threshold: Summed weight of inspected points that is enough, in (0, 1]; None: all points.
     """
 
     scale: float = 1.0
     inspection_entity_name: PointsName = "chief"
+    weight_threshold: WeightThreshold = None
 
-    def __call__(self, step: Step) -> FloatArray:
-        """Return scale where all points are inspected, else 0, shape (R,)."""
-        points = step.after.points(self.inspection_entity_name)
-        return np.where(points.count >= points.num_points, self.scale, 0.0)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return scale where the inspection is complete, else 0."""
+        return RowTerm(_complete, (self.scale, *completion(world, self.inspection_entity_name, self.weight_threshold)))
+
+
+class SafeInspectionSuccessReward(PassiveSafety, Reward):
+    """Pay in a step at whose end the inspection is complete, by whether coasting on is safe; shape (R,).
+
+    Attributes:
+        scale: Reward when coasting for an orbit stays outside of the crash region [-].
+        crash_scale: Reward when it does not [-].
+        inspection_entity_name: The body that carries the points.
+        weight_threshold: Summed weight of inspected points that is enough, in (0, 1]; None: all points.
+    """
+
+    scale: float = 1.0
+    crash_scale: float = -1.0
+    inspection_entity_name: PointsName = "chief"
+    weight_threshold: WeightThreshold = None
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return scale or crash_scale where the inspection is complete, else 0."""
+        n, radius, *motion = self.coasting_inputs(world)
+        complete = completion(world, self.inspection_entity_name, self.weight_threshold)
+        pays = np.array([self.scale, self.crash_scale])
+        return RowTerm(_safely_complete, (pays, np.array([n, radius]), *complete, *motion))

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from safe_inspect.compiling import njit
 from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.view import Step
-from safe_inspect.types import FloatArray
+from safe_inspect.simulators.row_terms.inputs import Intervening
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+
+
+@njit
+def _intervention(scale: float, intervening: bool) -> float:
+    return scale if intervening else 0.0
 
 
 class InspectionRTAReward(Reward):
@@ -18,6 +24,6 @@ class InspectionRTAReward(Reward):
 
     scale: float = -0.01
 
-    def __call__(self, step: Step) -> FloatArray:
-        """Return scale in the rows with an intervention, else 0, shape (R,)."""
-        return np.where(step.intervening, self.scale, 0.0)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return scale with an intervention, else 0."""
+        return RowTerm(_intervention, (self.scale, Intervening()))

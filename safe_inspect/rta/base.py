@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from safe_inspect.glues.base import ActionGlue
 from safe_inspect.plugins.functor import functor_field
-from safe_inspect.rta.filters.base import FilterResult
+from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World

@@ -10,11 +10,13 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
+from safe_inspect.errors import PluginValueError
 from safe_inspect.glues.base import Bounds, Parts
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
+from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters, TaskParameters
-from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
+from safe_inspect.rta.constraints.sets import ConstraintEntry
 from safe_inspect.rta.filters import (
     BackupFilter,
     ContinuousFilter,
@@ -24,7 +26,7 @@ from safe_inspect.rta.filters import (
 )
 from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import GUARD, View
+from safe_inspect.simulators.view import SAFETY_FILTER, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import (
@@ -73,7 +75,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         if self._pairs and self.enabled:
             assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
-            assert self._guard is not None
+            assert self._backup_filter is not None
         if self.enabled and self.method == "continuous":
             assert self._continuous is not None
         return self
@@ -95,7 +97,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return tuple(name for name in self.constraints if name in PAIR_CONSTRAINTS)
 
     @cached_property
-    def _guard(self) -> BackupFilter:
+    def _backup_filter(self) -> BackupFilter:
         return BackupFilter(self._given, self._names)
 
     @cached_property
@@ -133,20 +135,32 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return for each constraint the rows that it refuses: not (h >= 0 and phi >= 0), NaN included, shape (R,)."""
-        state = RelativeState(states["position"], states["velocity"], states["sun_angle"])
+        state = self._state(states["position"], states["velocity"], states.get("sun_angle"))
         evaluations = {name: constraint.evaluate(state) for name, constraint in self._constraints.items()}
         refused = {name: ~((value.h >= 0.0) & (value.phi >= 0.0)) for name, value in evaluations.items()}
         if self.recoverable:
             finite = np.isfinite(state.position).all(axis=1) & np.isfinite(state.velocity).all(axis=1)
             finite &= np.isfinite(state.sun_angle)
             refused["recoverable"] = ~finite
-            refused["recoverable"][finite] = ~self._guard.recoverable(state[finite])
+            refused["recoverable"][finite] = ~self._backup_filter.recoverable(state[finite])
         return refused
 
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return for each constraint phi, at least 0 where the state is safe, shape (R,)."""
-        state = RelativeState(states["position"], states["velocity"], states["sun_angle"])
+        state = self._state(states["position"], states["velocity"], states.get("sun_angle"))
         return {name: constraint.phi(state) for name, constraint in self._constraints.items()}
+
+    def _state(self, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray | None) -> RelativeState:
+        """Return a state; in a task without a sun its angle is 0, which no constraint then looks at.
+
+        Raises:
+            PluginValueError: The constraint `sun` is to be kept in a task without a sun.
+        """
+        if sun_angle is None:
+            if "sun" in self._constraints:
+                raise PluginValueError(f"{self.registered_name} keeps `sun`, but the task has no sun; remove it")
+            sun_angle = np.zeros(len(position))
+        return RelativeState(position, velocity, sun_angle)
 
     @property
     def units(self) -> dict[str, str]:
@@ -155,14 +169,15 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold in the next step."""
-        state = RelativeState(view.position, view.velocity, view.sun_angle)
+        sun_angle = view.sun_angle if "sun_angle" in view.world.offers.view else None
+        state = self._state(view.position, view.velocity, sun_angle)
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
         if self.method == "backup":
             if self._pairs and view.world.num_deputies > 1:
                 return Filtered(self._decentralised(state, desired, view.others_position, view.others_velocity))
-            return Filtered(self._guard(state, desired))
-        before = SimplexMemory(view.delta_v, view.memory(GUARD, "latched"))
+            return Filtered(self._backup_filter(state, desired))
+        before = SimplexMemory(view.delta_v, view.memory(SAFETY_FILTER, "latched"))
         result, after = self._simplex(state, desired, before)
         return Filtered(result, {"latched": after.latched})
 

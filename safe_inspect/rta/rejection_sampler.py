@@ -40,7 +40,7 @@ class SafetyTest(BaseModel):
     arg_map: dict[str, str] = Field(default_factory=dict)
     config: dict[str, Any] = Field(default_factory=dict)
     _glue: SafetyGlue = PrivateAttr()
-    _guard: SafetyGlue | None = PrivateAttr(default=None)
+    _filter_glue: SafetyGlue | None = PrivateAttr(default=None)
 
     def model_post_init(self, context: Any) -> None:
         """Build the glue.
@@ -81,23 +81,23 @@ class SafetyTest(BaseModel):
             return {**problem, "loc": ("args", key, *loc[2:])}
         return problem
 
-    def for_filtered(self, guard: SafetyGlue) -> SafetyTest:
-        """Return the test for a deputy that `guard` filters: the filter must know a way to stay safe, too."""
+    def for_filtered(self, safety_filter: SafetyGlue) -> SafetyTest:
+        """Return the test for a deputy that `safety_filter` acts on: the filter must know a way to stay safe, too."""
         test = self.model_copy()
-        test._glue, test._guard = self._glue, guard.for_starts()
+        test._glue, test._filter_glue = self._glue, safety_filter.for_starts()
         return test
 
     def with_glue(self, glue: SafetyGlue) -> SafetyTest:
         """Return the test by another safety glue."""
         test = self.model_copy()
-        test._glue, test._guard = glue, self._guard
+        test._glue, test._filter_glue = glue, self._filter_glue
         return test
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return for each constraint the rows of named states that it refuses, shape (R,)."""
         tested = {name: states[name] for name in self.states}
         refused = self._glue.refusals(tested)
-        for name, rows in ({} if self._guard is None else self._guard.refusals(tested)).items():
+        for name, rows in ({} if self._filter_glue is None else self._filter_glue.refusals(tested)).items():
             refused[name] = refused[name] | rows if name in refused else rows
         return refused
 

@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import model_validator
 
 from safe_inspect.rta.constraints import Constraint, RelativeState
+from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import TaskParameters
-from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
+from safe_inspect.rta.constraints.sets import ConstraintEntry
 from safe_inspect.rta.filters import TeamFilter, TeamState
 from safe_inspect.rta.filters.base import differs
 from safe_inspect.rta.team import TeamFiltered, TeamSafety

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, IntArray
-
-if TYPE_CHECKING:
-    from safe_inspect.simulators.state import State
-    from safe_inspect.simulators.world import World
 
 
 class Component(Plugin):
     """A part of a task, such as the sun or the points of a chief. Called, it gives the running part of a simulation.
 
     Class attributes:
-        parameters: SI unit by the name of each reset parameter that it reads where a configuration gives it.
+        parameters: SI unit by the name of each reset parameter that it reads where a configuration gives it; None for
+            a mapping of states.
     """
 
     kind: ClassVar[str] = "component"
-    parameters: ClassVar[Mapping[str, str]] = {}
+    parameters: ClassVar[Mapping[str, str | None]] = {}
 
     @abstractmethod
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
@@ -44,9 +43,15 @@ class RunningComponent:
 
     Attributes:
         arrays: The arrays that it adds to the state, by name.
+        recorded: Names of those arrays that recorded episodes keep at every step, and that evaluations list among the
+            initial states. Each is of real numbers, with the axis of environments first.
+        figures: Label and unit in tables of evaluations, for names of `info` and `team_info`; the name itself, without
+            a unit, for those that are missing.
     """
 
     arrays: Mapping[str, ArraySpec] = {}
+    recorded: tuple[str, ...] = ()
+    figures: Mapping[str, tuple[str, str]] = {}
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
         """Write the initial values of fresh environments.

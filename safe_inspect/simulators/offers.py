@@ -4,9 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
-from safe_inspect.simulators.component import RunningComponent
+from safe_inspect.types import AnyArray
+
+
+class Offering(Protocol):
+    """What names things for plugins: a running component, see `RunningComponent`."""
+
+    def of_world(self) -> Mapping[str, Any]:
+        """Return values of `World` by name."""
+
+    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
+        """Return functions of a `View` by name."""
+
+    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
+        """Return functions of a `TeamView` by name."""
+
+    def of_step(self) -> Mapping[str, Callable[[Any], Any]]:
+        """Return functions of a `Step` by name."""
+
+    def info(self, view: Any) -> dict[str, AnyArray]:
+        """Return columns of an agent's info, each of shape (R,)."""
+
+    def team_info(self, team: Any) -> dict[str, AnyArray]:
+        """Return columns of the team's info, each of shape (N,)."""
+
+    def shared_state(self, team: Any) -> tuple[AnyArray, ...]:
+        """Return parts of the state of all agents, each of shape (N, ...)."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +50,9 @@ class Offers:
     view: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
     team: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
     step: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
-    components: list[RunningComponent] = field(default_factory=list)
+    components: list[Offering] = field(default_factory=list)
 
-    def add(self, component: RunningComponent) -> None:
+    def add(self, component: Offering) -> None:
         """Add what a component offers.
 
         Raises:

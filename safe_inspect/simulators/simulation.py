@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from safe_inspect.dynamics.base import Dynamics, advance_kernel
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators.ahead import DEEP, Ahead
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.offers import Offers
+from safe_inspect.simulators.prefetch import MIN_PREFETCH, InitialStatePrefetcher
+from safe_inspect.simulators.protocols import DeclaresMemory
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.state import State, base_specs
-from safe_inspect.simulators.team import TEAM, TEAM_GUARD
-from safe_inspect.simulators.view import GUARD, PILOT, Group, View
+from safe_inspect.simulators.team import TEAM, TEAM_FILTER
+from safe_inspect.simulators.view import SAFETY_FILTER, SCRIPTED_POLICY, Group, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from safe_inspect.rta.team import TeamSafety
 
 
 class Simulation:
@@ -29,8 +26,7 @@ class Simulation:
     Args:
         dynamics: How the bodies move.
         components: What the task adds, in the order in which they follow a step.
-        platforms: Names of the deputies, in agent order.
-        masses: Mass of each deputy [kg], shape (D,).
+        masses: Mass of each deputy [kg], by platform, in agent order.
         groups: Groups of agents.
         reset: How an episode begins.
         step_size: Length of a step [s].
@@ -38,7 +34,7 @@ class Simulation:
         num_envs: Number of environments, N.
         seed: Seed of the run.
         first_slot: Global index of the first environment slot.
-        team_guard: What filters the thrusts of all deputies together and may declare memory, where there is one.
+        team_filter: What filters the thrusts of all deputies together and may declare memory, where there is one.
 
     Attributes:
         world: What does not change.
@@ -46,7 +42,7 @@ class Simulation:
         before: State at the beginning of the last step.
         state: The current state.
         views: The current state as each group of agents sees it.
-        reset_facts: Statistics of the draws that began the current episodes, each of shape (N,).
+        reset_info: Statistics of the draws that began the current episodes, each of shape (N,).
         running: Environments whose episode runs, shape (N,); see `end`.
     """
 
@@ -55,8 +51,7 @@ class Simulation:
         dynamics: Dynamics,
         components: Sequence[Component],
         *,
-        platforms: tuple[str, ...],
-        masses: FloatArray,
+        masses: Mapping[str, float],
         groups: Sequence[Group],
         reset: ResetPlan,
         step_size: float,
@@ -64,17 +59,17 @@ class Simulation:
         num_envs: int,
         seed: int,
         first_slot: int,
-        team_guard: TeamSafety | None = None,
+        team_filter: DeclaresMemory | None = None,
     ) -> None:
         self._reset_plan = reset
         self._groups = tuple(groups)
-        self._team_guard = team_guard
+        self._team_filter = team_filter
         self._seed = seed
         self._slots = first_slot + np.arange(num_envs, dtype=np.int64)
         self._episodes = np.full(num_envs, -1, dtype=np.int64)
-        bodies = {name: index for index, name in enumerate((*platforms, *reset.entities))}
+        bodies = {name: index for index, name in enumerate((*masses, *reset.entities))}
         offers = Offers(world=dict(dynamics.offers()))
-        self.world = World(platforms, bodies, np.asarray(masses, dtype=np.float64), step_size, offers)
+        self.world = World(tuple(masses), bodies, np.array(list(masses.values()), dtype=np.float64), step_size, offers)
         self.components = {}
         for component in components:
             running = self.components[component.registered_name] = component(self.world, num_envs)
@@ -90,8 +85,8 @@ class Simulation:
         self._specs = self._declare(dynamics)
         self.state = State(num_envs, self._specs)
         self.before = State(num_envs, self._specs, self.state)
-        self._ahead = Ahead(num_envs, self._specs, self._begin)
-        self.reset_facts: dict[str, IntArray] = {}
+        self._prefetcher = InitialStatePrefetcher(num_envs, self._specs, self._draw_initial_states)
+        self.reset_info: dict[str, IntArray] = {}
         self.running = np.zeros(num_envs, dtype=np.bool_)
         self.views = self._views(self.state)
 
@@ -115,7 +110,7 @@ class Simulation:
         """Begin again with another seed: the next reset starts every slot's first episode."""
         self._seed = seed
         self._episodes[:] = -1
-        self._ahead.forget()
+        self._prefetcher.forget()
         for component in self.components.values():
             component.restart()
 
@@ -138,23 +133,23 @@ class Simulation:
         Returns:
             The fresh state of these rows alone, R environments.
         """
-        if len(rows) == self.num_envs and (self.num_envs > DEEP or self._episodes.min() < 0):
+        if len(rows) == self.num_envs and (self.num_envs > MIN_PREFETCH or self._episodes.min() < 0):
             self._episodes[rows] += 1
-            fresh, facts = self._begin(rows, self._episodes[rows])
-            self._ahead.forget()
+            fresh, info = self._draw_initial_states(rows, self._episodes[rows])
+            self._prefetcher.forget()
         else:
-            fresh, facts = self._ahead.take(rows, self._episodes)
+            fresh, info = self._prefetcher.take(rows, self._episodes)
         for component in self.components.values():
             component.resume(fresh, rows)
         self.state.put(rows, fresh)
-        for name, array in facts.items():
-            self.reset_facts.setdefault(name, np.zeros(self.num_envs, dtype=np.int64))[rows] = array
+        for name, array in info.items():
+            self.reset_info.setdefault(name, np.zeros(self.num_envs, dtype=np.int64))[rows] = array
         self.running[rows] = True
         self.views = self._views(self.state)  # what the old ones have computed is out of date
         return fresh
 
-    def _begin(self, rows: IntArray, episodes: IntArray) -> tuple[State, dict[str, AnyArray]]:
-        """Return the beginning of an episode of each of some rows, and the statistics of its draw."""
+    def _draw_initial_states(self, rows: IntArray, episodes: IntArray) -> tuple[State, dict[str, AnyArray]]:
+        """Return an initial state for each of some rows, and the statistics of its draw."""
         streams = Streams(self._seed, self._slots[rows], episodes)
         fresh = State(len(rows), self._specs)
         states, values = self._reset_plan.draw(streams)
@@ -166,13 +161,13 @@ class Simulation:
         for component in self.components.values():
             component.reset(fresh, values)
         self._remember(fresh)
-        facts = {
+        info = {
             name: array
             for value in values.values()
             for name, array in (value.items() if isinstance(value, dict) else ())
             if "/" in name  # statistics of the draw, not a state
         }
-        return fresh, facts
+        return fresh, info
 
     def step(self, control: FloatArray) -> None:
         """Hold a control over one step.
@@ -229,15 +224,16 @@ class Simulation:
             specs |= component.arrays
         for group in self._groups:
             declared = {name: sensor.memory(world) for name, sensor in group.sensors.items()}
-            if group.guard is not None:
-                declared[GUARD] = group.guard.memory(world)
-            if group.pilot is not None:
-                declared[PILOT] = group.pilot.memory(world)
+            declared |= {name: done.memory(world) for name, done in group.dones.items()}
+            if group.safety_filter is not None:
+                declared[SAFETY_FILTER] = group.safety_filter.memory(world)
+            if group.scripted_policy is not None:
+                declared[SCRIPTED_POLICY] = group.scripted_policy.memory(world)
             for name, arrays in declared.items():
                 for array, spec in arrays.items():
                     specs[f"memory/{group.name}/{name}/{array}"] = ArraySpec(
                         (group.size, *spec.shape), spec.dtype, spec.fill
                     )
-        for array, spec in (self._team_guard.memory(world) if self._team_guard is not None else {}).items():
-            specs[f"memory/{TEAM}/{TEAM_GUARD}/{array}"] = ArraySpec((1, *spec.shape), spec.dtype, spec.fill)
+        for array, spec in (self._team_filter.memory(world) if self._team_filter is not None else {}).items():
+            specs[f"memory/{TEAM}/{TEAM_FILTER}/{array}"] = ArraySpec((1, *spec.shape), spec.dtype, spec.fill)
         return specs

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-import numpy as np
 from pydantic import Field
 
 from safe_inspect.dynamics.base import Dynamics
@@ -14,12 +13,10 @@ from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.component import Component
+from safe_inspect.simulators.protocols import DeclaresMemory
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.simulation import Simulation
 from safe_inspect.simulators.view import Group
-
-if TYPE_CHECKING:
-    from safe_inspect.rta.team import TeamSafety
 
 
 class Simulator(Plugin):
@@ -47,7 +44,7 @@ class Simulator(Plugin):
         num_envs: int,
         seed: int,
         first_slot: int,
-        team_guard: TeamSafety | None = None,
+        team_filter: DeclaresMemory | None = None,
     ) -> Simulation:
         """Build the running simulation of `num_envs` environments.
 
@@ -59,12 +56,11 @@ class Simulator(Plugin):
             num_envs: Number of environments, N.
             seed: Seed of the run.
             first_slot: Global index of the first environment slot.
-            team_guard: What filters the thrusts of all deputies together and may declare memory, where there is one.
+            team_filter: What filters the thrusts of all deputies together and may declare memory, where there is one.
         """
         return Simulation(
             *self.compose(),
-            platforms=tuple(masses),
-            masses=np.array(list(masses.values())),
+            masses=masses,
             groups=groups,
             reset=reset,
             step_size=step_size,
@@ -72,7 +68,7 @@ class Simulator(Plugin):
             num_envs=num_envs,
             seed=seed,
             first_slot=first_slot,
-            team_guard=team_guard,
+            team_filter=team_filter,
         )
 
 

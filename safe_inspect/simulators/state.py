@@ -12,6 +12,7 @@ import numpy as np
 
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.missing import missing
+from safe_inspect.simulators.rows import copy_rows
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 from safe_inspect.types import ArraySpec as ArraySpec
 
@@ -46,6 +47,7 @@ class State:
         owned: Those that are named ``kind/owner/array``, by kind and owner.
         floats: The memory of all arrays that are not constant as numbers of float64; see `start`.
         wholes: The same memory as numbers of int64.
+        bound: Kernels with their arguments, for those who call them in every step; no copy keeps them.
         memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
     """
 
@@ -79,6 +81,7 @@ class State:
         """Make the arrays: views of the common memory, and the constant ones beside it."""
         self.num_envs = num_envs
         self.specs = specs
+        self.bound: dict[Any, tuple[Any, tuple[Any, ...]]] = {}
         self._block = block
         self.floats: FloatArray = self._block.view(np.float64)
         self.wholes: IntArray = self._block.view(np.int64)
@@ -161,8 +164,6 @@ class State:
         return taken
 
     def _copy(self, rows: IntArray, other: State, their_rows: IntArray) -> None:
-        from safe_inspect.simulators.rows import copy_rows  # compiled: not when only validated
-
         if len(rows) != len(their_rows):
             raise ValueError(f"{len(rows)} rows are to be overwritten with {len(their_rows)}")
         rows, their_rows = _checked(rows, self.num_envs), _checked(their_rows, other.num_envs)

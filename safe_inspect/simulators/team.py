@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.geometry.neighbours import pair_distances
 from safe_inspect.simulators.missing import missing
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
@@ -21,7 +22,7 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 #: The name of the whole team where the names of groups of agents stand, among the remembered arrays.
 TEAM = "whole team"
 #: Where the arrays that the team's safety filter remembers stand among those of the parts.
-TEAM_GUARD = "team safety filter"
+TEAM_FILTER = "team safety filter"
 
 
 class TeamView:
@@ -86,8 +87,6 @@ class TeamView:
     @cached_property
     def distance(self) -> FloatArray:
         """Distance of every pair of deputies, in the order of `pairs` [m], shape (N, D (D - 1) / 2)."""
-        from safe_inspect.geometry.neighbours import pair_distances  # compiled: not when only validated
-
         deputies = self.world.num_deputies
         found = np.empty((self.num_envs, deputies * (deputies - 1) // 2))
         pair_distances(self.writable.position, deputies, found)
@@ -101,7 +100,7 @@ class TeamView:
 
     def memory(self, array: str) -> AnyArray:
         """Return an array that the team's safety filter has declared, shape (N, ...)."""
-        return self.state.memory[TEAM, TEAM_GUARD, array]
+        return self.state.memory[TEAM, TEAM_FILTER, array]
 
 
 @dataclass

@@ -8,28 +8,24 @@ group, R = N * G rows, environment by environment.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
 from safe_inspect.simulators.arrays import Array, read_only
+from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.simulators.missing import missing
+from safe_inspect.simulators.protocols import DeclaresMemory, ReadsState
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-if TYPE_CHECKING:
-    from safe_inspect.platforms.base import Sensor
-    from safe_inspect.policies.base import ScriptedPolicy
-    from safe_inspect.rta.base import SafetyGlue
-    from safe_inspect.rta.filters.base import FilterResult
-
 #: Where the arrays that a group's safety filter remembers stand among those of the parts.
-GUARD = "safety filter"
+SAFETY_FILTER = "safety filter"
 #: Where the arrays that a group's scripted policy remembers stand among those of the parts.
-PILOT = "scripted policy"
+SCRIPTED_POLICY = "scripted policy"
 
 
 @dataclass(frozen=True)
@@ -41,16 +37,18 @@ class Group:
         first: Index of the first deputy.
         size: Number of deputies, G.
         sensors: Sensors by part name.
-        guard: What filters the group's thrust and may declare memory, where there is one.
-        pilot: The scripted policy that flies the deputies, where there is one.
+        safety_filter: What filters the group's thrust and may declare memory, where there is one.
+        scripted_policy: The scripted policy that flies the deputies, where there is one.
+        dones: Done functions that declare memory, by the name under which it stands.
     """
 
     name: str
     first: int
     size: int
-    sensors: Mapping[str, Sensor]
-    guard: SafetyGlue | None = None
-    pilot: ScriptedPolicy | None = None
+    sensors: Mapping[str, ReadsState]
+    safety_filter: DeclaresMemory | None = None
+    scripted_policy: DeclaresMemory | None = None
+    dones: Mapping[str, DeclaresMemory] = field(default_factory=dict)
 
 
 class View:
@@ -209,10 +207,12 @@ class View:
     def memory(self, part: str, array: str) -> AnyArray:
         """Return a declared array with the rows of the view, shape (R, ...).
 
-        It is writable for the part itself: for a sensor within `remember`, for a scripted policy within its call.
+        It is writable for the part itself: for a sensor or a done function within `remember`, for a scripted policy
+        within its call.
 
         Args:
-            part: Name of the sensor, or `GUARD` or `PILOT`.
+            part: Name of the sensor, or `SAFETY_FILTER` or `SCRIPTED_POLICY`, or the key of a done function in
+                ``group.dones``.
             array: Name of the array.
         """
         state = self.writable if part == self.remembering else self.state
@@ -228,7 +228,7 @@ class Step:
         writable_control: `control` as an array that can be written, for the environment and for compiled kernels.
         writable_intervening: `intervening`, likewise.
         dt: Length of the step [s].
-        filtered: What the safety filter told, where one is enabled.
+        filtered: What the safety filter gave, where one is enabled.
     """
 
     def __init__(

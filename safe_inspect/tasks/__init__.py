@@ -1,8 +1,23 @@
 """The components of tasks, and the simulators composed of them. Importing it registers their plugins."""
 
+from safe_inspect.tasks.docking.initializer import Docking3DRadialInitializer
+from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
+from safe_inspect.tasks.docking.simulator import CWHSimulator
 from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule
 from safe_inspect.tasks.inspection.points import InspectionPoints
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
 from safe_inspect.tasks.inspection.sun import Sun
+from safe_inspect.tasks.rendezvous.target import TumblingTarget
+from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
 
-__all__ = ["FuelPriceSchedule", "InspectionPoints", "InspectionSimulator", "Sun"]
+__all__ = [
+    "CWHSimulator",
+    "Docking3DRadialInitializer",
+    "FuelPriceSchedule",
+    "InspectionPoints",
+    "InspectionSimulator",
+    "SpeedLimitMonitor",
+    "Sun",
+    "TumbleParameter",
+    "TumblingTarget",
+]

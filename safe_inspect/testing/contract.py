@@ -39,6 +39,8 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     policy       thrust [N] (R, 3)
     rta          a `TeamFiltered`, thrusts [N] (N, D, 3); the initial states that it refuses
     simulator    an environment alone and in a batch go the same way
+    rendezvous   targets, tumbles, cameras, estimators, planners, bounds and trackers: finite results of the shape of
+                 their kind, the same for the same inputs
     ===========  ================================================================================
 
     The rows come from the sample world, see `safe_inspect.testing.sample_steps`, with one deputy and with several. An

@@ -41,7 +41,7 @@ def check_names(plugin: Plugin, spec: EnvironmentSpec, report: Report) -> bool:
         "controller": {name for name, part in agent.parts.items() if isinstance(part, Controller)},
         "entity": {*spec.platforms, *spec.reset.entities},
         "platform": set(spec.platforms),
-        "points": set(getattr(spec.simulator, "inspection_points_map", ())),
+        "points": {name for component in spec.simulator.compose()[1] for name in component.bodies},
         "done": {named.name for named in agent.dones},
     }
     sound = True
@@ -59,13 +59,13 @@ def check_names(plugin: Plugin, spec: EnvironmentSpec, report: Report) -> bool:
 
 def documented_fields(cls: type[BaseModel]) -> dict[str, str]:
     """Return what the "Attributes:" of a class and of its bases say of each field; its own word counts first."""
-    told: dict[str, str] = {}
+    documented: dict[str, str] = {}
     for parent in cls.__mro__:
         text = inspect.cleandoc(vars(parent).get("__doc__") or "")
         section = text.partition("\nAttributes:\n")[2].partition("\n\n")[0]
         for field, about in _ENTRY.findall(section):
-            told.setdefault(field, " ".join(about.split()))
-    return told
+            documented.setdefault(field, " ".join(about.split()))
+    return documented
 
 
 def _check_strictness(cls: type[Plugin], report: Report) -> None:
@@ -125,10 +125,10 @@ def _check_documentation(cls: type[Plugin], report: Report) -> None:
         f"{cls.__name__} has no docstring" if not summary else f"the docstring begins with {summary!r}, no sentence",
         "say in a first sentence, ended by a full stop, what it computes; `safe-inspect list` shows it",
     )
-    told = documented_fields(cls)
+    documented = documented_fields(cls)
     for field, info in cls.model_fields.items():
         if not report.expect(
-            told.get(field),
+            documented.get(field),
             "documented",
             f"the docstring does not say what the field `{field}` is",
             f'add "{field}: ..." to the section "Attributes:"',
@@ -136,12 +136,12 @@ def _check_documentation(cls: type[Plugin], report: Report) -> None:
             continue
         unit = _unit(info)
         report.expect(
-            not unit or any(f"[{name}]" in told[field] for name in (unit, *_SAME.get(unit, ()))),
+            not unit or any(f"[{name}]" in documented[field] for name in (unit, *_SAME.get(unit, ()))),
             "units",
             f"the docstring does not name the unit of the field `{field}`",
             f"end its sentence with [{unit}]",
         )
-    for field in told:
+    for field in documented:
         report.expect(
             field in cls.model_fields or hasattr(cls, field),
             "documented",
@@ -188,8 +188,8 @@ def _check_yaml(plugin: Plugin, report: Report) -> None:
     try:
         again = build(plugin.kind, yaml.safe_load(text))
     except Exception as error:
-        told = (getattr(error, "context", None) or {}).get("errors", [{"msg": str(error)}])
-        problems = "; ".join(f"{'.'.join(map(str, item.get('loc', ())))}: {item['msg']}" for item in told)
+        errors = (getattr(error, "context", None) or {}).get("errors", [{"msg": str(error)}])
+        problems = "; ".join(f"{'.'.join(map(str, item.get('loc', ())))}: {item['msg']}" for item in errors)
         report.add("yaml", f"what it writes as YAML cannot be read again ({problems})", remedy)
         return
     report.expect(again == plugin, "yaml", f"it comes back from YAML changed: {again!r} from {plugin!r}", remedy)

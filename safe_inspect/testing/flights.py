@@ -99,10 +99,15 @@ def _take(view: View, rows: AnyArray, agent: int | None) -> View:
     state, group = view.state.take(rows), view.group
     if agent is None:
         return View(state, view.world, group)
-    for key, array in state.memory.items():
-        if key[0] == group.name:
-            state.memory[key] = array.reshape(len(rows), group.size, *array.shape[1:])[:, agent].copy()
-    return View(state, view.world, replace(group, first=group.first + agent, size=1))
+    mine = f"memory/{group.name}/"
+    specs = {
+        name: replace(spec, shape=(1, *spec.shape[1:])) if name.startswith(mine) else spec
+        for name, spec in state.specs.items()
+    }
+    alone = State(len(rows), specs)
+    for name, array in alone.arrays.items():
+        array[...] = state[name][:, agent : agent + 1] if name.startswith(mine) else state[name]
+    return View(alone, view.world, replace(group, first=group.first + agent, size=1))
 
 
 def _rough_action(environment: TeamEnvironment, slots: AnyArray, time: int) -> FloatArray:

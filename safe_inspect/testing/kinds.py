@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,28 +13,30 @@ from safe_inspect.glues.normalizers import Normalizer
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rewards.base import Reward
+from safe_inspect.simulators.row_terms.plugin import RowPlugin
+from safe_inspect.simulators.view import Step, View
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
 from safe_inspect.testing.constraints import check_constraint
 from safe_inspect.testing.flights import fly_twice
 from safe_inspect.testing.glues import check_glue
 from safe_inspect.testing.metrics import check_metric
+from safe_inspect.testing.rendezvous import RENDEZVOUS_KINDS, check_rendezvous
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.resets import check_initializer, check_parameter, check_simulator
 from safe_inspect.testing.samples import sample_spec
-from safe_inspect.testing.teams import check_policy, check_shared_done, check_team_safety
+from safe_inspect.testing.teams import SampleParts, check_policy, check_shared_done, check_team_safety
 from safe_inspect.testing.values import ROWS, call_of_step, call_of_view, check_bounds, each_world, spread
 from safe_inspect.types import AnyArray
 
-Parts = Sequence[Part]
 
-
-def check_reward(plugin: Reward, parts: Parts, report: Report) -> None:
+def check_reward(plugin: Reward, parts: SampleParts, report: Report) -> None:
     """Check a reward: float (R,)."""
     for step in each_world(plugin, parts, report):
         check_call(call_of_step("the reward", plugin, step, Shape()), report)
+        _check_row_kernel(plugin, step, report)
 
 
-def check_done(plugin: DoneFunction, parts: Parts, report: Report) -> None:
+def check_done(plugin: DoneFunction, parts: SampleParts, report: Report) -> None:
     """Check a done function: bool (R,), and a status that ends an episode."""
     status = getattr(plugin, "status", None)
     report.expect(
@@ -45,9 +47,28 @@ def check_done(plugin: DoneFunction, parts: Parts, report: Report) -> None:
     )
     for step in each_world(plugin, parts, report):
         check_call(call_of_step("the done function", plugin, step, Shape((), "b", "(R,)")), report)
+        _check_row_kernel(plugin, step, report)
+        if plugin.memory(step.after.world):
+            spec = sample_spec(plugin, parts=parts, deputies=step.after.group.size)
+            _check_memory(lambda one: plugin(one), "done function", spec, report)
 
 
-def check_part(plugin: Part, parts: Parts, report: Report) -> None:
+def _check_row_kernel(plugin: RowPlugin, seen: View | Step, report: Report) -> None:
+    """Check that a row kernel gives what a batch call gives that stands beside it."""
+    view = seen.after if isinstance(seen, Step) else seen
+    if type(plugin).__call__ is RowPlugin.call_rows:
+        return  # the batch call follows from the kernel
+    with report.attempt("the row kernel"):
+        if plugin.row(view.world, view.group) is not None:
+            report.expect(
+                plugin.call_rows(seen).tobytes() == np.asarray(plugin(seen)).tobytes(),  # type: ignore[operator]
+                "row kernel",
+                "`row` gives other values than `__call__`",
+                "define one of them; or let `row` return None where the batch is called",
+            )
+
+
+def check_part(plugin: Part, parts: SampleParts, report: Report) -> None:
     """Check a part of a platform: a sensor or a controller."""
     if isinstance(plugin, Sensor):
         _check_sensor(plugin, parts, report)
@@ -59,7 +80,7 @@ def check_part(plugin: Part, parts: Parts, report: Report) -> None:
         )
 
 
-def _check_sensor(plugin: Sensor, parts: Parts, report: Report) -> None:
+def _check_sensor(plugin: Sensor, parts: SampleParts, report: Report) -> None:
     size = plugin.size
     report.expect(
         len(set(plugin.element_names)) == size > 0,
@@ -73,17 +94,19 @@ def _check_sensor(plugin: Sensor, parts: Parts, report: Report) -> None:
         if reading is not None:
             low, high = plugin.limits
             check_bounds(reading, np.full(size, low), np.full(size, high), "the reading", "the sensor", report)
+        _check_row_kernel(plugin, step.after, report)
         if plugin.memory(step.after.world):
-            _check_memory(plugin, sample_spec(plugin, parts=parts, deputies=step.after.group.size), report)
+            spec = sample_spec(plugin, parts=parts, deputies=step.after.group.size)
+            _check_memory(lambda one: plugin(one.after), "sensor", spec, report)
 
 
-def _check_memory(plugin: Sensor, spec: EnvironmentSpec, report: Report) -> None:
-    """Check that what a sensor remembers of an environment does not depend on those beside it."""
+def _check_memory(call: Callable[[Step], AnyArray], what: str, spec: EnvironmentSpec, report: Report) -> None:
+    """Check that what a plugin remembers of an environment does not depend on those beside it."""
     for together, alone in fly_twice(spec):
-        if plugin(together.step.after).tobytes() != plugin(alone.step.after).tobytes():
+        if call(together.step).tobytes() != call(alone.step).tobytes():
             report.add(
                 "row-wise",
-                f"after {alone.step.after.step[0]} steps the sensor reads another value alone than in a batch",
+                f"after {alone.step.after.step[0]} steps the {what} gives another value alone than in a batch",
                 "let `remember` compute each row from itself, and draw from `view.state.key` alone",
             )
             return
@@ -104,7 +127,7 @@ def _check_controller(plugin: Controller, report: Report) -> None:
     check_call(Call("the controller", plugin, make, ROWS, Shape((3,), "f", "(R, 3), thrust [N]")), report)
 
 
-def check_normalizer(plugin: Normalizer, parts: Parts, report: Report) -> None:
+def check_normalizer(plugin: Normalizer, parts: SampleParts, report: Report) -> None:
     """Check a normaliser: float (R, k) there and back."""
     sizes = [size for size in range(1, 17) if _fits(plugin, size)]
     if not report.expect(sizes, "check", "`check` accepts no number of elements from 1 to 16", "accept the right one"):
@@ -141,7 +164,7 @@ def _fits(plugin: Normalizer, size: int) -> bool:
     return True
 
 
-def check_platform(plugin: Platform, parts: Parts, report: Report) -> None:
+def check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None:
     """Check a platform: it returns the names of its parts."""
     own = tuple(sample_spec().agents[0].parts.values())
     with report.attempt("the platform"):
@@ -150,7 +173,7 @@ def check_platform(plugin: Platform, parts: Parts, report: Report) -> None:
         report.expect(names == wanted, "parts", f"the platform returned {names}", f"return the parts' names, {wanted}")
 
 
-def check_property(plugin: Property, parts: Parts, report: Report) -> None:
+def check_property(plugin: Property, parts: SampleParts, report: Report) -> None:
     """Check a property: it keeps values within its limits."""
     low, high = plugin.limits
     if not report.expect(low < high, "limits", f"the limits are {low} and {high}", "let the first be the smaller"):
@@ -166,7 +189,7 @@ def check_property(plugin: Property, parts: Parts, report: Report) -> None:
         check_bounds(result, np.array(low), np.array(high), "the commanded value", "the property", report)
 
 
-CHECKS: dict[str, Callable[[Any, Parts, Report], None]] = {
+CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
     "constraint": check_constraint,
     "done": check_done,
     "glue": check_glue,
@@ -182,10 +205,11 @@ CHECKS: dict[str, Callable[[Any, Parts, Report], None]] = {
     "rta": check_team_safety,
     "shared_done": check_shared_done,
     "simulator": check_simulator,
+    **dict.fromkeys(RENDEZVOUS_KINDS, check_rendezvous),
 }
 
 
-def check_behaviour(plugin: Plugin, parts: Parts, report: Report) -> None:
+def check_behaviour(plugin: Plugin, parts: SampleParts, report: Report) -> None:
     """Check what a plugin computes; a kind that this package does not know has no check."""
     check = CHECKS.get(plugin.kind)
     if check is not None:

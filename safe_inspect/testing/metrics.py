@@ -72,8 +72,8 @@ def _check_team(plugin: TeamMetric, parts: Sequence[Part], report: Report) -> No
         def measure(given: TeamStep) -> Any:
             return _without_nan(plugin(given))
 
-        told = "the metric" if deputies == 1 else f"the metric with {deputies} deputies"
-        check_call(Call(told, measure, make, ROWS, Shape((), "f", "(N,)")), report)
+        label = "the metric" if deputies == 1 else f"the metric with {deputies} deputies"
+        check_call(Call(label, measure, make, ROWS, Shape((), "f", "(N,)")), report)
 
 
 def _nan(rows: int) -> AnyArray:

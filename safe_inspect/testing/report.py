@@ -1,4 +1,4 @@
-"""What a plugin does wrong, gathered and told at once."""
+"""What a plugin does wrong, reported at once."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ContractError(SafeInspectError, AssertionError):
 
 @dataclass
 class Report:
-    """Gathers breaches; a rule with the same message is told once."""
+    """Gathers breaches; a rule with the same message is reported once."""
 
     breaches: list[Breach] = field(default_factory=list)
 
@@ -74,8 +74,8 @@ class Report:
         except Exception as error:
             cause = error.__cause__ if isinstance(error, PluginValueError) and error.__cause__ else error
             last = traceback.extract_tb(cause.__traceback__)[-1]
-            told = f"{type(cause).__name__}: {cause}".splitlines()[0]
-            message = f"{what} raised {told} ({last.filename}:{last.lineno}: {last.line})"
+            text = f"{type(cause).__name__}: {cause}".splitlines()[0]
+            message = f"{what} raised {text} ({last.filename}:{last.lineno}: {last.line})"
             if writes_read_only(cause):
                 self.add("inputs unchanged", message, WRITES)
             else:

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.dones.base import DoneFunction
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.platforms.base import Part, Sensor
@@ -20,13 +21,17 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
+from safe_inspect.plugins.functor import Named
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rta.team import TeamSafety
+from safe_inspect.simulators.simulator import ComposedSimulator
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.task_ids import TASKS
+from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
+from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.testing.flights import HORIZON, LENGTH, Flown, fly, take_rows
 from safe_inspect.types import AnyArray, BoolArray
 
@@ -41,7 +46,8 @@ DEPUTIES = 3
 def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), deputies: int = 1) -> EnvironmentSpec:
     """Return the environment of the sample world: the shipped task with one deputy or more and further parts.
 
-    Every shipped part stands in it under its default name too, so that plugins build from their defaults find it.
+    Every shipped part stands in it under its default name too, so that plugins build from their defaults find it, and
+    so does every shipped component.
 
     Args:
         plugin: The plugin under test; a part is added to the deputies, a scripted policy flies them, a team's safety
@@ -54,13 +60,24 @@ def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), dep
     own = (plugin,) if isinstance(plugin, Part) else ()
     named = {**agent.parts, **{part.part_name: part for part in (*_further_parts(), *parts, *own)}}
     names = tuple(f"blue{index}" for index in range(deputies))
-    pilot = plugin if isinstance(plugin, ScriptedPolicy) else None
+    scripted = plugin if isinstance(plugin, ScriptedPolicy) else None
+    dones = (*agent.dones, Named("under test", plugin)) if isinstance(plugin, DoneFunction) else agent.dones
     platform, begin = spec.platforms[agent.platform], spec.reset.deputies[agent.platform]
+    dynamics, components = spec.simulator.compose()
     return replace(
         spec,
+        simulator=ComposedSimulator(dynamics=dynamics, components=(*components, TumblingTarget(), SpeedLimitMonitor())),
         platforms=dict.fromkeys(names, platform),
         agents=tuple(
-            replace(agent, name=f"{name}_ctrl", platform=name, parts=named, pilot=pilot, policy=f"{name}_ctrl")
+            replace(
+                agent,
+                name=f"{name}_ctrl",
+                platform=name,
+                parts=named,
+                dones=dones,
+                scripted_policy=scripted,
+                policy=f"{name}_ctrl",
+            )
             for name in names
         ),
         reset=replace(spec.reset, deputies=dict.fromkeys(names, begin)),
@@ -138,7 +155,8 @@ def _sample(
 ) -> tuple[Step, AnyArray]:  # fmt: skip
     if rows < 1:
         raise ValueError(f"a sample has at least 1 row, not {rows}")
-    if isinstance(plugin, (Sensor, ScriptedPolicy, TeamSafety)) or parts:
+    remembers = isinstance(plugin, DoneFunction) and type(plugin).remember is not DoneFunction.remember
+    if isinstance(plugin, (Sensor, ScriptedPolicy, TeamSafety)) or remembers or parts:
         spec = sample_spec(plugin, parts=parts, deputies=deputies)
         slow = deputies > 1 or isinstance(plugin, (ScriptedPolicy, TeamSafety))
         environments, length = (FEW_ENVIRONMENTS, HORIZON) if slow else (ENVIRONMENTS, LENGTH)

@@ -11,8 +11,8 @@ from safe_inspect.dones.base import DoneStatus
 from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.platforms.base import Part
-from safe_inspect.policies.base import PILOT, ScriptedPolicy, ThrustLimits
-from safe_inspect.rta.filters.base import INTERVENTION
+from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
+from safe_inspect.rta.filters.base import INTERVENTION_THRESHOLD
 from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import View
@@ -23,10 +23,10 @@ from safe_inspect.testing.samples import DEPUTIES, sample_spec, sample_team_step
 from safe_inspect.testing.values import FEW_ROWS, ROWS, call_of_view, each_world
 from safe_inspect.types import AnyArray, FloatArray
 
-Parts = Sequence[Part]
+SampleParts = Sequence[Part]
 
 
-def check_shared_done(plugin: SharedDoneFunction, parts: Parts, report: Report) -> None:
+def check_shared_done(plugin: SharedDoneFunction, parts: SampleParts, report: Report) -> None:
     """Check a shared done function: a `DoneStatus` for each environment, int8 (N,)."""
     for deputies in team_sizes(plugin):
         step = sample_team_steps(plugin, ROWS, parts=parts, deputies=deputies)
@@ -41,7 +41,7 @@ def check_shared_done(plugin: SharedDoneFunction, parts: Parts, report: Report) 
             return Inputs((taken,), arrays)
 
         shape = Shape((), "i", "(N,), int8")
-        given = check_call(Call(_told("the shared done function", deputies), plugin, make, ROWS, shape), report)
+        given = check_call(Call(_label("the shared done function", deputies), plugin, make, ROWS, shape), report)
         if given is None:
             return
         unknown = sorted(set(given.tolist()) - {int(status) for status in DoneStatus})
@@ -50,16 +50,16 @@ def check_shared_done(plugin: SharedDoneFunction, parts: Parts, report: Report) 
         )
 
 
-def check_policy(plugin: ScriptedPolicy, parts: Parts, report: Report) -> None:
+def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> None:
     """Check a scripted policy: thrust [N] (R, 3)."""
     limits = ThrustLimits(np.full(3, -1.0), np.full(3, 1.0))
     for array in (limits.low, limits.high):
         array.flags.writeable = False
 
     def fly(view: View) -> Any:
-        own = [array for key, array in view.writable.memory.items() if key[:2] == (view.group.name, PILOT)]
+        own = [array for key, array in view.writable.memory.items() if key[:2] == (view.group.name, SCRIPTED_POLICY)]
         kept = [array.copy() for array in own]
-        view.remembering = PILOT
+        view.remembering = SCRIPTED_POLICY
         try:
             return plugin(view, limits)
         finally:  # the policy may write what it remembers, and that alone
@@ -72,7 +72,7 @@ def check_policy(plugin: ScriptedPolicy, parts: Parts, report: Report) -> None:
         _check_flight(plugin, parts, step.after.group.size, report)
 
 
-def check_team_safety(plugin: TeamSafety, parts: Parts, report: Report) -> None:
+def check_team_safety(plugin: TeamSafety, parts: SampleParts, report: Report) -> None:
     """Check a team's safety filter: thrusts [N] (N, D, 3) and what it tells of them, and which states it refuses."""
     known = len(report.breaches)
     for deputies in team_sizes(plugin):
@@ -92,7 +92,7 @@ def check_team_safety(plugin: TeamSafety, parts: Parts, report: Report) -> None:
 
         for name, kind in (("refusals", "b"), ("safety", "f")):
             shape = Shape((), kind, "(R,) for each constraint")
-            check_call(Call(_told(f"`{name}`", deputies), getattr(plugin, name), make, ROWS, shape), report)
+            check_call(Call(_label(f"`{name}`", deputies), getattr(plugin, name), make, ROWS, shape), report)
 
 
 def _remembers_what_it_declares(plugin: TeamSafety, deputies: int, report: Report) -> bool:
@@ -105,7 +105,7 @@ def _remembers_what_it_declares(plugin: TeamSafety, deputies: int, report: Repor
     )
 
 
-def _check_filter(plugin: TeamSafety, parts: Parts, deputies: int, report: Report) -> None:
+def _check_filter(plugin: TeamSafety, parts: SampleParts, deputies: int, report: Report) -> None:
     sample = sample_team_steps(plugin, FEW_ROWS, parts=parts, deputies=deputies).after
     desired = np.random.default_rng(3).uniform(-1.0, 1.0, (FEW_ROWS, deputies, 3))
     declared = plugin.memory(sample.world)
@@ -117,8 +117,8 @@ def _check_filter(plugin: TeamSafety, parts: Parts, deputies: int, report: Repor
 
     def run(thrust: FloatArray, team: TeamView) -> dict[str, AnyArray]:
         given = plugin(thrust, team)
-        told = {name: getattr(given, name) for name in ("control", "intervening", "infeasible", "backup")}
-        return {**told, **{f"memory {name}": array for name, array in given.memory.items()}}
+        found = {name: getattr(given, name) for name in ("control", "intervening", "infeasible", "backup")}
+        return {**found, **{f"memory {name}": array for name, array in given.memory.items()}}
 
     shapes = {
         "control": Shape((deputies, 3), "f", "(N, D, 3), thrust [N]"),
@@ -128,26 +128,26 @@ def _check_filter(plugin: TeamSafety, parts: Parts, deputies: int, report: Repor
     }
     for name, spec in declared.items():
         shapes[f"memory {name}"] = Shape(spec.shape, np.dtype(spec.dtype).kind, f"(N, ...) with {spec.shape} behind N")
-    told = check_call(Call(_told("the filter", deputies), run, make, FEW_ROWS, Shape(None, ""), shapes), report)
-    if told is None:
+    found = check_call(Call(_label("the filter", deputies), run, make, FEW_ROWS, Shape(None, ""), shapes), report)
+    if found is None:
         return
-    _check_interventions(desired, told, sample, report)
+    _check_interventions(desired, found, sample, report)
 
 
 def _check_interventions(
-    desired: FloatArray, told: Mapping[str, AnyArray], team: TeamView, report: Report
+    desired: FloatArray, found: Mapping[str, AnyArray], team: TeamView, report: Report
 ) -> None:  # fmt: skip
-    changed = ((told["control"] - desired) ** 2).sum(axis=-1) > INTERVENTION**2
-    wrong = (changed != told["intervening"]) & (team.finished == 0)
+    changed = ((found["control"] - desired) ** 2).sum(axis=-1) > INTERVENTION_THRESHOLD**2
+    wrong = (changed != found["intervening"]) & (team.finished == 0)
     report.expect(
         not wrong.any(),
         "intervening",
         f"`intervening` is wrong for {int(wrong.sum())} of {wrong.size} deputies",
-        f"tell it where the thrust differs from the desired one by more than {INTERVENTION} N",
+        f"tell it where the thrust differs from the desired one by more than {INTERVENTION_THRESHOLD} N",
     )
 
 
-def _check_flight(plugin: ScriptedPolicy | TeamSafety, parts: Parts, deputies: int, report: Report) -> None:
+def _check_flight(plugin: ScriptedPolicy | TeamSafety, parts: SampleParts, deputies: int, report: Report) -> None:
     """Check that an environment goes the same way alone and in a batch, with all that the plugin remembers."""
     for together, alone in fly_twice(sample_spec(plugin, parts=parts, deputies=deputies)):
         arrays = alone.step.after.state.arrays
@@ -157,7 +157,7 @@ def _check_flight(plugin: ScriptedPolicy | TeamSafety, parts: Parts, deputies: i
         if not same:
             report.add(
                 "row-wise",
-                _told(
+                _label(
                     f"after {alone.step.after.step[0]} steps a deputy flies otherwise alone than in a batch", deputies
                 ),
                 "compute each row from itself, remember in declared arrays alone, and draw from `state.key` alone",
@@ -172,5 +172,5 @@ def _take(step: TeamStep, rows: AnyArray) -> TeamStep:
     return TeamStep(before, after, fired, step.status[rows], step.dt, has)
 
 
-def _told(what: str, deputies: int) -> str:
+def _label(what: str, deputies: int) -> str:
     return what if deputies == 1 else f"{what} with {deputies} deputies"

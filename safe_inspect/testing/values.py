@@ -70,13 +70,13 @@ def _call(
     what: str, function: Callable[..., Any], step: Step, shape: Shape, make: Callable[..., Inputs]
 ) -> Call:  # fmt: skip
     rows, agents = step.after.state.num_envs, step.after.group.size
-    told = what if agents == 1 else f"{what} with {agents} deputies"
+    label = what if agents == 1 else f"{what} with {agents} deputies"
     everything = np.arange(rows)
 
     def alone(agent: int) -> Inputs:
         return make(everything, agent)
 
-    return Call(told, function, make, rows, shape, agents=agents, alone=alone if agents > 1 else None)
+    return Call(label, function, make, rows, shape, agents=agents, alone=alone if agents > 1 else None)
 
 
 def check_bounds(

@@ -18,6 +18,7 @@ from safe_inspect.plugins.registry import registry
 from safe_inspect.version import __version__
 
 EXPERIMENT = "configs/translational-inspection/experiment-seed.yml"
+SHIPPED = "configs/translational-inspection/experiment.yml"
 REWARDS = ("InspectionCrashReward", "InspectionDeltaVReward", "InspectionRTAReward", "ObservedPointsReward")
 OBSERVATION = (
     "Sensor_Position.x",
@@ -160,7 +161,7 @@ def test_validate_of_what_is_no_file(typed, file):
     assert err.startswith("error: ")
 
 
-@pytest.mark.parametrize("file", ["experiment", "environment", "agent", "task", "platform", "policy"])
+@pytest.mark.parametrize("file", ["experiment", "environment", "agent", "task", "platform", "policy", "rendezvous"])
 def test_the_schema_is_printed(typed, file):
     code, out, _ = typed("schema", file)
     assert code == 0
@@ -235,8 +236,9 @@ def test_acceptance_prints_and_plots(typed):
     assert Path("drawn.png").stat().st_size > 1000
 
 
-def test_safety_enables_the_filter_and_finds_nothing(typed):
-    code, out, _ = typed("safety", EXPERIMENT, "--steps", "600", "--num-envs", "60", "--plot", "worst.png")
+@pytest.mark.parametrize("experiment", [EXPERIMENT, SHIPPED], ids=["real thrust", "levels of thrust"])
+def test_safety_enables_the_filter_and_finds_nothing(typed, experiment):
+    code, out, _ = typed("safety", experiment, "--steps", "600", "--num-envs", "60", "--plot", "worst.png")
     assert code == 0
     assert out.startswith("600 filtered steps")
     assert "interventions, to the chief: 0.0 %" not in out

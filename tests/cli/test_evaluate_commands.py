@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
 import sys
@@ -226,7 +227,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys.modules["safe_inspect.evaluation.rollouts.rollout"], "rollout", fail)
+    monkeypatch.setattr("safe_inspect.cli.commands.evaluate.rollout", fail)
     code, out, err = typed("evaluate", "zero-thrust", *SHORT, "--output", "out")
     assert (code, out, err) == (130, "", "interrupted; nothing is written\n")
     assert list(here.iterdir()) == []
@@ -262,7 +263,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     ],
 )
 def test_mistakes_are_told_before_an_episode_is_flown(typed, here, monkeypatch, words, told):
-    module = sys.modules["safe_inspect.evaluation.rollouts.rollout"]
+    module = importlib.import_module("safe_inspect.cli.commands.evaluate")
     monkeypatch.setattr(module, "rollout", lambda *_, **__: pytest.fail("an episode was flown"))
     (here / "file.txt").write_text("text")
     (here / "folder").mkdir()

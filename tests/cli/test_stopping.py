@@ -20,13 +20,14 @@ CFG = "safe_inspect/TranslationalInspection-v0"
 _LONG_SEARCH = """
 import sys
 from safe_inspect.cli.main import main
-from safe_inspect.policies import search
-revise = search.revise
-def announced(course, state, start, delta_v, seed, restarts, iterations, stride):
-    revise(course, state, start.copy(), delta_v.copy(), seed.copy(), 1, 1, stride)  # compiled by now
+from safe_inspect.planning.burns import search
+revise = search.revise_plan
+def announced(problem, state, start, delta_v, seed, effort):
+    short = effort._replace(restarts=1, iterations=1)
+    revise(problem, state, start.copy(), delta_v.copy(), seed.copy(), short)  # compiled by now
     print("searching", flush=True)
-    return revise(course, state, start, delta_v, seed, restarts, 1000 * iterations, stride)
-search.revise = announced
+    return revise(problem, state, start, delta_v, seed, effort._replace(iterations=1000 * effort.iterations))
+search.revise_plan = announced
 sys.exit(main(sys.argv[1:]))
 """
 _COMMAND = "import sys; from safe_inspect.cli.main import main; sys.exit(main(sys.argv[1:]))"

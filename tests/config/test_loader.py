@@ -140,7 +140,7 @@ def test_two_merge_keys_are_duplicates(write):
         ("{x: 1}}\n", "a.yml:1: not valid YAML: the text goes on after its end"),
         ("x: @y\n", "a.yml:1: not valid YAML: nothing in YAML begins with this character; quote the text (column 4"),
         ("y: !!python/object/apply:os.system [ls]\n", "a.yml:1: the tag `!!python/object/apply:os.system` is not"),
-        ("x: !env HOME\n", "a.yml:1: the tag `!env` is not known; the only tag is `!include FILE`"),
+        ("x: !env HOME\n", "a.yml:1: the tag `!env` is not known; the tags are `!include FILE`"),
         ("x: !!set {a}\n", "a.yml:1: the tag `!!set` is not known"),
         ("x: !!map 3\n", "a.yml:1: the tag `!!map` does not fit what follows it; remove it"),
         ("x: !!int abc\n", "a.yml:1: 'abc' is no whole number; quote it if it is a text"),

@@ -82,16 +82,21 @@ def test_marks_follow_the_winning_value(write):
 
 
 def test_items_that_are_no_mappings_are_errors(write):
-    write({"a.yml": "x:\n  - {a: 1}\n  - 3\n  -\n"})
+    write({"a.yml": "x:\n  - {a: 1}\n  - 3\n  - b\n"})
     tree = load("a.yml")
     with pytest.raises(ConfigError) as caught:
         merge(tree["x"])
     assert [str(problem) for problem in caught.value.problems] == [
         "a.yml:3: item 1 of a list to be merged is no mapping but 3",
-        "a.yml:4: item 2 of a list to be merged is no mapping but None",
+        "a.yml:4: item 2 of a list to be merged is no mapping but 'b'",
     ]
     with pytest.raises(ConfigError, match="a mapping or a list of mappings is wanted here, got 'abc'"):
         merge("abc")
+
+
+def test_an_empty_item_adds_nothing(write):
+    write({"a.yml": "x:\n  - {a: 1}\n  -\n  - {b: 2}\n"})
+    assert merge(load("a.yml")["x"]) == {"a": 1, "b": 2}
 
 
 def test_a_key_with_a_plus_appends_to_the_list():

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from safe_inspect.config.loading.loader import parse
-from safe_inspect.config.loading.templates import MOST, expand_templates
+from safe_inspect.config.loading.templates import MAX_COUNT, expand_templates
 from safe_inspect.errors import Location
 
 HERE = Location("command line", 0, text="a test")
@@ -19,7 +19,7 @@ def names(expanded, key):
     return [entry["name"] for entry in expanded[key]]
 
 
-@given(st.integers(1, MOST))
+@given(st.integers(1, MAX_COUNT))
 def test_a_count_writes_out_as_many_agents_and_platforms(count):
     problems = []
     expanded = expand_templates(

@@ -59,7 +59,7 @@ ALIASES = {
         "functor: ObservedPointsReward":
             "functor: safe_autonomy_sims.rewards.cwh.inspection_rewards.ObservedPointsReward",
     },
-    "task-seed.yml": {
+    "task.yml": {
         "experiment_class: RllibExperiment":
             "experiment_class: corl.experiments.rllib_experiment.RllibExperiment",
     },

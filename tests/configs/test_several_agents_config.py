@@ -102,8 +102,8 @@ def test_scripted_agents_and_checkpoints_stand_beside_one_that_learns(team):
     )
     experiment = load_experiment(write(team, agents, platforms("x", "y", "z")))
     learner, drifter, old = experiment.spec.agents
-    assert (learner.pilot, old.pilot) == (None, None)
-    assert drifter.pilot.registered_name == "ZeroThrust"
+    assert (learner.scripted_policy, old.scripted_policy) == (None, None)
+    assert drifter.scripted_policy.registered_name == "ZeroThrust"
     assert list(experiment.policies) == ["learner", "old"]
     frozen = experiment.policies["old"]
     assert (frozen.trains, frozen.checkpoint, frozen.source_policy) == (False, "somewhere", "blue0_ctrl")

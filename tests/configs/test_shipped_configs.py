@@ -11,17 +11,25 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.loading.loader import load
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
+from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous
 from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 FILES = sorted(configs_root().rglob("*.yml"))
-EXPERIMENTS = sorted(configs_root().rglob("experiment*.yml"))
 FOLDERS = ("translational-inspection", "multiagent-translational-inspection")
+WEIGHTED = ("weighted-translational-inspection", "multiagent-weighted-translational-inspection")
+OTHERS = (*WEIGHTED, "docking", "multiagent-docking", "tumbling-rendezvous-learning")
+EXPERIMENTS = sorted(
+    path for folder in (*FOLDERS, *OTHERS) for path in (configs_root() / folder).rglob("experiment*.yml")
+)
+RENDEZVOUS = sorted((configs_root() / "tumbling-rendezvous").glob("experiment*.yml"))
 
 
 def test_there_are_files():
     assert len(FILES) >= 10
     assert {configs_root() / path for path in (TASKS | TEAM_TASKS).values()} <= set(EXPERIMENTS)
     assert {path.parent.name for path in FILES} >= set(FOLDERS)
+    assert set(EXPERIMENTS) | set(RENDEZVOUS) == set(configs_root().rglob("experiment*.yml"))
+    assert RENDEZVOUS
     for folder in FOLDERS:
         assert {configs_root() / folder / f"experiment{end}.yml" for end in ("", "-seed")} <= set(EXPERIMENTS)
 
@@ -42,6 +50,11 @@ def test_every_experiment_builds_and_steps(path):
             assert np.isfinite(group.reward).all()
         acting = [told for told, group in zip(transition.groups, env.groups, strict=True) if not group.scripted]
         assert [told.observation.shape for told in acting] == [seen.shape for seen in observations]
+
+
+@pytest.mark.parametrize("path", RENDEZVOUS, ids=lambda path: path.stem)
+def test_every_rendezvous_loads(path):
+    assert build_rendezvous(load_rendezvous(path).resolved).config == load_rendezvous(path).config
 
 
 def test_the_shipped_task_is_the_documented_one(shipped):

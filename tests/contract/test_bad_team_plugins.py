@@ -9,7 +9,7 @@ import pytest
 
 from safe_inspect.dones import SharedDoneFunction
 from safe_inspect.platforms import Sensor
-from safe_inspect.policies import PILOT, ScriptedPolicy
+from safe_inspect.policies import SCRIPTED_POLICY, ScriptedPolicy
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.team import TeamFiltered, TeamSafety
 from safe_inspect.simulators.state import ArraySpec
@@ -106,7 +106,7 @@ class TestPolicy:
                 return {"steps": ArraySpec((), np.int64)}
 
             def __call__(self, view, limits):
-                steps = view.memory(PILOT, "steps")
+                steps = view.memory(SCRIPTED_POLICY, "steps")
                 steps += 1
                 thrust = np.zeros((view.num_rows, 3))
                 thrust[:, 2] = np.minimum(0.05 * steps * (1 + view.own_index), limits.high[2])
@@ -143,7 +143,7 @@ class TestPolicy:
                 return {"rows": ArraySpec((), np.float64)}
 
             def __call__(self, view, limits):
-                rows = view.memory(PILOT, "rows")
+                rows = view.memory(SCRIPTED_POLICY, "rows")
                 thrust = np.stack([rows / 100.0] * 3, axis=-1)
                 rows[:] = view.num_rows
                 return thrust

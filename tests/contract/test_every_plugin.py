@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
+
 import pytest
 
 from safe_inspect.dones import CollisionDoneFunction, MultiagentSuccessDoneFunction, SetAllDoneFunction
@@ -19,6 +22,8 @@ from safe_inspect.platforms import (
 )
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.registry import registry
+from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.plugins import MeshTarget
 from safe_inspect.rewards import InspectionCrashReward, InspectionDeltaVReward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.simulators import (
@@ -32,8 +37,18 @@ from safe_inspect.tasks import InspectionSimulator
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.testing import check_plugin, sample_spec
 
+
+def _mesh_file() -> str:
+    path = Path(tempfile.mkdtemp()) / "target.stl"
+    require("trimesh").creation.box((0.4, 0.3, 0.2)).export(path)
+    return str(path)
+
+
 #: Plugins whose defaults alone are no plugin: the shipped experiment has one of them.
-_NEEDS_FIELDS = {("parameter", "RejectionSampler"): lambda: sample_spec().reset.parameters["init_state"]}
+_NEEDS_FIELDS = {
+    ("parameter", "RejectionSampler"): lambda: sample_spec().reset.parameters["init_state"],
+    ("target_model", "MeshTarget"): lambda: MeshTarget(path=_mesh_file()),
+}
 
 _PLUGINS = [
     pytest.param(kind, name, id=f"{kind}-{name}")

@@ -33,7 +33,9 @@ FACADES: dict[str, Callable[[], Any]] = {
     "parallel": lambda: safe_inspect.make_parallel(TEAM, ["horizon=12"]),
     "parallel_vec": lambda: safe_inspect.make_parallel_vec(TEAM, 3, ["horizon=12"]),
 }
-EXPERIMENTS = sorted(path.relative_to(configs_root()).as_posix() for path in configs_root().glob("*/experiment*.yml"))
+EXPERIMENTS = sorted(
+    path.relative_to(configs_root()).as_posix() for path in configs_root().glob("*inspection/experiment*.yml")
+)
 
 
 def plain(value: Any) -> Any:

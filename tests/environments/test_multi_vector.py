@@ -14,7 +14,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones import DoneStatus
 from safe_inspect.environments import InspectionParallelEnv, MultiAgentVectorEnv, TeamEnvironment, make_parallel_vec
-from safe_inspect.environments.episodes import team_facts
+from safe_inspect.environments.episodes import team_info
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.policies.blind import RandomThrust
 from safe_inspect.rta.team import TeamFiltered, TeamSafety
@@ -47,7 +47,7 @@ def variant(name: str) -> EnvironmentSpec:
     spec = task("RTAGlueCWHInspection1v1.config.enabled=True") if name == "filtered" else task()
     if name == "scripted":
         first, second, third = spec.agents
-        spec = replace(spec, agents=(first, replace(second, pilot=RandomThrust()), third))
+        spec = replace(spec, agents=(first, replace(second, scripted_policy=RandomThrust()), third))
     return replace(spec, team_safety=HalvedThrust()) if name == "filtered together" else spec
 
 
@@ -187,12 +187,12 @@ def test_the_answers_are_their_callers_to_keep():
 def test_the_teams_facts():
     env = TeamEnvironment(variant("filtered together"), NUM_ENVS, seed=SEED)
     env.reset()
-    told = team_facts(env)
+    told = team_info(env)
     assert not told["delta_v"].any()
     assert (told["closest"] >= 10.0).all()
     actions = np.full((NUM_ENVS, 3, 3), 0.2)
     transition = env.step([actions])
-    told = team_facts(env)
+    told = team_info(env)
     points = env.state.points["chief"]
     np.testing.assert_array_equal(told["inspected_count"], (points.inspector >= 0).sum(axis=1))
     np.testing.assert_array_equal(told["inspected_count"], points.own_count.sum(axis=1))
@@ -205,7 +205,7 @@ def test_the_teams_facts():
     np.testing.assert_array_equal(told["outcome"], transition.outcome)
     alone = TeamEnvironment(task("blue#_ctrl.count=1"), 2)
     alone.reset()
-    assert np.isinf(team_facts(alone)["closest"]).all()
+    assert np.isinf(team_info(alone)["closest"]).all()
 
 
 def test_what_a_filter_of_the_team_tells():

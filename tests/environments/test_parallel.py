@@ -42,7 +42,7 @@ def with_script(*overrides: str) -> EnvironmentSpec:
     """Return the task with its second agent scripted."""
     spec = task(*overrides)
     first, second, third = spec.agents
-    return replace(spec, agents=(first, replace(second, pilot=RandomThrust()), third))
+    return replace(spec, agents=(first, replace(second, scripted_policy=RandomThrust()), third))
 
 
 def random_actions(env: InspectionParallelEnv) -> dict[str, np.ndarray]:
@@ -241,7 +241,7 @@ class TestErrors:
 
     def test_one_agent_beside_scripted_ones_is_a_single_agent(self):
         spec = task("horizon=3")
-        agents = (spec.agents[0], *(replace(agent, pilot=ZeroThrust()) for agent in spec.agents[1:]))
+        agents = (spec.agents[0], *(replace(agent, scripted_policy=ZeroThrust()) for agent in spec.agents[1:]))
         env = InspectionEnv(replace(spec, agents=agents))
         env.reset(seed=0)
         _, _, _, truncated, info = env.step(NONE)

@@ -19,7 +19,7 @@ from safe_inspect.metrics.base import Metric
 from safe_inspect.platforms import Sensor
 from safe_inspect.plugins.functor import Named
 from safe_inspect.plugins.registry import registry
-from safe_inspect.policies.base import PILOT, ScriptedPolicy
+from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy
 from safe_inspect.policies.blind import ZeroThrust
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.constraints import Constraint, Evaluation
@@ -191,14 +191,14 @@ def test_a_scripted_policy_writes_its_own_memory_alone():
             return {"calls": ArraySpec((), np.int64)}
 
         def __call__(self, view, limits):
-            view.memory(PILOT, "calls")[:] += 1
+            view.memory(SCRIPTED_POLICY, "calls")[:] += 1
             if self.spoil:
                 limits.high[:] = 100.0
             return np.zeros((view.num_rows, 3))
 
     spec = load_spec(TEAM)
     for spoil in (False, True):
-        agents = tuple(replace(agent, pilot=CountingPolicy(spoil=spoil)) for agent in spec.agents)
+        agents = tuple(replace(agent, scripted_policy=CountingPolicy(spoil=spoil)) for agent in spec.agents)
         environment = TeamEnvironment(replace(spec, agents=agents), 2, seed=1)
         environment.reset()
         if spoil:
@@ -207,7 +207,7 @@ def test_a_scripted_policy_writes_its_own_memory_alone():
             continue
         for _ in range(3):
             environment.step(())
-        calls = environment.view().memory(PILOT, "calls")
+        calls = environment.view().memory(SCRIPTED_POLICY, "calls")
         assert calls.tolist() == [3] * 6
         with pytest.raises(ValueError, match="read-only"):
             calls[:] = 0

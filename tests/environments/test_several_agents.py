@@ -349,7 +349,7 @@ def test_grouping_changes_nothing(monkeypatch):
     spec = several("blue#_ctrl.count=7", *LIVELY)
     other = of_another_kind(spec.agents[0])
     filtered = several("blue#_ctrl.count=7", FILTER_ON).agents[0].glues
-    guarded, pilot = {"glues": filtered}, {"pilot": RandomThrust()}
+    guarded, pilot = {"glues": filtered}, {"scripted_policy": RandomThrust()}
     spec = with_agents(spec, {}, {}, other, other, guarded, guarded, pilot)
     names = [agent.name for agent in spec.agents]
     thrusts = thrusts_of(names, 130, 4)
@@ -367,7 +367,7 @@ def test_grouping_changes_nothing(monkeypatch):
 def test_a_scripted_agent_is_part_of_the_world():
     """It asks for no action and decides no end; the others fly as if it was flown so from outside."""
     spec = several("horizon=30")
-    scripted = with_agents(spec, {}, {"pilot": ZeroThrust(), "dones": spec.agents[1].dones[:-1]}, {})
+    scripted = with_agents(spec, {}, {"scripted_policy": ZeroThrust(), "dones": spec.agents[1].dones[:-1]}, {})
     names = [agent.name for agent in spec.agents]
     thrusts = {name: 0.05 * array for name, array in thrusts_of(names, 45, 3).items()}
     thrusts["blue1_ctrl"][:] = 0.0
@@ -388,7 +388,9 @@ def test_a_scripted_agent_is_part_of_the_world():
 
 def test_a_pilot_that_remembers_flies_alone_as_in_a_batch():
     spec = several("horizon=20")
-    spec = with_agents(spec, {"pilot": NaturalMotionInspector()}, {"pilot": NaturalMotionInspector()}, {})
+    spec = with_agents(
+        spec, {"scripted_policy": NaturalMotionInspector()}, {"scripted_policy": NaturalMotionInspector()}, {}
+    )
     thrusts = thrusts_of(["blue2_ctrl"], 25, 3)
     batch = fly(TeamEnvironment(spec, 3, seed=SEED), thrusts, [2])
     own = {name: array[:, 2:3] for name, array in thrusts.items()}

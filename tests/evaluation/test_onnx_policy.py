@@ -22,7 +22,6 @@ from safe_inspect.environments import TeamEnvironment  # noqa: E402
 from safe_inspect.errors import CheckpointError, SafeInspectError  # noqa: E402
 from safe_inspect.evaluation import rollout  # noqa: E402
 from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx  # noqa: E402
-from safe_inspect.evaluation.policy_files.policy_draws import choices, gaussian  # noqa: E402
 from safe_inspect.evaluation.policy_files.policy_file import seal  # noqa: E402
 
 onnx = pytest.importorskip("onnx")
@@ -112,26 +111,6 @@ def test_a_team_is_flown_by_its_files(tmp_path):
     assert not np.allclose(ours.trajectories[0].control[:, 0], ours.trajectories[0].control[:, 1], atol=0.1)
 
 
-@pytest.mark.parametrize("deputy", [0, 2])
-def test_draws_are_those_of_the_training(deputy):
-    from safe_inspect.experiments.sampling.categorical import draw_choices
-    from safe_inspect.experiments.sampling.gaussian import draw_actions
-
-    generator = np.random.default_rng(0)
-    slots, deputies = np.arange(500) * 7, np.full(500, deputy)
-    zeros, steps, density = np.zeros(500, dtype=np.int64), np.full(500, 9), np.empty(500, dtype=np.float32)
-    where = (np.uint64(2**40 + 1), slots.astype(np.uint64), zeros, steps, deputy)
-    inputs = generator.normal(size=(500, 10)).astype(np.float32)
-    wanted = np.empty((500, 5), dtype=np.float32)
-    draw_actions(inputs, True, *where, wanted, density)
-    np.testing.assert_allclose(gaussian(inputs, 2**40 + 1, slots, deputies, 9), wanted, rtol=1e-6)
-    indices = np.empty((500, 3), dtype=np.float32)
-    draw_choices(inputs, np.array([2, 5, 3]), True, *where, indices, density)
-    found = choices(inputs, [2, 5, 3], 2**40 + 1, slots, deputies, 9)
-    np.testing.assert_array_equal(found, indices)
-    assert [len(np.unique(column)) for column in found.T] == [2, 5, 3]
-
-
 def test_the_file_says_in_which_task_it_flies(exported):
     experiment, _, file = exported["scaled"]
     policy = load_onnx(file)
@@ -185,7 +164,7 @@ class TestRefusals:
             rollout(experiment.spec, load_onnx(file), 1)
 
     def test_rows_that_are_not_known(self, exported):
-        with pytest.raises(ValueError, match="told of the rows with `begin`"):
+        with pytest.raises(ValueError, match="gets its rows by `begin`"):
             load_onnx(exported["plain"][2], sampled=True)(np.zeros((2, 11), dtype=np.float32))
 
     def test_a_missing_file(self, tmp_path):

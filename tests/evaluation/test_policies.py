@@ -8,7 +8,7 @@ import pytest
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation import BASELINES, baseline, rollout, with_scripted
-from safe_inspect.evaluation.rollouts.crew import Crew, assign
+from safe_inspect.evaluation.rollouts.dispatch import PolicyDispatcher, assign
 from safe_inspect.policies import NaturalMotionInspector, RandomThrust, ScriptedPolicy, ZeroThrust
 
 
@@ -32,9 +32,9 @@ def test_an_unknown_baseline_is_told_from_the_known(name, message):
 
 def test_scripted_agents_are_the_ones_that_are_named(team):
     spec = with_scripted(team, "random", ["blue1_ctrl"])
-    assert [agent.pilot for agent in spec.agents] == [None, RandomThrust(), None]
-    assert [agent.pilot for agent in with_scripted(spec, ZeroThrust()).agents] == [ZeroThrust()] * 3
-    assert [agent.pilot for agent in team.agents] == [None] * 3
+    assert [agent.scripted_policy for agent in spec.agents] == [None, RandomThrust(), None]
+    assert [agent.scripted_policy for agent in with_scripted(spec, ZeroThrust()).agents] == [ZeroThrust()] * 3
+    assert [agent.scripted_policy for agent in team.agents] == [None] * 3
 
 
 def test_a_wrong_agent_or_body_is_one_message(team):
@@ -49,7 +49,7 @@ def test_policies_and_agents_have_to_match(team):
     names = [agent.name for agent in team.agents]
     spec, flying = assign(team, {names[0]: nothing, names[1]: ZeroThrust(), names[2]: nothing})
     assert flying == {names[0]: nothing, names[2]: nothing}
-    assert spec.agents[1].pilot == ZeroThrust()
+    assert spec.agents[1].scripted_policy == ZeroThrust()
     assert assign(team, nothing)[1] == dict.fromkeys(names, nothing)
     with pytest.raises(SafeInspectError, match="no policy is given for blue1_ctrl, blue2_ctrl"):
         rollout(team, {names[0]: nothing})
@@ -74,8 +74,8 @@ def test_a_policy_that_flies_several_agents_is_asked_once_and_sees_the_rows_of_e
     shared = Shared()
     environment = TeamEnvironment(team, 2, seed=1)
     observations = environment.reset()
-    crew = Crew(environment, {names[0]: shared, names[1]: nothing, names[2]: shared}, 5)
-    actions = crew(observations, np.array([True, False]))
+    dispatcher = PolicyDispatcher(environment, {names[0]: shared, names[1]: nothing, names[2]: shared}, 5)
+    actions = dispatcher(observations, np.array([True, False]))
     assert told == [([5, 5, 6, 6], [0, 2, 0, 2])]
     np.testing.assert_array_equal(seen, [observations[0][:, [0, 2]].reshape(4, -1)])
     np.testing.assert_array_equal(actions[0], [[[0, 1, 2], [0, 0, 0], [3, 4, 5]], np.zeros((3, 3))])

@@ -15,7 +15,7 @@ def episodes(count: int) -> Episodes:
         terms={"A": -ramp},
         length=np.arange(10, 10 + count),
         status=np.array([1, 2, 1, 3, 1][:count], dtype=np.int8),
-        inspected_fraction=ramp / count,
+        info={"inspected_fraction": ramp / count},
         delta_v=np.full(count, 2.0),
     )
 

@@ -14,7 +14,7 @@ from safe_inspect.evaluation import rollout, summarise
 from safe_inspect.policies import RandomThrust, ZeroThrust
 
 WHOLE = ("returns", "length", "status", "inspected_fraction", "delta_v", "closest")
-OWN = ("returns", "length", "status", "inspected", "delta_v")
+OWN = ("returns", "length", "status", "own_inspected_count", "delta_v")
 TRACKS = ("time", "position", "velocity", "control", "delta_v", "sun_angle", "inspected_at", "inspector")
 
 
@@ -47,7 +47,9 @@ def test_the_team_is_its_agents(team, flown):
     assert list(flown.agents) == [agent.name for agent in team.agents]
     np.testing.assert_allclose(flown.returns, sum(agent.returns for agent in agents), rtol=1e-12)
     np.testing.assert_allclose(flown.delta_v, np.mean([agent.delta_v for agent in agents], axis=0), rtol=1e-12)
-    np.testing.assert_allclose(flown.inspected_fraction * 100, sum(agent.inspected for agent in agents), rtol=1e-12)
+    np.testing.assert_allclose(
+        flown.inspected_fraction * 100, sum(agent.own_inspected_count for agent in agents), rtol=1e-12
+    )
     np.testing.assert_array_equal(flown.length, np.max([agent.length for agent in agents], axis=0))
     for agent in agents:
         np.testing.assert_allclose(sum(agent.terms.values()), agent.returns, rtol=1e-12)
@@ -72,7 +74,7 @@ def test_an_episode_is_that_of_the_environment_stepped_by_hand(team, flown):
     for index, agent in enumerate(flown.agents.values()):
         assert (agent.returns[2], agent.length[2]) == (returns[index], lengths[index])
         assert (agent.status[2], agent.delta_v[2]) == (state.finished[0, index], state.delta_v[0, index])
-        assert agent.inspected[2] == state.points["chief"].own_count[0, index]
+        assert agent.own_inspected_count[2] == state.points["chief"].own_count[0, index]
 
 
 def test_a_recording_agrees_with_the_figures_of_its_episode(flown):
@@ -82,7 +84,7 @@ def test_a_recording_agrees_with_the_figures_of_its_episode(flown):
         assert flown.closest[row] == pytest.approx(np.linalg.norm(apart, axis=-1).min(), rel=1e-12)
         counts = np.bincount(one.inspector + 1, minlength=4)
         assert counts[0] == 100 - np.isfinite(one.inspected_at).sum()
-        assert counts[1:].tolist() == [agent.inspected[row] for agent in flown.agents.values()]
+        assert counts[1:].tolist() == [agent.own_inspected_count[row] for agent in flown.agents.values()]
 
 
 def test_a_scripted_policy_flies_as_its_equal_from_outside(team):
@@ -109,6 +111,8 @@ def test_the_table_has_a_block_for_each_agent(flown):
     assert any(line.startswith("  closest deputies") for line in lines)
     told = json.loads(json.dumps(summary.as_dict(), allow_nan=False))
     first = next(iter(flown.agents))
-    assert told["agents"][first]["statistics"]["inspected first"]["mean"] == flown.agents[first].inspected.mean()
+    assert (
+        told["agents"][first]["statistics"]["inspected first"]["mean"] == flown.agents[first].own_inspected_count.mean()
+    )
     alone = summarise(dataclasses.replace(flown, agents={first: flown.agents[first]}, closest=None))
     assert "agents" not in alone.as_dict()

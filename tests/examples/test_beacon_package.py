@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import safe_inspect
-from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.errors import ConfigError
 
 _PACKAGE = Path(__file__).parents[2] / "examples" / "beacon_package"
@@ -60,6 +60,24 @@ def test_the_beacon_moves_and_is_seen_paid_and_reached(load):
     assert (env.step(np.zeros((64, 1, 3))).status == 1).all()
 
 
+@pytest.mark.parametrize("num_envs", [1, 5, 64])
+def test_its_row_kernel_runs_in_the_compiled_step_with_equal_values(load, num_envs):
+    fused, plain = (TeamEnvironment(load(), num_envs, seed=3, _fused=fused) for fused in (True, False))
+    fused.reset(), plain.reset()
+    (group,) = fused.groups
+    assert group.fused.called_in_python[-1] == "BeaconReachedDone"
+    assert "BeaconProgressReward" not in group.fused.called_in_python
+    generator = np.random.default_rng(1)
+    for _ in range(20):
+        actions = [generator.uniform(-1.0, 1.0, (num_envs, 1, 3))]
+        one, other = (env.step(actions).groups[0] for env in (fused, plain))
+        assert one.terms["BeaconProgressReward"].tobytes() == other.terms["BeaconProgressReward"].tobytes()
+        assert one.observation.tobytes() == other.observation.tobytes()
+        sides = ((view.beacon_position - view.position) ** 2 for view in (one.step.before, one.step.after))
+        before, after = (np.sqrt(side.sum(axis=1)) for side in sides)
+        np.testing.assert_allclose(one.reward[:, 0], 0.02 * (before - after), atol=1e-12)
+
+
 def test_a_name_that_the_task_does_not_offer_is_one_message(load):
     env = BatchedEnvironment(load(), 1)
     env.reset()
@@ -93,3 +111,42 @@ def test_it_trains_and_is_evaluated(tmp_path):
     assert "iteration    2" in told
     (folder,) = (tmp_path / "out").iterdir()
     assert "4 episodes" in run("safe_inspect", "evaluate", str(folder), "--episodes", "4")
+
+
+def _command(*arguments: str) -> None:
+    from safe_inspect.cli.main import main
+
+    assert main([*arguments, "--cfg", str(_EXPERIMENT), "--seed", "3", _BY_PATH]) == 0
+
+
+def test_it_is_evaluated_compared_and_drawn_with_columns_of_its_own(load, tmp_path, capsys):
+    from safe_inspect.evaluation.results.folder import read_evaluation
+    from safe_inspect.evaluation.results.trajectory_table import read_trajectories
+
+    load()
+    folder, figure = tmp_path / "flown", tmp_path / "episode.png"
+    _command("evaluate", "random", "--episodes", "6", "--record", "2", "--output", str(folder))
+    table = capsys.readouterr().out
+    assert "inspect" not in table
+    assert [line.split()[-1] for line in table.splitlines() if line.startswith("  beacon distance")] == ["m"]
+    found = read_evaluation(folder)
+    usual = ["return", "beacon distance", "delta-v", "length", "reward/BeaconProgressReward", "interventions"]
+    assert list(found.team.figures) == list(found.agents["blue0_ctrl"].figures) == usual
+    assert [name for name in found.initial_states if "/" not in name] == ["beacon_angle"]
+    assert np.ptp(found.initial_states["beacon_angle"]) > 1.0
+    one = read_trajectories(folder)[1]
+    np.testing.assert_allclose(np.diff(one.beacon_angle), 0.025)
+    beacon = 50.0 * np.array([np.cos(one.beacon_angle[-1]), np.sin(one.beacon_angle[-1]), 0.0])
+    apart = np.linalg.norm(one.position[-1, 0] - beacon)
+    assert found.team.figures["beacon distance"][1] == pytest.approx(apart, rel=1e-12)
+    assert len(one.points) == 0
+
+    _command("compare", str(folder), "zero-thrust")
+    table = capsys.readouterr().out
+    assert "zero-thrust less random, episode by episode" in table
+    assert "beacon distance" in table
+    assert "inspect" not in table
+
+    _command("draw", "random", "--output", str(figure))
+    assert "points" not in capsys.readouterr().out
+    assert figure.stat().st_size > 10_000

@@ -6,30 +6,30 @@ import numpy as np
 from dummy_environment import ONE
 from training_values import MAKER, QUICK
 
-from safe_inspect.config.spec import Policy
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.experiments.settings.policies import read_policies
 from safe_inspect.experiments.settings.translation import translate_rllib
 
 
 def policies_of(team):
     """Return the policies of the dummy's agents."""
-    crews = {}
+    agents_by_policy = {}
     for entry in team:
         for agent, policy in zip(entry["agents"], entry["policies"], strict=True):
-            crews.setdefault(policy, []).append(agent)
-    return [Policy(name, tuple(agents), "PPO", {}) for name, agents in crews.items()]
+            agents_by_policy.setdefault(policy, []).append(agent)
+    return [PolicySpec(name, tuple(agents), "PPO", {}) for name, agents in agents_by_policy.items()]
 
 
 def build(experiment, maker=MAKER, policies=(), **more):
     """Return a configuration of RLlib."""
-    from safe_inspect.experiments.adapters import environment
     from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+    from safe_inspect.experiments.adapters.registration import register_environments
 
     settings = translate_rllib({**QUICK, **more})
     assert not settings.problems
     found, _, problems = read_policies(policies or policies_of(experiment.get("team", ONE)), "PPO")
     assert not problems
-    environment.register(maker)
+    register_environments(maker)
     return build_config(settings, environment_settings(experiment, settings.settings, maker=maker), found)
 
 

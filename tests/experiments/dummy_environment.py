@@ -70,7 +70,7 @@ class DummyTeam:
                 first=first,
                 size=len(entry["agents"]),
                 scripted=False,
-                guard=None,
+                safety_filter=None,
                 observation_layout=layout(entry["size"], np.inf),
                 action_layout=chosen(entry["choices"]) if "choices" in entry else layout(3, 1.0),
             )

@@ -79,11 +79,11 @@ def make_module(agent, seed=0, module_class=None, **model):
 
 def save_run(folder, experiment, modules):
     """Write a run's folder with one checkpoint of these modules, by the names of their policies; return that."""
-    from safe_inspect.experiments.modules.policy_facts import policy_info
+    from safe_inspect.experiments.modules.policy_info import policy_info
     from safe_inspect.experiments.modules.weights_file import INFO
     from safe_inspect.experiments.runs.checkpoints import Checkpoint, seal_checkpoint
 
-    outside = [agent for agent in experiment.spec.agents if agent.pilot is None]
+    outside = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     checkpoint = folder / "tune" / "000" / "trial_00000" / "checkpoint_000003"
     for name, module in modules.items():
         agents = [agent for agent in outside if agent.policy == name] or outside

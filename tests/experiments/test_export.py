@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from random_checkpoint import LEVELS, TEAM, discrete, experiment_of, make_module, save_run, scaled, single_run
 
-from safe_inspect.cli.export import add_export_arguments, run_export
+from safe_inspect.cli.commands.export import run_export
+from safe_inspect.cli.export import add_export_arguments
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
 from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
@@ -295,7 +296,7 @@ class TestRefusals:
         ("arguments", "message"),
         [
             (["nowhere"], "nowhere: there is no such checkpoint"),
-            (["."], "neither a checkpoint nor the folder of a run"),
+            (["."], "neither a checkpoint nor the folder of a training run"),
             (["RUN", "--policy", "defualt_policy"], "has no policy 'defualt_policy'; did you mean"),
             (["RUN", "horizon=3"], "named with --cfg"),
         ],

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from safe_inspect.experiments.learning.fast_adam import FastAdam, is_plain
-from safe_inspect.experiments.learning.fast_tanh import tanh_gradient, tanh_in_place
-from safe_inspect.experiments.learning.tanh_net import TanhNet, linear_layers
+from safe_inspect.experiments.learning.fast_nets.fast_adam import FastAdam, is_plain
+from safe_inspect.experiments.learning.fast_nets.fast_tanh import tanh_gradient, tanh_in_place
+from safe_inspect.experiments.learning.fast_nets.tanh_net import TanhNet, linear_layers
 
 
 def net_of(sizes, seed=0):

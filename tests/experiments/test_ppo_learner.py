@@ -146,6 +146,25 @@ def test_whole_batch_updates_equal_those_of_rllib(algorithm, team, more):
         assert more.get("use_kl_loss", True) == (abs(mine - 0.2) > 1e-6)
 
 
+def test_nets_by_autograd_learn_the_same(algorithm, monkeypatch):
+    from safe_inspect.experiments.learning import ppo_nets
+
+    private, plain = (algorithm({"drift": 0.03}, lr=2e-3) for _ in range(2))
+    plain.learner_group.set_state(private.learner_group.get_state())
+    episodes = private.env_runner.sample(num_timesteps=1000)
+    before = weights_of(private)
+    for steps in (1000, 2000, 3000):
+        update(private, copy.deepcopy(episodes), steps)
+    monkeypatch.setattr(ppo_nets, "linear_layers", lambda *_: None)
+    monkeypatch.setattr(ppo_nets, "is_plain", lambda _: False)
+    for steps in (1000, 2000, 3000):
+        update(plain, copy.deepcopy(episodes), steps)
+    expected = weights_of(private)
+    for key, value in weights_of(plain).items():
+        np.testing.assert_allclose(value, expected[key], atol=1e-5, err_msg=str(key))
+    assert max(np.abs(value - before[key]).max() for key, value in expected.items()) > 1e-3
+
+
 def before_names(weights):
     return {name for name, _ in weights}
 
@@ -313,6 +332,7 @@ def test_what_the_fast_learner_cannot_do_the_stock_one_does(ray_session):
         algo.stop()
 
 
+@pytest.mark.slow
 def test_a_learner_in_a_process_of_its_own(algorithm):
     algo = algorithm({"drift": 0.03}, num_learners=1)
     result = algo.train()["learners"]["default_policy"]

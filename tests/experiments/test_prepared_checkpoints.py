@@ -17,7 +17,7 @@ from random_checkpoint import discrete, experiment_of, make_module, save_run, si
 
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
-from safe_inspect.config.spec import Policy
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.runs.checkpoints import MODULES, WEIGHTS, Checkpoint, find_newest, seal_checkpoint
 from safe_inspect.experiments.settings.policies import PolicySettings
@@ -164,7 +164,7 @@ def test_a_checkpoint_with_pickles_alone_is_refused(prepared, capsys):
         assert main(list(words)) == 2
         told = capsys.readouterr().err
         assert f"{checkpoint.path}: the checkpoint holds the policy 'default_policy' only as a pickle" in told
-        assert "safe-inspect train --resume RUN" in told
+        assert "Train again" in told
     assert not marker.exists()
 
 
@@ -199,8 +199,8 @@ def test_trainings_start_from_a_prepared_checkpoint(algorithm, tmp_path):
     assert prepare(tmp_path, tmp_path / "marker") >= len(PICKLES)
     wanted = one.learner_group._learner.module["default_policy"].state_dict()
     team = [TEAM[0], {**TEAM[1], "size": 11}]
-    old = Policy("old", ("green",), "", {}, str(tmp_path / "checkpoint"))
-    policies = (Policy("shared", ("red", "blue"), "PPO", {}), old)
+    old = PolicySpec("old", ("green",), "", {}, str(tmp_path / "checkpoint"))
+    policies = (PolicySpec("shared", ("red", "blue"), "PPO", {}), old)
     model["initial_weights"] = str(tmp_path / "checkpoint")
     algo = algorithm({"team": team}, policies=policies, model_config=model)
     for name in ("shared", "old"):

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from safe_inspect.experiments.runs.progress import Messages, Progress, clock, flatten, row_of, time_left
+from safe_inspect.experiments.runs.progress import Messages, TrainingProgress, clock_text, flatten, row_of, time_left
 from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
 
 
@@ -38,7 +38,7 @@ def test_flattening_keeps_the_numbers():
 
 
 def test_the_line_of_an_iteration():
-    progress = Progress({"training_iteration": 75}, io.StringIO())
+    progress = TrainingProgress({"training_iteration": 75}, io.StringIO())
     for iteration in (11, 12):
         stream = io.StringIO()
         progress._stream = stream
@@ -53,7 +53,7 @@ def test_the_line_of_an_iteration():
 
 def test_what_is_not_known_yet_is_a_dash():
     stream = io.StringIO()
-    Progress({}, stream).show(result(1))
+    TrainingProgress({}, stream).show(result(1))
     assert "return       -  success   - %  inspected   - %  delta-v      - m/s  left -" in stream.getvalue()
 
 
@@ -63,7 +63,7 @@ def test_the_bar_is_for_terminals_only():
             return True
 
     stream = Terminal()
-    progress = Progress({"training_iteration": 4}, stream)
+    progress = TrainingProgress({"training_iteration": 4}, stream)
     progress.show(result(1))
     assert stream.getvalue().splitlines()[-1] == f"[{'#' * 10}{'.' * 30}]  25 %  left 0:00:06"
     progress.close()
@@ -81,7 +81,7 @@ def test_the_nearest_limit_counts():
 
 @pytest.mark.parametrize(("seconds", "text"), [(0, "0:00:00"), (3725.4, "1:02:05"), (59.6, "0:01:00"), (math.inf, "-")])
 def test_clock(seconds, text):
-    assert clock(seconds) == text
+    assert clock_text(seconds) == text
 
 
 def test_a_row_holds_the_terms_of_the_reward():
@@ -143,5 +143,5 @@ def test_a_stream_that_fails_does_not_end_a_training():
 
     messages = Messages(Closed())
     print("text", file=messages, flush=True)
-    Progress({}, messages).show(result(1))
+    TrainingProgress({}, messages).show(result(1))
     assert not messages.isatty()

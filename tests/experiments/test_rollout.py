@@ -23,13 +23,13 @@ class Net:
 
 
 def sampler(team=TEAM, num_envs=5, first_slot=0, seed=3, **experiment):
-    from safe_inspect.experiments.sampling.sampler import Sampler, seats_of
+    from safe_inspect.experiments.sampling.sampler import Sampler, agent_slots
 
     environment = DummyTeam({"team": team, **experiment}, num_envs, seed, first_slot)
     sizes = {policy: entry["size"] for entry in team for policy in entry["policies"]}
     built = Sampler(
         environment,
-        seats_of(environment),
+        agent_slots(environment),
         lambda policy, rows: Net(rows, sizes[policy]),
         seed=seed,
         first_slot=first_slot,
@@ -38,19 +38,19 @@ def sampler(team=TEAM, num_envs=5, first_slot=0, seed=3, **experiment):
     return built
 
 
-def pieces_of(built, rollout, seat):
+def pieces_of(built, rollout, agent_slot):
     """Yield the arrays of one agent in each piece in which it flies: observations, actions, rewards, span, piece."""
-    index = built.seats.index(seat)
-    track = rollout.tracks[seat.group]
+    index = built.agent_slots.index(agent_slot)
+    track = rollout.tracks[agent_slot.group]
     for piece in rollout.pieces:
         span = piece.spans[index]
         if not span.length:
             continue
         stop = piece.start + span.length
-        observations = track.observations[seat.member, piece.env, piece.start : stop + 1].copy()
+        observations = track.observations[agent_slot.member, piece.env, piece.start : stop + 1].copy()
         if piece.over and stop == piece.stop:
-            observations[-1] = piece.finals[seat.group][seat.member]
-        part = (seat.member, piece.env, slice(piece.start, stop))
+            observations[-1] = piece.finals[agent_slot.group][agent_slot.member]
+        part = (agent_slot.member, piece.env, slice(piece.start, stop))
         yield observations, track.actions[part], track.rewards[part], span, piece
 
 
@@ -61,13 +61,13 @@ def test_every_piece_is_an_unbroken_stretch_of_one_episode(team):
     ends = set()
     for steps in (7, 40, 1, 33, 60):
         rollout = built.roll(steps)
-        for seat in built.seats:
-            for observations, actions, rewards, span, piece in pieces_of(built, rollout, seat):
+        for agent_slot in built.agent_slots:
+            for observations, actions, rewards, span, piece in pieces_of(built, rollout, agent_slot):
                 slot, episode = observations[0, 2], observations[0, 3]
                 assert (observations[:, 2] == slot).all()
                 assert (observations[:, 3] == episode).all()
-                if seat.group == 0 or len(team) == 1:
-                    np.testing.assert_array_equal(observations[:, 4], seat.deputy)
+                if agent_slot.group == 0 or len(team) == 1:
+                    np.testing.assert_array_equal(observations[:, 4], agent_slot.deputy)
                 np.testing.assert_array_equal(observations[:, 5], piece.begun + np.arange(span.length + 1))
                 push = np.clip(actions, -1.0, 1.0).astype(np.float64).mean(axis=1)
                 np.testing.assert_allclose(np.diff(observations[:, 0]), 0.1 * push, atol=1e-6)
@@ -77,11 +77,11 @@ def test_every_piece_is_an_unbroken_stretch_of_one_episode(team):
                 assert not near[1:-1].any()  # it would have ended
                 assert span.terminated == near[-1]
                 ends.add((span.terminated, span.truncated, piece.over))
-                key = (seat.agent, slot, episode)
+                key = (agent_slot.agent, slot, episode)
                 assert known.get(key, (0, False)) == (piece.begun, False)  # goes on where it was cut
                 known[key] = (piece.begun + span.length, span.terminated or span.truncated)
     assert {(True, False, True), (False, True, True), (False, False, False)} <= ends
-    if len(built.seats) > 1:
+    if len(built.agent_slots) > 1:
         assert (True, False, False) in ends  # one that ended early, while the others went on
 
 
@@ -113,7 +113,7 @@ def test_whole_episodes_do_not_favour_short_ones():
     built = sampler(ONE, num_envs=8, drift=0.0)
     lengths = {}
     rollout = built.roll_episodes(19)
-    for observations, *_, piece in pieces_of(built, rollout, built.seats[0]):
+    for observations, *_, piece in pieces_of(built, rollout, built.agent_slots[0]):
         assert piece.over
         assert piece.begun == 0
         lengths.setdefault(int(observations[0, 2]), []).append(len(observations) - 1)
@@ -142,11 +142,11 @@ def test_an_episode_is_reported_with_its_sums():
     returns = {}
     for steps in (30, 30, 30):
         rollout = built.roll(steps)
-        for seat in built.seats:
-            for observations, _, rewards, _, _ in pieces_of(built, rollout, seat):
+        for agent_slot in built.agent_slots:
+            for observations, _, rewards, _, _ in pieces_of(built, rollout, agent_slot):
                 key = (observations[0, 2], observations[0, 3])
-                found = returns.setdefault(key, {}).setdefault(seat.agent, 0.0)
-                returns[key][seat.agent] = found + rewards.astype(np.float64).sum()
+                found = returns.setdefault(key, {}).setdefault(agent_slot.agent, 0.0)
+                returns[key][agent_slot.agent] = found + rewards.astype(np.float64).sum()
     assert len(built.reports) > 5
     for report in built.reports:
         parts = {agent: report[f"agents/{agent}/return"] for agent in ("red", "blue", "green")}
@@ -162,13 +162,13 @@ def test_actions_are_gaussian_and_their_densities_rllibs():
     import torch
     from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussian
 
-    from safe_inspect.experiments.sampling.gaussian import draw_actions
+    from safe_inspect.random.action_draws import DrawRows, draw_gaussian
 
     rows = 4000
     inputs = np.random.default_rng(0).normal(0.0, 0.5, (rows, 6)).astype(np.float32)
     actions, densities = np.zeros((rows, 3), np.float32), np.zeros(rows, np.float32)
     slots, zeros = np.arange(rows, dtype=np.uint64), np.zeros(rows, np.int64)
-    draw_actions(inputs, True, np.uint64(5), slots, zeros, zeros, 0, actions, densities)
+    draw_gaussian(inputs, True, DrawRows(np.uint64(5), slots, zeros, zeros, zeros), actions, densities)
     expected = TorchDiagGaussian.from_logits(torch.from_numpy(inputs)).logp(torch.from_numpy(actions))
     np.testing.assert_allclose(densities, expected.numpy(), atol=5e-6)
     z = (actions - inputs[:, :3]) / np.exp(inputs[:, 3:])
@@ -176,8 +176,8 @@ def test_actions_are_gaussian_and_their_densities_rllibs():
     assert np.abs(z.var(axis=0) - 1.0).max() < 4.0 * np.sqrt(2.0 / rows)
     assert np.abs(np.corrcoef(z.T) - np.eye(3)).max() < 4.0 / np.sqrt(rows)
     others = [np.zeros((rows, 3), np.float32) for _ in range(3)]
-    draw_actions(inputs, True, np.uint64(6), slots, zeros, zeros, 0, others[0], densities)
-    draw_actions(inputs, True, np.uint64(5), slots, zeros + 1, zeros, 0, others[1], densities)
-    draw_actions(inputs, True, np.uint64(5), slots, zeros, zeros + 1, 0, others[2], densities)
+    elsewhere = ((np.uint64(6), zeros, zeros), (np.uint64(5), zeros + 1, zeros), (np.uint64(5), zeros, zeros + 1))
+    for other, (seed, episode, step) in zip(others, elsewhere, strict=True):
+        draw_gaussian(inputs, True, DrawRows(seed, slots, episode, step, zeros), other, densities)
     for other in others:  # another seed, another episode, another step
         assert np.abs(np.corrcoef(z[:, 0], other[:, 0] - inputs[:, 0])[0, 1]) < 4.0 / np.sqrt(rows)

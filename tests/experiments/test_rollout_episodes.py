@@ -12,7 +12,12 @@ from ray.rllib.env.multi_agent_episode import MultiAgentEpisode
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
 from safe_inspect.experiments.learning.ppo_batch import batches_of
-from safe_inspect.experiments.sampling.rollout_episodes import Part, RolloutEpisode, RolloutTeamEpisode, part_of_episode
+from safe_inspect.experiments.sampling.rollout_episodes import (
+    EpisodePart,
+    RolloutEpisode,
+    RolloutTeamEpisode,
+    part_of_episode,
+)
 
 SPACES = (
     gymnasium.spaces.Box(np.full(4, -9.0, np.float32), np.full(4, 9.0, np.float32)),
@@ -38,7 +43,7 @@ def part(steps=5, seed=0, ended=True, **more):
         "terminated": ended,
         "weights": 7,
     }
-    return Part(**{**given, **more})
+    return EpisodePart(**{**given, **more})
 
 
 def stock(one, spaces=SPACES, begun=3, **more):

@@ -12,13 +12,15 @@ from training_values import MAKER
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.runs import run_folder
-from safe_inspect.experiments.runs.train import TrainingRun, train
+from safe_inspect.experiments.runs.learning_configuration import changed_values, digest, learning_configuration
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun
 
 CONFIGURATION = {"experiment": {"radius": 10.0, "points": [1, 2]}, "rllib_configs": {"lr": 1e-4}}
 
 
 def record(folder, configuration=None):
-    run_folder.write_record(folder, text="a: 1\n", seed=7, configuration=configuration or CONFIGURATION)
+    run_folder.write_run_record(folder, text="a: 1\n", seed=7, configuration=configuration or CONFIGURATION)
 
 
 def test_two_runs_of_one_second_have_two_folders(tmp_path):
@@ -67,9 +69,7 @@ def test_only_the_place_and_the_length_of_computing_may_change():
     def learning(radius=1, stop=10, **more):
         task = {"tune_config": {"stop": stop}, "ray_config": {"num_cpus": stop}, "env_config": {"radius": radius}}
         experiment = {"config": {"config": task}}
-        return run_folder.digest(
-            run_folder.learning_configuration(experiment, {"lr": 1.0, "num_env_runners": 0, **more})
-        )
+        return digest(learning_configuration(experiment, {"lr": 1.0, "num_env_runners": 0, **more}))
 
     base = learning()
     assert learning(stop=20, num_env_runners=8, num_gpus_per_learner=1, torch_num_threads=4) == base
@@ -100,14 +100,14 @@ def test_two_processes_cannot_train_in_one_folder(tmp_path):
 
 
 def test_the_lists_of_two_lengths_differ():
-    assert list(run_folder.differences({"a": [1]}, {"a": [1, 2]})) == [("a", [1], [1, 2])]
+    assert list(changed_values({"a": [1]}, {"a": [1, 2]})) == [("a", [1], [1, 2])]
 
 
 def test_a_run_whose_record_cannot_be_written_leaves_no_folder(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OutputError("run.json: the file cannot be written (No space left on device)")
 
-    monkeypatch.setattr(run_folder, "write_record", full)
+    monkeypatch.setattr(run_folder, "write_run_record", full)
     with pytest.raises(OutputError, match="No space left"):
         train(TrainingRun({}, output=tmp_path, maker=MAKER), io.StringIO())
     assert not list(tmp_path.iterdir())

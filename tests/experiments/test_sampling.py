@@ -160,6 +160,7 @@ def sampled(algo, calls):
         pytest.param(CHOOSING, id="choosing", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_episodes_do_not_depend_on_the_number_of_runners(algorithm, team):
     found = [
         sampled(

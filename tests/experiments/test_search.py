@@ -10,12 +10,11 @@ import pytest
 from random_checkpoint import SHIPPED, TEAM, experiment_of, single_run
 from training_values import MAKER
 
-from safe_inspect.cli.sources import Wanted, open_candidates
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.modules.sources import open_source
+from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
 from safe_inspect.experiments.runs.checkpoints import Checkpoint, find_newest, seal_checkpoint
-from safe_inspect.experiments.runs.train import read_settings
+from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.runs.trial_parameters import write_parameters
 from safe_inspect.experiments.settings.search import experiment_of as experiment_of_trial
 from safe_inspect.experiments.settings.search import sample_seed
@@ -169,7 +168,7 @@ def search(tmp_path_factory):
 
 
 def test_the_folder_of_a_search_names_its_trials_and_one_of_them_is_flown(search):
-    from safe_inspect.experiments.export.export import newest_checkpoint
+    from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
 
     first = search / "trials" / "trial_00000"
     for opened in (open_source, newest_checkpoint, lambda text: open_candidates([str(text)], Wanted())):

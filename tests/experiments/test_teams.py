@@ -11,15 +11,16 @@ import pytest
 from dummy_environment import TEAM, THREE
 from training_values import MAKER, QUICK
 
-from safe_inspect.config.spec import Policy
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError, ConfigError
-from safe_inspect.experiments.runs.train import TrainingRun, read_settings, train
+from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_log import read_progress
+from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings
 
 pytestmark = pytest.mark.ray
 
-SHARED = Policy("shared", ("red", "blue"), "PPO", {"lr": 2e-3, "entropy_coeff": 0.01})
-OWN = Policy("own", ("green",), "PPO", {"lr": 1e-4, "model_config": {"fcnet_hiddens": [8]}})
+SHARED = PolicySpec("shared", ("red", "blue"), "PPO", {"lr": 2e-3, "entropy_coeff": 0.01})
+OWN = PolicySpec("own", ("green",), "PPO", {"lr": 1e-4, "model_config": {"fcnet_hiddens": [8]}})
 
 
 def run_of(output, policies=(SHARED, OWN), team=TEAM, iterations=2, **more):
@@ -102,7 +103,11 @@ def test_a_team_goes_on_from_its_checkpoint(trained):
 
 def test_other_policies_than_the_checkpoints_are_refused(trained):
     result, _, run = trained
-    fields = {**vars(run), "resume": result.folder, "policies": [Policy("shared", ("red", "blue", "green"), "PPO", {})]}
+    fields = {
+        **vars(run),
+        "resume": result.folder,
+        "policies": [PolicySpec("shared", ("red", "blue", "green"), "PPO", {})],
+    }
     with pytest.raises(CheckpointError) as caught:
         train(TrainingRun(**fields))
     assert "the run's checkpoints have the policies shared (red, blue), own (green)" in str(caught.value)
@@ -112,7 +117,7 @@ def test_other_policies_than_the_checkpoints_are_refused(trained):
 @pytest.mark.parametrize("runner", ["batched", "stock"])
 def test_a_policy_from_a_checkpoint_flies_and_does_not_learn(trained, tmp_path, runner):
     result, _, _ = trained
-    frozen = Policy("old", ("green",), "", {}, str(result.checkpoint), "own")
+    frozen = PolicySpec("old", ("green",), "", {}, str(result.checkpoint), "own")
     found = train(run_of(tmp_path, (SHARED, frozen), iterations=1, env_runner=runner), io.StringIO())
     before, after = weights(result.checkpoint, "own"), weights(found.checkpoint, "old")
     assert before.keys() == after.keys()
@@ -124,7 +129,7 @@ def test_a_policy_from_a_checkpoint_flies_and_does_not_learn(trained, tmp_path, 
 
 
 def old(path, name):
-    return Policy("old", ("green",), "", {}, str(path), name)
+    return PolicySpec("old", ("green",), "", {}, str(path), name)
 
 
 def damaged(checkpoint, folder):
@@ -138,20 +143,23 @@ def damaged(checkpoint, folder):
     ("policy", "text"),
     [
         (
-            lambda path, _: Policy("old", ("green",), "", {}, "/no/where", "own"),
+            lambda path, _: PolicySpec("old", ("green",), "", {}, "/no/where", "own"),
             "/no/where: there is no such checkpoint",
         ),
-        (lambda path, _: Policy("old", ("green",), "", {}, str(path), "owm"), "no policy 'owm'; did you mean `own`?"),
         (
-            lambda path, _: Policy("old", ("green",), "", {}, str(path)),
+            lambda path, _: PolicySpec("old", ("green",), "", {}, str(path), "owm"),
+            "no policy 'owm'; did you mean `own`?",
+        ),
+        (
+            lambda path, _: PolicySpec("old", ("green",), "", {}, str(path)),
             "has the policies own, shared; name one of them",
         ),
         (
-            lambda path, _: Policy("old", ("green",), "", {}, str(path), "shared"),
+            lambda path, _: PolicySpec("old", ("green",), "", {}, str(path), "shared"),
             "the policy of green has 11 elements of observation, and the agent 7",
         ),
         (
-            lambda path, folder: Policy("old", ("green",), "", {}, str(damaged(path, folder)), "own"),
+            lambda path, folder: PolicySpec("old", ("green",), "", {}, str(damaged(path, folder)), "own"),
             r"the checkpoint is damaged; .* is not what was saved",
         ),
     ],
@@ -164,7 +172,7 @@ def test_a_checkpoint_that_does_not_fit_is_refused_before_anything_is_written(tr
 
 
 def test_agents_that_see_different_things_cannot_share_a_policy(tmp_path):
-    everyone = Policy("shared", ("red", "blue", "green"), "PPO", {})
+    everyone = PolicySpec("shared", ("red", "blue", "green"), "PPO", {})
     with pytest.raises(
         ConfigError, match="red and green share the policy shared, but their observations differ: 11 and 7"
     ):
@@ -173,7 +181,7 @@ def test_agents_that_see_different_things_cannot_share_a_policy(tmp_path):
 
 
 def test_one_policy_for_all_is_trained(ray_session, tmp_path):
-    everyone = Policy("all", ("red", "blue", "green"), "PPO", {})
+    everyone = PolicySpec("all", ("red", "blue", "green"), "PPO", {})
     result = train(run_of(tmp_path, (everyone,), THREE, iterations=1), io.StringIO())
     assert math.isfinite(result.metrics["learners/all/policy_loss"])
     agents = sum(result.metrics[f"env_runners/num_agent_steps_sampled/{agent}"] for agent in ("red", "blue", "green"))
@@ -194,12 +202,12 @@ def test_one_policy_for_all_is_trained(ray_session, tmp_path):
     ],
 )
 def test_what_a_policy_cannot_have_of_its_own(config, text):
-    settings = read_settings({}, {}, {}, [SHARED, Policy("own", ("green",), "PPO", config)])
+    settings = read_settings({}, {}, {}, [SHARED, PolicySpec("own", ("green",), "PPO", config)])
     (problem,) = settings.problems
     assert problem.path.startswith("policies.own.")
     assert text in str(problem)
 
 
 def test_one_agent_alone_has_the_settings_of_the_training():
-    settings = read_settings({"lr": 1e-3}, {}, {}, [Policy("pilot", ("pilot",), "PPO", {})])
+    settings = read_settings({"lr": 1e-3}, {}, {}, [PolicySpec("pilot", ("pilot",), "PPO", {})])
     assert settings.policies == {}

@@ -220,7 +220,7 @@ def test_ray_is_the_runs_own_unless_asked():
 
 def test_checking_does_not_load_ray_or_torch():
     code = (
-        "import sys; from safe_inspect.experiments.runs.train import read_settings; read_settings({}, {}, {});"
+        "import sys; from safe_inspect.experiments.runs.training_run import read_settings; read_settings({}, {}, {});"
         "print(sorted({name.partition('.')[0] for name in sys.modules} & {'ray', 'torch', 'tensorboardX', 'pandas'}))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -257,7 +257,7 @@ def test_the_runner_is_batched_unless_asked():
     [
         ({"model": {"use_lstm": True}}, "the policy is recurrent (`use_lstm`)"),
         ({"num_learners": 2}, "several learners share a batch (`num_learners`)"),
-        ({"num_gpus": {"grid_search": [0, 1]}}, "on processors alone (`num_gpus_per_learner`)"),
+        ({"num_learners": {"grid_search": [1, 2]}}, "several learners share a batch (`num_learners`)"),
         ({"torch_skip_nan_gradients": False}, "each gradient is to be checked"),
     ],
 )
@@ -273,6 +273,7 @@ def test_the_stock_learner_takes_over_with_one_note(mapping, reason):
 def test_the_learner_is_fast_unless_asked():
     assert translate_rllib({}).settings["learner"] == "fast"
     assert translate_rllib({"num_learners": 1}).settings["learner"] == "fast"
+    assert translate_rllib({"num_gpus": {"grid_search": [0, 1]}}).settings["learner"] == "fast"
     assert translate_rllib({"learner": "stock"}).settings["learner"] == "stock"
     other = translate_rllib({"algorithm": "IMPALA"})
     assert other.settings["learner"] == "stock"

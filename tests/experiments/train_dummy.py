@@ -8,9 +8,10 @@ from pathlib import Path
 from dummy_environment import TEAM
 from training_values import MAKER, QUICK
 
-from safe_inspect.config.spec import Policy
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.runs.train import TrainingRun, train
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun
 
 if __name__ == "__main__":
     output, iterations, *resume = sys.argv[1:]
@@ -24,7 +25,10 @@ if __name__ == "__main__":
                 output=Path(output),
                 resume=Path(resume[0]) if resume else None,
                 maker=MAKER,
-                policies=(Policy("shared", ("red", "blue"), "PPO", {}), Policy("own", ("green",), "PPO", {"lr": 1e-4})),
+                policies=(
+                    PolicySpec("shared", ("red", "blue"), "PPO", {}),
+                    PolicySpec("own", ("green",), "PPO", {"lr": 1e-4}),
+                ),
             )
         )
     except SafeInspectError as error:

@@ -11,7 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from safe_inspect.geometry.clusters import cluster, cluster_sklearn, max_clusters, start_centres
+from safe_inspect.geometry.clusters import (
+    Clusters,
+    KMeansRule,
+    RowDraws,
+    cluster,
+    cluster_sklearn,
+    max_clusters,
+    start_centres,
+)
 from safe_inspect.geometry.sphere import sphere_points
 
 # The lattice's equal distances would leave it to rounding which of two points is the farther, so it is shaken.
@@ -54,8 +62,9 @@ class Rows:
     ) -> Rows:
         if candidates is not None:
             self.candidates = candidates
-        rest = (self.count, self.key, self.step, PER_CLUSTER, iterations, self.previous, self.settled)
-        method(points, self.candidates, self.centres, *rest)
+        clusters = Clusters(self.centres, self.count, self.previous, self.settled)
+        draws, rule = RowDraws(self.key, self.step), KMeansRule(PER_CLUSTER, iterations)
+        method(points, self.candidates, clusters, draws, rule)
         return self
 
 
@@ -82,10 +91,13 @@ def test_number_of_clusters() -> None:
 @pytest.mark.parametrize("method", [start_centres, cluster])
 def test_too_little_room_is_refused(method: Callable[..., None]) -> None:
     rows = Rows.fresh(np.ones((1, 100), dtype=bool))
-    rest = (rows.previous, rows.settled)
-    arguments = (POINTS, rows.candidates, rows.centres[:, :9].copy(), rows.count, rows.key, rows.step, PER_CLUSTER)
+    centres, draws = rows.centres[:, :9].copy(), RowDraws(rows.key, rows.step)
+    rest: tuple[object, ...] = (rows.count, *draws, PER_CLUSTER)
+    if method is not start_centres:
+        rest = (draws, KMeansRule(PER_CLUSTER, 50))
+        centres = Clusters(centres, rows.count, rows.previous, rows.settled)
     with pytest.raises(ValueError, match="centres"):
-        method(*arguments) if method is start_centres else method(*arguments, 50, *rest)
+        method(POINTS, rows.candidates, centres, *rest)
 
 
 def start(rows: Rows) -> Rows:
@@ -200,7 +212,8 @@ def line(places: list[float], centres: list[float], iterations: int, settles: bo
     candidates, previous = np.ones((1, len(places)), dtype=bool), np.zeros((1, len(places)), dtype=bool)
     settled = np.zeros(1, dtype=bool)
     per = -(-len(places) // len(centres))
-    cluster(points, candidates, start_at, n, key, step, per, iterations, previous, settled)
+    clusters = Clusters(start_at, n, previous, settled)
+    cluster(points, candidates, clusters, RowDraws(key, step), KMeansRule(per, iterations))
     assert n[0] == len(centres)
     assert settles is None or settled[0] == settles
     return start_at[0, :, 0]

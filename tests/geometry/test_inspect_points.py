@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from safe_inspect.geometry import visibility
 from safe_inspect.geometry.light import Light, binary_light, full_light, phong_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import inspect_points, lit, visible
+from safe_inspect.geometry.visibility import Surface, inspect_points, lit, visible
 
 R = 10.0
 POINTS = sphere_points("cmu", 100, R)
@@ -40,7 +41,8 @@ def inspect(
     active = np.ones((rows, count), dtype=bool) if active is None else active
     inspector = np.full((rows, P), -1, dtype=np.int8) if inspector is None else inspector.copy()
     credit = Credit(inspector, np.full(rows, -9), np.full((rows, count), -9))
-    inspect_points(viewer, sun, POINTS, R, cos_half_fov, light, active, inspector, credit.team, credit.own)
+    written = visibility.Credit(inspector, credit.team, credit.own)
+    inspect_points(viewer, sun, Surface(POINTS, R, light), cos_half_fov, active, written)
     return credit
 
 

@@ -6,7 +6,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_inspect.geometry.nearest import nearest_centre
+from safe_inspect.geometry.nearest import direction_to_nearest
+
+
+def nearest_centre(position: np.ndarray, centres: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return the directions for viewers relative to the body, shape (R, 3)."""
+    found = np.full((len(position), 3), np.nan)
+    for row in range(len(position)):
+        direction_to_nearest(position[row], np.zeros(3), centres[row], count[row], found[row])
+    return found
 
 
 def test_by_hand() -> None:

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_inspect.cli.baseline import add_baseline_arguments, run_baseline
+from safe_inspect.cli.baseline import add_baseline_arguments
+from safe_inspect.cli.commands.baseline import run_baseline
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation import baseline, rollout
-from safe_inspect.planning.baselines import complete
-from safe_inspect.planning.open_loop import OpenLoopPlan
+from safe_inspect.evaluation.baselines.run import complete
 from safe_inspect.planning.record import Record, read_record
+from safe_inspect.policies.open_loop import OpenLoopPlan
 
 ABOUT = {"safe_inspect": "0", "configuration_file": "x", "overrides": []}
 
@@ -85,6 +86,7 @@ def test_a_policy_is_flown_as_in_a_rollout(spec: EnvironmentSpec, kind: str) -> 
     np.testing.assert_allclose([entry.inspected / 100 for entry in found], flown.inspected_fraction)
 
 
+@pytest.mark.slow
 def test_the_file_tells_every_episode(spec: EnvironmentSpec, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     path = tmp_path / "optimum.json"
     assert command("optimiser", "--episodes", "2", "--seed", "9", "--effort", "quick", "--output", str(path)) == 0

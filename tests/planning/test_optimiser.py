@@ -10,10 +10,10 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation import rollout
-from safe_inspect.planning.open_loop import OpenLoopPlan
-from safe_inspect.planning.optimiser import EFFORTS, optimise
+from safe_inspect.evaluation.baselines.optimiser import EFFORTS, optimise
 from safe_inspect.planning.record import Entry
 from safe_inspect.policies import NaturalMotionInspector
+from safe_inspect.policies.open_loop import OpenLoopPlan
 
 EPISODES, SEED = 6, 0
 SINGLE = "safe_inspect/TranslationalInspection-v0"

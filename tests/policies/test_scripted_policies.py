@@ -12,8 +12,8 @@ import pytest
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.policies import PILOT, NaturalMotionInspector, RandomThrust, ScriptedPolicy, ZeroThrust
-from safe_inspect.policies.turns import take_turns
+from safe_inspect.planning.burns.turns import take_turns
+from safe_inspect.policies import SCRIPTED_POLICY, NaturalMotionInspector, RandomThrust, ScriptedPolicy, ZeroThrust
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 from safe_inspect.types import AnyArray, FloatArray
 
@@ -42,7 +42,9 @@ def team_of(
     return replace(
         spec,
         platforms=dict.fromkeys(names, platform),
-        agents=tuple(replace(spec.agents[0], name=f"{name}_ctrl", platform=name, pilot=pilot) for name in names),
+        agents=tuple(
+            replace(spec.agents[0], name=f"{name}_ctrl", platform=name, scripted_policy=pilot) for name in names
+        ),
         reset=replace(spec.reset, deputies=dict.fromkeys(names, start), separation=20.0 if deputies > 1 else 0.0),
     )
 
@@ -79,7 +81,10 @@ def fly(environment: TeamEnvironment, steps: int = HORIZON) -> Flown:
 def memory(environment: TeamEnvironment) -> Mapping[str, AnyArray]:
     """Return what the first group's policy remembers."""
     view = environment.view()
-    return {name: view.memory(PILOT, name) for name in environment.groups[0].agent.pilot.memory(view.world)}  # type: ignore[union-attr]
+    return {
+        name: view.memory(SCRIPTED_POLICY, name)
+        for name in environment.groups[0].agent.scripted_policy.memory(view.world)
+    }  # type: ignore[union-attr]
 
 
 def test_zero_thrust_coasts(shipped: Path) -> None:
@@ -230,7 +235,7 @@ def test_limits_of_speed_and_glare_hold(shipped: Path, glare: float) -> None:
 def test_a_plan_within_the_limits_is_not_filtered(shipped: Path) -> None:
     overrides = ("agent_config.blue0_ctrl.config.config.glues.0.config.enabled=True",)
     environment = TeamEnvironment(team_of(shipped, NaturalMotionInspector(glare=0.56), 1, overrides), 12)
-    assert isinstance(environment.groups[0].guard, RTAGlueCWHInspection1v1)
+    assert isinstance(environment.groups[0].safety_filter, RTAGlueCWHInspection1v1)
     flown = fly(environment)
     assert (flown.inspected == 100).mean() >= 0.9
     assert environment.state.interventions.mean() < 1.0
@@ -257,7 +262,7 @@ def test_deputies_on_a_collision_course_step_aside(shipped: Path) -> None:
 
 
 def test_who_meets_first_plans_first() -> None:
-    from safe_inspect.policies.arcs import step_maps
+    from safe_inspect.dynamics.step_maps import step_maps
 
     # Deputies 2 and 4 close head on from 30 m, 1 and 3 from 60 m; 0 is alone.
     position = np.zeros((1, 5, 3))
@@ -266,6 +271,5 @@ def test_who_meets_first_plans_first() -> None:
     velocity = np.zeros((1, 5, 3))
     velocity[0, :, 0] = (0.0, 0.4, 0.4, -0.4, -0.4)
     turn = np.full(5, -1)
-    phi, gamma = step_maps(0.001027, 10.0, 100)
-    take_turns(turn, np.arange(5), 5, position, velocity, phi, gamma, 20.0)
+    take_turns(turn, np.arange(5), 5, position, velocity, step_maps(0.001027, 10.0, 100), 20.0)
     assert turn.tolist() == [2, 1, 0, 3, 4]

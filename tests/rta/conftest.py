@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from safe_inspect.rta.constraints import RelativeState
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # the adversaries of a team, which the benchmark has too
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize, nnls
 
 from safe_inspect.rta.numerics.active_set import nearest_joint, qp_workspace
-from safe_inspect.rta.numerics.projection import nearest
+from safe_inspect.rta.numerics.projection import nearest, projection_workspace
 
 
 def problem(seed, variables, count, spread):
@@ -24,10 +24,8 @@ def test_one_deputy_against_the_exact_projection(seed):
     count = 8
     rows, bounds, target = problem(seed, 3, count, 0.5)
     exact, found = np.empty(3), np.empty(3)
-    good = nearest(
-        rows, bounds, count, 1.0, target, False, exact, np.empty(count, bool), np.empty((count + 6, 3)),
-        np.empty(count + 6), np.empty(count), np.empty(3),
-    )  # fmt: skip
+    work = projection_workspace(count)
+    good = nearest(rows, bounds, count, 1.0, target, False, exact, np.empty(count, bool), work)
     assert nearest_joint(rows, bounds, count, 1.0, target, found, qp_workspace(3)) == good
     if good:
         np.testing.assert_allclose(found, exact, atol=1e-8)

@@ -13,7 +13,7 @@ from safe_inspect.rta.constraints import (
     ChiefCollision,
     Constraint,
     ConstraintParameters,
-    Evaluation,
+    ConstraintValues,
     MaximumRange,
     PassivelySafeManoeuvre,
     RelativeSpeedLimit,
@@ -107,7 +107,7 @@ def test_a_constraint_is_frozen_and_takes_no_unknown_field():
 def test_a_constraint_of_ones_own_is_one_method(draw):
     class AboveThePlane(Constraint, name="above_the_plane_of_this_test"):
         def evaluate(self, state):
-            found = Evaluation.zeros(len(state))
+            found = ConstraintValues.zeros(len(state))
             found.phi[:] = found.h[:] = state.position[:, 2]
             found.gradient[:, 2] = 1.0
             return found

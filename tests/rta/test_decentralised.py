@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from team_flight import TeamFlight
+from team_safety import draw_teams, team_report
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.evaluation.safety.team_flight import TeamFlight
-from safe_inspect.evaluation.safety.team_safety import draw_teams, team_report
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.filters import BackupFilter, DecentralisedFilter, TeamFilter, TeamState
@@ -35,7 +37,8 @@ class Seen:
         self.position, self.velocity = state.position[:, own], state.velocity[:, own]
         self.others_position, self.others_velocity = state.position[:, others], state.velocity[:, others]
         self.sun_angle = state.sun_angle
-        self.world = type("World", (), {"num_deputies": state.position.shape[1]})
+        offers = SimpleNamespace(view={"sun_angle": None})
+        self.world = SimpleNamespace(num_deputies=state.position.shape[1], offers=offers)
 
 
 def flown(state, control, time=DT):

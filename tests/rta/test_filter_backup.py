@@ -8,6 +8,7 @@ import pytest
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.rta.constraints import NAMES, RelativeState
+from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.filters import BackupFilter
 
 N, MASS, DT = 0.001027, 12.0, 10.0
@@ -122,19 +123,19 @@ def closed_motions(seed, rows):
 
 def test_closed_motions_are_certified_as_dense_samples_say(run):
     """Certified: no sample is unsafe. Refused: a sample is unsafe but for the margins of 1 mm and 0.01 mm/s."""
-    from safe_inspect.rta.filters.backup.arcs import SAFE
-    from safe_inspect.rta.filters.backup.closed_motion import ROOM, closed_motion
+    from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK, closed_motion
+    from safe_inspect.rta.filters.backup.sequences import SAFE
 
     state = closed_motions(5, 600)
     least = np.full((len(state), len(run.names)), np.inf)
     for time in np.linspace(0.0, PERIOD, 2001):
         least = np.minimum(least, run.phi(flown(state, np.zeros((len(state), 3)), time)))
-    work = np.empty(ROOM)
+    work = np.empty(NODE_STACK)
     safe = np.array(
         [
             closed_motion(
                 run._model, (*state.position[i], *state.velocity[i]),
-                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), 1e-3, 1e-5, work,
+                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), Margins(1e-3, 1e-5), work,
             ) == SAFE
             for i in range(len(state))
         ]
@@ -147,8 +148,8 @@ def test_closed_motions_are_certified_as_dense_samples_say(run):
 
 
 def test_holds_are_certified_as_dense_samples_say(run):
-    from safe_inspect.rta.filters.backup.arcs import SAFE
     from safe_inspect.rta.filters.backup.holds import hold
+    from safe_inspect.rta.filters.backup.sequences import SAFE
 
     generator = np.random.default_rng(6)
     directions = generator.normal(size=(2, 3000, 3))
@@ -166,7 +167,7 @@ def test_holds_are_certified_as_dense_samples_say(run):
         [
             hold(
                 run._model, (*state.position[i], *state.velocity[i]),
-                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), control[i], 1e-3, 1e-5, cells, where,
+                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), control[i], Margins(1e-3, 1e-5), cells, where,
             ) == SAFE
             for i in range(3000)
         ]

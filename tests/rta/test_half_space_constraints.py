@@ -11,7 +11,8 @@ import pytest
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.metrics import SmallestPhi
-from safe_inspect.rta.constraints import NAMES, Constraint, Evaluation, RelativeState, constraint_set
+from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState, constraint_set
+from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.rta.filters import BackupFilter, SimplexFilter, SimplexMemory, TeamFilter, TeamState
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
@@ -36,7 +37,7 @@ class Plane(Constraint, name="TestPlane"):
     offset: float = 45.0
 
     def evaluate(self, state):
-        out, n = Evaluation.zeros(len(state)), np.array(self.normal)
+        out, n = ConstraintValues.zeros(len(state)), np.array(self.normal)
         out.phi[:] = self.offset - state.position @ n
         out.h[:] = out.phi
         out.gradient[:, :3] = -n
@@ -63,7 +64,7 @@ class Obstacle(Constraint, name="TestObstacle"):
     radius: float = 30.0
 
     def evaluate(self, state):
-        out = Evaluation.zeros(len(state))
+        out = ConstraintValues.zeros(len(state))
         away = state.position - np.array(self.centre)
         out.phi[:] = np.sqrt((away**2).sum(axis=1)) - self.radius
         out.h[:] = out.phi
@@ -88,7 +89,7 @@ class Approach(Constraint, name="TestApproach"):
     """Bound v_x by a line over x: v_x <= 0.02 m/s + 0.001 /s (60 m - x)."""
 
     def evaluate(self, state):
-        out = Evaluation.zeros(len(state))
+        out = ConstraintValues.zeros(len(state))
         out.phi[:] = 0.02 + 0.001 * (60.0 - state.position[:, 0]) - state.velocity[:, 0]
         out.h[:] = out.phi
         out.gradient[:, 0], out.gradient[:, 3] = -0.001, -1.0
@@ -104,7 +105,7 @@ class Broken(Constraint, name="TestNotANumber"):
     """Nothing is known to be safe."""
 
     def evaluate(self, state):
-        return Evaluation.zeros(len(state))
+        return ConstraintValues.zeros(len(state))
 
     @staticmethod
     def half_space(p, x, d):
@@ -118,7 +119,7 @@ class Uncompilable(Constraint, name="TestUncompilable"):
     shared: ClassVar[dict[str, float]] = {}
 
     def evaluate(self, state):
-        return Evaluation.zeros(len(state))
+        return ConstraintValues.zeros(len(state))
 
     @staticmethod
     def half_space(p, x, d):
@@ -161,21 +162,20 @@ def test_the_half_space_is_the_constraint(constraint):
 
 @pytest.mark.parametrize("constraint", KINDS, ids=IDS)
 def test_holds_are_certified_as_dense_samples_say(constraint):
-    from safe_inspect.rta.filters.backup.arcs import SAFE
     from safe_inspect.rta.filters.backup.holds import hold
+    from safe_inspect.rta.filters.backup.sequences import SAFE
 
     run, state = BackupFilter({}, [constraint]), drawn(2, 1500, fastest=0.5)
     control = np.random.default_rng(3).uniform(-0.5, 0.5, (1500, 3))
     least = np.min([constraint.phi(flown(state, control, time)) for time in np.linspace(0.0, DT, 81)], axis=0)
-    cells, where = np.empty((64, 4), np.int64), np.empty(2, np.int64)
+    cells, where, margins = np.empty((64, 4), np.int64), np.empty(2, np.int64), Margins(1e-3, 1e-5)
     model = run._model
     safe = np.array(
         [
-            hold(model, (*state.position[i], *state.velocity[i]), (1.0, 0.0), control[i], 1e-3, 1e-5, cells, where)
-            == SAFE
+            hold(model, (*state.position[i], *state.velocity[i]), (1.0, 0.0), control[i], margins, cells, where) == SAFE
             for i in range(1500)
         ]
-    )
+    )  # fmt: skip
     assert 30 < safe.sum() < 1470
     assert (least[safe] >= 0.0).all()
     assert safe[least > 0.02].all()
@@ -183,17 +183,17 @@ def test_holds_are_certified_as_dense_samples_say(constraint):
 
 @pytest.mark.parametrize("constraint", KINDS, ids=IDS)
 def test_closed_motions_are_certified_as_dense_samples_say(constraint):
-    from safe_inspect.rta.filters.backup.arcs import SAFE
-    from safe_inspect.rta.filters.backup.closed_motion import ROOM, closed_motion
+    from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK, closed_motion
+    from safe_inspect.rta.filters.backup.sequences import SAFE
 
     run, state = BackupFilter({}, [constraint]), drawn(4, 400, farthest=90.0, fastest=0.05)
     state.velocity[:, 1] = -2.0 * N * state.position[:, 0]
     zero = np.zeros((400, 3))
     least = np.min([constraint.phi(flown(state, zero, time)) for time in np.linspace(0.0, PERIOD, 1501)], axis=0)
-    work, model = np.empty(ROOM), run._model
+    work, model, margins = np.empty(NODE_STACK), run._model, Margins(1e-3, 1e-5)
     safe = np.array(
         [
-            closed_motion(model, (*state.position[i], *state.velocity[i]), (1.0, 0.0), 1e-3, 1e-5, work) == SAFE
+            closed_motion(model, (*state.position[i], *state.velocity[i]), (1.0, 0.0), margins, work) == SAFE
             for i in range(400)
         ]
     )

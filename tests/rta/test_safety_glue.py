@@ -13,16 +13,17 @@ from safe_inspect.config.building.world import common_world
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment, InspectionEnv, InspectionVectorEnv
-from safe_inspect.environments.episodes import facts, step_facts
-from safe_inspect.errors import ConfigError
+from safe_inspect.environments.episodes import state_info, transition_info
+from safe_inspect.errors import ConfigError, PluginValueError
 from safe_inspect.evaluation.safety.adversaries import adversarial_thrust
 from safe_inspect.plugins.registry import registry
 from safe_inspect.random.streams import Streams
 from safe_inspect.rta.constraints import Constraint, RelativeState
-from safe_inspect.rta.constraints.base import Evaluation
+from safe_inspect.rta.constraints.base import ConstraintValues
 from safe_inspect.rta.filters import BackupFilter, SimplexFilter
+from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 from safe_inspect.simulators.resets.parameters import Draw
-from safe_inspect.simulators.view import GUARD
+from safe_inspect.simulators.view import SAFETY_FILTER
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"
 GLUE = "agent_config.blue0_ctrl.config.config.glues.0.config"
@@ -61,7 +62,7 @@ def random_thrusts(steps, num_envs, seed=0):
 def test_off_it_changes_and_tells_nothing(spec_with):
     env = BatchedEnvironment(spec_with(), 8, seed=SEED)
     env.reset()
-    assert "interventions" not in facts(env.view())
+    assert "interventions" not in state_info(env.view())
     for thrust in random_thrusts(5, 8):
         transition = env.step(thrust)
         step = transition.step
@@ -69,7 +70,7 @@ def test_off_it_changes_and_tells_nothing(spec_with):
         np.testing.assert_array_equal(step.control, step.desired_control)
         assert step.filtered is None
         assert not step.intervening.any()
-        told = step_facts(transition)
+        told = transition_info(transition)
         assert not [name for name in told if name.startswith("rta/") or name == "interventions"]
     np.testing.assert_array_equal(env.state.interventions, 0)
 
@@ -146,12 +147,12 @@ def test_delta_v_counts_what_was_flown(spec_with):
 def test_interventions_accumulate_and_begin_again_with_the_episode(spec_with):
     env = BatchedEnvironment(spec_with(ON), 12, seed=SEED)
     env.reset()
-    np.testing.assert_array_equal(facts(env.view())["interventions"], 0)
+    np.testing.assert_array_equal(state_info(env.view())["interventions"], 0)
     count = np.zeros(12, dtype=int)
     for thrust in random_thrusts(10, 12):
         transition = env.step(thrust)
         count += transition.step.intervening
-        np.testing.assert_array_equal(step_facts(transition)["interventions"], count)
+        np.testing.assert_array_equal(transition_info(transition)["interventions"], count)
     assert count.max() > 1
     env.reset(np.array([0, 5]))
     count[[0, 5]] = 0
@@ -251,7 +252,7 @@ def test_the_limit_latches_the_backup_until_the_reset(fixed_start):
     gentle = np.tile([0.012, 0.0, 0.0], (3, 1, 1))  # 0.01 m/s a step
 
     def latched():
-        return env.view().memory(GUARD, "latched").copy()
+        return env.view().memory(SAFETY_FILTER, "latched").copy()
 
     env.reset()
     assert not latched().any()
@@ -337,7 +338,7 @@ def own_constraint() -> Iterator[None]:
             """Return h = phi = 5 m/s - v_z."""
             h = 5.0 - state.velocity[:, 2]
             gradient = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, -1.0], (len(state), 1))
-            return Evaluation(h, h, gradient, np.zeros(len(state)))
+            return ConstraintValues(h, h, gradient, np.zeros(len(state)))
 
     class Slab(Constraint):
         """Stay below z = 300 m, whatever the velocity."""
@@ -346,7 +347,7 @@ def own_constraint() -> Iterator[None]:
             """Return h = phi = 300 m - z."""
             h = 300.0 - state.position[:, 2]
             gradient = np.tile([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], (len(state), 1))
-            return Evaluation(h, h, gradient, np.zeros(len(state)))
+            return ConstraintValues(h, h, gradient, np.zeros(len(state)))
 
     yield
     registry._classes["constraint"] = before
@@ -509,3 +510,14 @@ def test_a_configuration_that_gives_everything_by_reference_loads_as_before(copi
     for one, other in zip(found, plain, strict=True):
         assert {**one.model_dump(), "v0_distance": None} == other.model_dump()
         assert one.v0_distance == other.collision_radius
+
+
+def test_a_task_without_a_sun():
+    states = {"position": np.array([[50.0, 0.0, 0.0]]), "velocity": np.array([[0.1, 0.0, 0.0]])}
+    parameters = {"v0": 0.2, "v0_distance": 0.5, "collision_radius": 0.5}
+    glue = RTAGlueCWHInspection1v1(constraints=("rel_vel", "x_vel"), **parameters)
+    found = glue.safety(states)
+    assert found["rel_vel"][0] == pytest.approx(0.2 + 2 * 0.001027 * 49.5 - 0.1, rel=1e-12)
+    assert not any(refused[0] for refused in glue.refusals(states).values())
+    with pytest.raises(PluginValueError, match="the task has no sun"):
+        RTAGlueCWHInspection1v1(constraints=("rel_vel", "sun"), **parameters).safety(states)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from team_safety import draw_teams, team_report, team_thrust
 
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.evaluation.safety.team_safety import draw_teams, team_report, team_thrust
 from safe_inspect.rta import RTACWHInspectionTeam
 from safe_inspect.rta.filters import BackupFilter, TeamFilter, TeamState
 from safe_inspect.simulators.state import State, base_specs
-from safe_inspect.simulators.team import TEAM, TEAM_GUARD, TeamView
+from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamView
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks import Sun
 
@@ -209,7 +209,7 @@ def team_view(state, plan=None, finished=None):
         base_specs(deputies, deputies, 3, Dynamics.arrays)
         | Sun()(world(deputies), count).arrays
         | {
-            f"memory/{TEAM}/{TEAM_GUARD}/{name}": type(spec)((1, *spec.shape), spec.dtype)
+            f"memory/{TEAM}/{TEAM_FILTER}/{name}": type(spec)((1, *spec.shape), spec.dtype)
             for name, spec in RTACWHInspectionTeam().memory(world(deputies)).items()
         }
     )
@@ -220,7 +220,7 @@ def team_view(state, plan=None, finished=None):
         inner.finished[...] = finished
     view = TeamView(inner, world(deputies))
     if plan is not None:
-        inner.memory[TEAM, TEAM_GUARD, "plan"][...] = plan
+        inner.memory[TEAM, TEAM_FILTER, "plan"][...] = plan
     return view
 
 

@@ -103,8 +103,8 @@ def weights(shipped, azimuth: float, elevation: float) -> tuple[np.ndarray, np.n
         load_experiment(
             shipped,
             [
-                f"env_config.{vector}_azimuth_angle.config.value={azimuth}",
-                f"env_config.{vector}_elevation_angle.config.value={elevation}",
+                f"env_config.{vector}_azimuth_angle={azimuth}",
+                f"env_config.{vector}_elevation_angle={elevation}",
             ],
         ).spec,
         2,

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.building.policies import policy_name
+from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.building.resets import reset_plan
-from safe_inspect.config.building.team import check_agents, guarded_starts
+from safe_inspect.config.building.team import check_agents, safe_initial_states
 from safe_inspect.config.building.world import (
     WorldValues,
     check_world,
@@ -20,7 +20,7 @@ from safe_inspect.config.building.world import (
     reset_in_world,
     worlds_of,
 )
-from safe_inspect.config.messages.words import message
+from safe_inspect.config.messages.messages import message
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.dones.time_limit import EpisodeLengthDone
@@ -31,13 +31,10 @@ from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugins.functor import Named, build
 from safe_inspect.policies.base import ScriptedPolicy
 
-Path = tuple[Any, ...]
-Report = Callable[[Path, str], None]
-
-_ENVIRONMENT: Path = ("config", "config", "env_config")
+_ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 
 
-def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: int) -> EnvironmentSpec | None:
+def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, seed: int) -> EnvironmentSpec | None:
     """Assemble the environment of an experiment.
 
     Args:
@@ -51,13 +48,13 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
     """
     mistakes = 0
 
-    def tell(where: Path, message: str) -> None:
+    def note(where: KeyTuple, message: str) -> None:
         nonlocal mistakes
         mistakes += 1
         report(where, message)
 
-    platforms = _platforms(config, tell)
-    reset = reset_plan(config, tell)
+    platforms = _platforms(config, note)
+    reset = reset_plan(config, note)
     environment = config.config.config.env_config
     names = {
         "entity": {*platforms, *reset.entities},
@@ -68,28 +65,28 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
         names["points"] |= set(component.bodies)
         for name in component.bodies:
             if name not in names["entity"]:
-                where: Path = (*_ENVIRONMENT, "simulator")
+                where: KeyTuple = (*_ENVIRONMENT, "simulator")
                 if "inspection_points_map" in type(environment.simulator).model_fields:
                     where = (*where, "config", "inspection_points_map", name)
-                tell(where, f"no body is named {name!r}; {did_you_mean(name, names['entity'])}")
+                note(where, f"no body is named {name!r}; {did_you_mean(name, names['entity'])}")
                 names["points"] |= names["entity"]  # who names the right body makes no mistake
     controlled = {name for agent in config.agent_config for name in agent.platforms}
     for index, platform in enumerate(config.platform_config):
         if platform.name not in controlled and controlled and controlled <= set(platforms):
-            tell(("platform_config", index), f"no agent controls the platform {platform.name!r}; remove it")
+            note(("platform_config", index), f"no agent controls the platform {platform.name!r}; remove it")
     worlds = worlds_of(config, platforms)
     agents = [
         agent
         for index, entry in enumerate(config.agent_config)
-        if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, worlds[index], tell)) is not None
+        if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, worlds[index], note)) is not None
     ]
-    check_agents(config, agents, tell)
-    check_world(config, reset, worlds, tell)
+    check_agents(config, agents, note)
+    check_world(config, reset, worlds, note)
     common = common_world(worlds)
-    reset = reset_in_world(reset, common, tell)
+    reset = reset_in_world(reset, common, note)
     if environment.rta is not None:
         where = (*_ENVIRONMENT, "rta")
-        environment = environment.model_copy(update={"rta": in_world(environment.rta, common, where, tell)})
+        environment = environment.model_copy(update={"rta": in_world(environment.rta, common, where, note)})
     if mistakes:
         return None
     frame_rate = config.agent_config[0].config.config.frame_rate
@@ -97,7 +94,7 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
         environment.simulator,
         {agent.platform: platforms[agent.platform] for agent in agents},
         tuple(agents),
-        guarded_starts(reset, agents, environment),
+        safe_initial_states(reset, agents, environment),
         1.0 / frame_rate,
         seed,
         shared_dones=environment.dones.shared,
@@ -106,10 +103,10 @@ def assemble(config: ExperimentConfig, horizon: int, report: Report, *, seed: in
     )
 
 
-def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
+def _platforms(config: ExperimentConfig, report: ReportProblem) -> dict[str, Platform]:
     platforms: dict[str, Platform] = {}
     for index, entry in enumerate(config.platform_config):
-        where: Path = ("platform_config", index)
+        where: KeyTuple = ("platform_config", index)
         if entry.name in platforms:
             report((*where, "name"), f"two platforms are named {entry.name!r}")
         try:
@@ -117,22 +114,22 @@ def _platforms(config: ExperimentConfig, report: Report) -> dict[str, Platform]:
         except ValidationError as error:
             platforms[entry.name] = CWHPlatform()  # the name is known all the same
             for problem in error.errors(include_url=False):
-                told = "; ".join(filter(None, message(problem)))
+                text = "; ".join(filter(None, message(problem)))
                 if problem["type"] == "extra_forbidden":
                     key = str(problem["loc"][-1])
-                    told = f"unknown key `{key}`; {did_you_mean(key, CWHPlatform.model_fields)}"
-                report((*where, "config", "config", *problem["loc"]), told)
+                    text = f"unknown key `{key}`; {did_you_mean(key, CWHPlatform.model_fields)}"
+                report((*where, "config", "config", *problem["loc"]), text)
     return platforms
 
 
 def _agent(
     entry: AgentEntry,
-    where: Path,
+    where: KeyTuple,
     platforms: Mapping[str, Platform],
     names: Mapping[str, set[str]],
     horizon: int,
     world: WorldValues,
-    report: Report,
+    report: ReportProblem,
 ) -> AgentSpec | None:
     for index, platform in enumerate(entry.platforms):
         if platform not in platforms:
@@ -144,7 +141,7 @@ def _agent(
     if len(entry.platforms) > 1:
         report((*where, "platforms", 1), "an agent controls one platform; remove the others")
     body, base = entry.config.config, (*where, "config", "config")
-    pilot = _pilot(entry, where, names, report)
+    scripted = _scripted_policy(entry, where, names, report)
     parts: dict[str, Part] = {}
     for index, part in enumerate(body.parts):
         if part.part_name in parts:
@@ -177,7 +174,7 @@ def _agent(
                 report((*base, key, index), f"two {key} are named {named.name!r}; give one of them a `name` of its own")
             seen.add(named.name)
     if sound:
-        _check_glues(body.glues, parts, (*base, "glues"), report, observes=pilot is None)
+        _check_glues(body.glues, parts, (*base, "glues"), report, observes=scripted is None)
     return AgentSpec(
         entry.name,
         entry.platforms[0],
@@ -186,31 +183,33 @@ def _agent(
         body.rewards,
         tuple(dones),
         policy=policy_name(entry),
-        pilot=pilot,
+        scripted_policy=scripted,
     )
 
 
-def _pilot(entry: AgentEntry, where: Path, names: Mapping[str, set[str]], report: Report) -> ScriptedPolicy | None:
+def _scripted_policy(
+    entry: AgentEntry, where: KeyTuple, names: Mapping[str, set[str]], report: ReportProblem
+) -> ScriptedPolicy | None:
     """Return the scripted policy that flies an agent; None when its actions come from outside."""
     if entry.policy is None or entry.policy.functor is None:
         return None
     try:
-        pilot = build("policy", {"functor": entry.policy.functor, "config": entry.policy.config})
+        scripted = build("policy", {"functor": entry.policy.functor, "config": entry.policy.config})
     except PydanticCustomError as error:
         for problem in (error.context or {})["errors"]:
             report((*where, "policy", *problem["loc"]), "; ".join(filter(None, message(problem))))
         return None
-    assert isinstance(pilot, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
-    for field, kind in pilot.references().items():
-        value = getattr(pilot, field)
+    assert isinstance(scripted, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
+    for field, kind in scripted.references().items():
+        value = getattr(scripted, field)
         if value is not None and value not in names.get(kind, {value}):
-            told = f"no {kind} is named {value!r}; {did_you_mean(value, names[kind])}"
-            report((*where, "policy", "config", field), told)
-    return pilot
+            text = f"no {kind} is named {value!r}; {did_you_mean(value, names[kind])}"
+            report((*where, "policy", "config", field), text)
+    return scripted
 
 
 def _check_glues(
-    glues: tuple[Glue, ...], parts: Mapping[str, Part], where: Path, report: Report, *, observes: bool
+    glues: tuple[Glue, ...], parts: Mapping[str, Part], where: KeyTuple, report: ReportProblem, *, observes: bool
 ) -> None:
     commanded: set[str] = set()
     discrete: set[bool] = set()

@@ -1,4 +1,4 @@
-"""YAML nodes to located containers: safe types, anchors, merge keys and the one tag ``!include``."""
+"""YAML nodes to located containers: safe types, anchors, merge keys, and the tags ``!include``, ``!include-extend``."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ _SCALARS: dict[str, Callable[[Any], Any]] = {
     f"{_STANDARD}timestamp": _SAFE.construct_yaml_timestamp,
     f"{_STANDARD}binary": _SAFE.construct_yaml_binary,
 }
+
+#: The tag of an item of a list for which the items of a file stand.
+_EXTEND = "!include-extend"
 
 _KINDS = {"int": "whole number", "float": "number", "bool": "truth value", "timestamp": "date"}
 
@@ -80,15 +83,35 @@ class Constructor:
         elif isinstance(node, yaml.MappingNode) and tag == f"{_STANDARD}map":
             return self._mapping(node)
         elif isinstance(node, yaml.SequenceNode) and tag == f"{_STANDARD}seq":
-            location = self._place(node.start_mark)
-            marks = {index: self._place(item.start_mark) for index, item in enumerate(node.value)}
-            return LocatedList([self.build(item) for item in node.value], marks, location)
-        if tag == "!include":
-            return self._wrong(node, "`!include` takes the name of one file", "write `!include FILE`")
+            return self._sequence(node)
+        if tag in ("!include", _EXTEND):
+            if tag == _EXTEND and isinstance(node, yaml.ScalarNode):
+                return self._wrong(node, f"`{_EXTEND}` stands for items of a list", "write it as an item of a list")
+            return self._wrong(node, f"`{tag}` takes the name of one file", f"write `{tag} FILE`")
         shown = tag.replace(_STANDARD, "!!")
         if shown in ("!!map", "!!seq") or tag in _SCALARS:
             return self._wrong(node, f"the tag `{shown}` does not fit what follows it", "remove it")
-        return self._wrong(node, f"the tag `{shown}` is not known", "the only tag is `!include FILE`")
+        return self._wrong(
+            node,
+            f"the tag `{shown}` is not known",
+            "the tags are `!include FILE` and, in lists, `!include-extend FILE`",
+        )
+
+    def _sequence(self, node: Any) -> LocatedList:
+        items: list[Any] = []
+        marks: dict[int, Location] = {}
+        for item in node.value:
+            if isinstance(item, yaml.ScalarNode) and item.tag == _EXTEND:
+                more = self._include(item.value.strip(), self._place(item.start_mark)) if item.value.strip() else None
+                if isinstance(more, LocatedList):
+                    marks |= {len(items) + index: mark for index, mark in more.marks.items()}
+                    items += more
+                elif more is not None or not item.value.strip():
+                    self._wrong(item, f"`{_EXTEND}` takes a file that holds a list", "use `!include` for any other")
+            else:
+                marks[len(items)] = self._place(item.start_mark)
+                items.append(self.build(item))
+        return LocatedList(items, marks, self._place(node.start_mark))
 
     def _scalar(self, node: Any) -> Any:
         try:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig, PolicyConfig
-from safe_inspect.config.spec import Policy
-
-Path = tuple[Any, ...]
-Report = Callable[[Path, str], None]
+from safe_inspect.config.spec import PolicySpec
 
 
 def policy_name(entry: AgentEntry) -> str:
@@ -17,7 +14,7 @@ def policy_name(entry: AgentEntry) -> str:
     return entry.policy_name or entry.name
 
 
-def policies_of(config: ExperimentConfig, report: Report) -> dict[str, Policy]:
+def policies_of(config: ExperimentConfig, report: ReportProblem) -> dict[str, PolicySpec]:
     """Return the policies that fly agents from outside the environment, by name, in agent order.
 
     Args:
@@ -46,7 +43,7 @@ def policies_of(config: ExperimentConfig, report: Report) -> dict[str, Policy]:
     for name, group in flown.items():
         _check_shared(name, group, report)
         policy = group[0][2]
-        found[name] = Policy(
+        found[name] = PolicySpec(
             name,
             tuple(entry.name for _, entry, _ in group),
             policy.algorithm,
@@ -58,12 +55,12 @@ def policies_of(config: ExperimentConfig, report: Report) -> dict[str, Policy]:
     for group in flown.values():
         for index, _, policy in group:
             if policy.algorithm and policy.algorithm != algorithms[0]:
-                place: Path = ("agent_config", index, "policy", "algorithm")
+                place: KeyTuple = ("agent_config", index, "policy", "algorithm")
                 report(place, f"RLlib trains all policies with one algorithm; here are {' and '.join(algorithms)}")
     return found
 
 
-def _check_shared(name: str, group: Sequence[tuple[int, AgentEntry, PolicyConfig]], report: Report) -> None:
+def _check_shared(name: str, group: Sequence[tuple[int, AgentEntry, PolicyConfig]], report: ReportProblem) -> None:
     """Check that agents that share a policy give it the same configuration."""
     _, first, policy = group[0]
     for index, entry, other in group[1:]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
 
 from pydantic_core import PydanticCustomError
 
+from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import EntityConfig, ExperimentConfig
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.rejection_sampler import RejectionSampler, check_parameters
@@ -14,14 +14,11 @@ from safe_inspect.simulators.resets.initializers import RejectionSamplerInitiali
 from safe_inspect.simulators.resets.parameters import Parameter, ScalarParameter, SimAttributeAccessor
 from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw, ResetPlan
 
-Path = tuple[Any, ...]
-Report = Callable[[Path, str], None]
-
-_RESET: Path = ("config", "config", "env_config", "simulator_reset_parameters")
+_RESET: KeyTuple = ("config", "config", "env_config", "simulator_reset_parameters")
 _STATES = ("position", "velocity")
 
 
-def reset_plan(config: ExperimentConfig, report: Report) -> ResetPlan:
+def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
     """Return how an episode begins.
 
     Args:
@@ -64,7 +61,9 @@ def reset_plan(config: ExperimentConfig, report: Report) -> ResetPlan:
     return ResetPlan(parameters, deputies, entities, () if sun is None else (EnvironmentDraw("sun_angle", "sun", sun),))
 
 
-def _check_parameters(parameters: Mapping[str, Parameter], read: Iterable[Mapping[str, str]], report: Report) -> None:
+def _check_parameters(
+    parameters: Mapping[str, Parameter], read: Iterable[Mapping[str, str | None]], report: ReportProblem
+) -> None:
     """Check the reset parameters among themselves, and those that components read: all that one reads, or none."""
     before: dict[str, Parameter] = {}
     for name, parameter in parameters.items():
@@ -83,7 +82,9 @@ def _check_parameters(parameters: Mapping[str, Parameter], read: Iterable[Mappin
                 report((*_RESET, name), f"`{missing}` is needed beside it; add it, or remove this one")
 
 
-def _sun(entity: EntityConfig, parameters: Mapping[str, Parameter], where: Path, report: Report) -> Parameter | None:
+def _sun(
+    entity: EntityConfig, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem
+) -> Parameter | None:
     for key in entity.config:
         if key != "theta":
             report((*where, "config", key), "the sun takes `theta` alone")
@@ -98,7 +99,7 @@ def _sun(entity: EntityConfig, parameters: Mapping[str, Parameter], where: Path,
     return theta
 
 
-def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], where: Path, report: Report) -> None:
+def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem) -> None:
     """Check that a body's initialiser gets what it takes and gives a position and a velocity."""
     initializer = body.initializer
     try:
@@ -129,7 +130,11 @@ def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], where: Pat
 
 
 def _check_taken(
-    parameter: Parameter, symbol: str | None, parameters: Mapping[str, Parameter], where: Path, report: Report
+    parameter: Parameter,
+    symbol: str | None,
+    parameters: Mapping[str, Parameter],
+    where: KeyTuple,
+    report: ReportProblem,
 ) -> Parameter | None:
     """Check that a parameter gives what is wanted, and return where its value is drawn.
 
@@ -165,7 +170,7 @@ def _check_taken(
 
 
 def _check_source(
-    accessor: SimAttributeAccessor, parameters: Mapping[str, Parameter], where: Path, report: Report
+    accessor: SimAttributeAccessor, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem
 ) -> Parameter | None:
     """Return the reset parameter that an accessor names, drawn before it; None when it names nothing."""
     name, state = _source(accessor)

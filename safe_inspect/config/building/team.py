@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from safe_inspect.config.loading.templates import MOST
+from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
+from safe_inspect.config.loading.templates import MAX_COUNT
 from safe_inspect.config.models.experiment import EnvironmentConfig, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.shared import CollisionDoneFunction
@@ -20,13 +21,10 @@ from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan, TeamTest
 from safe_inspect.types import BoolArray, FloatArray
 
-Path = tuple[Any, ...]
-Report = Callable[[Path, str], None]
-
-_ENVIRONMENT: Path = ("config", "config", "env_config")
+_ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 
 
-def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: Report) -> None:
+def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: ReportProblem) -> None:
     """Check names, platforms and shared done functions, and that all agents keep one time.
 
     Args:
@@ -38,7 +36,7 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
     controls: dict[str, str] = {}
     lead = config.agent_config[0]
     for index, entry in enumerate(config.agent_config):
-        where: Path = ("agent_config", index)
+        where: KeyTuple = ("agent_config", index)
         if entry.name in names:
             report((*where, "name"), f"two agents are named {entry.name!r}; give each a name of its own")
         names[entry.name] = index
@@ -51,8 +49,11 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
             message = f"{entry.name} acts at {entry.config.config.frame_rate:g} Hz, {lead.name} at "
             place = (*where, "config", "config", "frame_rate")
             report(place, f"{message}{lead.config.config.frame_rate:g} Hz; all agents act at one rate")
-    if len(config.agent_config) > MOST:
-        report(("agent_config",), f"{len(config.agent_config)} agents are too many for one environment; {MOST} at most")
+    if len(config.agent_config) > MAX_COUNT:
+        report(
+            ("agent_config",),
+            f"{len(config.agent_config)} agents are too many for one environment; {MAX_COUNT} at most",
+        )
     done_names = {named.name for agent in agents for named in agent.dones}
     seen: set[str] = set()
     for index, named in enumerate(config.config.config.env_config.dones.shared):
@@ -65,30 +66,30 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
             if kind == "done" and value not in done_names and len(agents) == len(config.agent_config):
                 message = f"no agent has a done function named {value!r}; {did_you_mean(value, done_names)}"
                 report((*where, "config", field), message)
-    guard = config.config.config.env_config.rta
-    if guard is not None and guard.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
+    safety = config.config.config.env_config.rta
+    if safety is not None and safety.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
         message = "the environment's `rta` counts on ended deputies that coast; let them `coast`, or switch it off"
         report((*_ENVIRONMENT, "ended_deputies"), message)
     for index, agent in enumerate(agents):
         own = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
-        if guard is not None and guard.enabled and own:
+        if safety is not None and safety.enabled and own:
             message = "its own safety filter and the one of the environment's `rta` are both enabled; switch one off"
             report(("agent_config", index, "config", "config", "glues"), message)
 
 
-def guarded_starts(reset: ResetPlan, agents: Sequence[AgentSpec], environment: EnvironmentConfig) -> ResetPlan:
-    """Return the plan that refuses every beginning from which the filters could not keep the deputies safe."""
-    guards = {
+def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environment: EnvironmentConfig) -> ResetPlan:
+    """Return the plan that refuses every initial state from which the filters could not keep the deputies safe."""
+    filters = {
         index: glue
         for index, agent in enumerate(agents)
         for glue in agent.action_glues
         if isinstance(glue, SafetyGlue) and glue.enabled
     }
-    lead = guards.get(0)
+    lead = filters.get(0)
     if lead is not None:
         reset = replace(reset, parameters=_sampled_with(reset, lead))
     tests: list[TeamTest] = []
-    others = {index: glue.for_starts() for index, glue in guards.items() if glue != lead}
+    others = {index: glue.for_starts() for index, glue in filters.items() if glue != lead}
     if others:
         tests.append(partial(_own_refusals, others))
     if environment.rta is not None and environment.rta.enabled:
@@ -101,9 +102,9 @@ def guarded_starts(reset: ResetPlan, agents: Sequence[AgentSpec], environment: E
     return replace(reset, separation=max(collisions, default=0.0), tests=tuple(tests))
 
 
-def _sampled_with(reset: ResetPlan, guard: SafetyGlue) -> dict[str, Any]:
+def _sampled_with(reset: ResetPlan, safety: SafetyGlue) -> dict[str, Any]:
     return {
-        name: parameter.model_copy(update={"rta": parameter.rta.for_filtered(guard)})
+        name: parameter.model_copy(update={"rta": parameter.rta.for_filtered(safety)})
         if isinstance(parameter, RejectionSampler) and parameter.rta is not None
         else parameter
         for name, parameter in reset.parameters.items()
@@ -111,18 +112,18 @@ def _sampled_with(reset: ResetPlan, guard: SafetyGlue) -> dict[str, Any]:
 
 
 def _own_refusals(
-    guards: Mapping[int, SafetyGlue], states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
+    filters: Mapping[int, SafetyGlue], states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
 ) -> dict[str, BoolArray]:
     """Test a deputy by a filter of its own, where that is not the first deputy's; see `TeamTest`."""
-    return guards[index].refusals(states) if index in guards else {}
+    return filters[index].refusals(states) if index in filters else {}
 
 
 def _team_refusals(
-    guard: TeamSafety, states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
+    safety: TeamSafety, states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
 ) -> dict[str, BoolArray]:
     """Test a deputy together with those before it; see `TeamTest`."""
     team = {
         name: np.concatenate((before[name], states[name][:, None]), axis=1) if before else states[name][:, None]
         for name in ("position", "velocity")
     }
-    return guard.refusals({**states, **team})
+    return safety.refusals({**states, **team})

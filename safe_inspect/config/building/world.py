@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from safe_inspect.config.messages.words import message
+from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
+from safe_inspect.config.messages.messages import message
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin
@@ -19,14 +20,12 @@ from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan
 
-Path = tuple[Any, ...]
-Report = Callable[[Path, str], None]
 #: Values of an agent's world by the names of `TaskParameters`, in SI units.
 WorldValues = Mapping[str, float]
 
-P = TypeVar("P", bound=Plugin)
+_P = TypeVar("_P", bound=Plugin)
 
-_ENVIRONMENT: Path = ("config", "config", "env_config")
+_ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 _SOURCES = {"n": "the simulator's `mean_motion`", "step_size": "1 / `frame_rate`", "m": "the platform's `mass`"}
 
 
@@ -56,7 +55,7 @@ def common_world(worlds: Sequence[WorldValues]) -> WorldValues:
     return common
 
 
-def in_world(plugin: P, world: WorldValues, where: Path, report: Report) -> P:
+def in_world(plugin: _P, world: WorldValues, where: KeyTuple, report: ReportProblem) -> _P:
     """Return a plugin with the fields of `TaskParameters` that it is not given; others as they are.
 
     Only a filter that is enabled counts on the thrust: an agent without one may have thrusters too weak for any.
@@ -74,7 +73,7 @@ def in_world(plugin: P, world: WorldValues, where: Path, report: Report) -> P:
         return plugin
 
 
-def reset_in_world(reset: ResetPlan, world: WorldValues, report: Report) -> ResetPlan:
+def reset_in_world(reset: ResetPlan, world: WorldValues, report: ReportProblem) -> ResetPlan:
     """Return the plan with the safety tests of its samplers in the world."""
     parameters = dict(reset.parameters)
     for name, parameter in parameters.items():
@@ -85,12 +84,12 @@ def reset_in_world(reset: ResetPlan, world: WorldValues, report: Report) -> Rese
 
 
 def check_world(
-    config: ExperimentConfig, reset: ResetPlan, worlds: Sequence[WorldValues], report: Report
+    config: ExperimentConfig, reset: ResetPlan, worlds: Sequence[WorldValues], report: ReportProblem
 ) -> None:  # fmt: skip
     """Check that what plugins are given of the step, the mass, the orbit and the thrust is what the simulation has."""
     environment = config.config.config.env_config
     common = common_world(worlds)
-    shared: list[tuple[Path, Plugin]] = []
+    shared: list[tuple[KeyTuple, Plugin]] = []
     if environment.rta is not None:
         shared.append(((*_ENVIRONMENT, "rta"), environment.rta))
     for name, parameter in reset.parameters.items():
@@ -125,7 +124,7 @@ def check_world(
                     report((*path, "config", field), text)
 
 
-def plugins_of(entry: AgentEntry, base: Path) -> Iterator[tuple[Path, Plugin]]:
+def plugins_of(entry: AgentEntry, base: KeyTuple) -> Iterator[tuple[KeyTuple, Plugin]]:
     """Yield every plugin of an agent that may name something, with its path."""
     body = entry.config.config
     for key in ("parts", "glues"):
@@ -136,7 +135,7 @@ def plugins_of(entry: AgentEntry, base: Path) -> Iterator[tuple[Path, Plugin]]:
             yield from _nested((*base, key, index), named.functor)
 
 
-def _nested(path: Path, plugin: Plugin) -> Iterator[tuple[Path, Plugin]]:
+def _nested(path: KeyTuple, plugin: Plugin) -> Iterator[tuple[KeyTuple, Plugin]]:
     """Yield a plugin and those that it wraps: one, a list of them or a mapping."""
     yield path, plugin
     wrapped: Any = getattr(plugin, "wrapped", ())
@@ -147,7 +146,7 @@ def _nested(path: Path, plugin: Plugin) -> Iterator[tuple[Path, Plugin]]:
         yield from _nested((*path, "wrapped", key), inner)
 
 
-def _sampler(name: str) -> Path:
+def _sampler(name: str) -> KeyTuple:
     return (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
 
 

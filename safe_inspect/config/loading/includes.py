@@ -71,7 +71,7 @@ def _near(place: Path) -> Path | None:
     return missing.parent / near[0] if near else None
 
 
-def shown(path: Path) -> str:
+def display_path(path: Path) -> str:
     """Return a path as messages print it: from the working directory where it lies below it."""
     try:
         return path.relative_to(Path.cwd()).as_posix()

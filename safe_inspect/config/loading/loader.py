@@ -1,9 +1,11 @@
 """The configuration loader: YAML files to a tree that knows where each key stands.
 
-The language is YAML 1.1 with safe types; no tag evaluates code. The one tag of
-its own is ``!include FILE``: ``./FILE`` lies beside the including file; any other
+The language is YAML 1.1 with safe types; no tag evaluates code. It has two tags
+of its own. ``!include FILE``: ``./FILE`` lies beside the including file; any other
 name is looked for from the working directory, from the folder above the
 including file that contains ``configs``, and in the package's own configurations.
+``!include-extend FILE``, an item of a list, stands for the items of the list in
+that file.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.building.construct import Constructor
-from safe_inspect.config.loading.includes import hint, places, shown
+from safe_inspect.config.loading.includes import display_path, hint, places
 from safe_inspect.config.loading.syntax import compose, decode
 from safe_inspect.errors import ConfigError, Location, Problem
 
@@ -89,11 +91,11 @@ class _Loading:
         path = next((place for place in tried if place.exists()), None)
         if path is None:
             what = "no file" if location is None else "the included file does not exist:"
-            looked = ", ".join(shown(place) for place in tried)
+            looked = ", ".join(display_path(place) for place in tried)
             return self._wrong(f"{what} {name!r} (looked for {looked})", location, hint(name, tried, including))
         if path in self._chain:
             chain = [*self._chain[self._chain.index(path) :], path]
-            arrows = " -> ".join(shown(file) for file in chain)
+            arrows = " -> ".join(display_path(file) for file in chain)
             return self._wrong(f"the files include each other in a circle: {arrows}", location, "remove one `!include`")
         if path not in self._trees:
             self._chain.append(path)
@@ -104,7 +106,7 @@ class _Loading:
         return self._trees[path]
 
     def _read(self, path: Path, location: Location | None) -> Any:
-        file = shown(path)
+        file = display_path(path)
         if path.is_dir():
             names = sorted(entry.name for entry in path.iterdir() if entry.suffix in (".yml", ".yaml"))
             files = f"name one of its files: {', '.join(names)}" if names else "name a file"

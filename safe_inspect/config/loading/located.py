@@ -14,7 +14,8 @@ from typing import Any
 from safe_inspect.errors import Location
 
 #: A path of keys and indices from the root of a tree.
-Path = Sequence[Any]
+#: Keys and indices that lead to a place of a tree.
+KeyPath = Sequence[Any]
 
 
 class LocatedDict(dict[Any, Any]):
@@ -88,7 +89,7 @@ class LocatedList(list[Any]):
         return LocatedList, (list(self), self.marks, self.location)
 
 
-def locate(tree: Any, path: Path) -> Location | None:
+def locate(tree: Any, path: KeyPath) -> Location | None:
     """Return the deepest known location on the path.
 
     The path is followed as far as it exists. A key is where it is written; a
@@ -124,7 +125,7 @@ def plain(tree: Any) -> Any:
     return tree
 
 
-def path_text(path: Path) -> str:
+def path_text(path: KeyPath) -> str:
     """Return a path as messages print it: ``rewards[0].config.scale``."""
     text = ""
     for key in path:

@@ -15,7 +15,8 @@ APPEND = "+"
 def merge(items: Any) -> LocatedDict:
     """Merge a list of mappings from left to right; a single mapping is itself.
 
-    An item that is a list itself, such as an included file, is merged first.
+    An item that is a list itself, such as an included file, is merged first. An empty item, such as an anchor without a
+    value, adds nothing.
     Mappings merge key by key to any depth; of everything else, lists included,
     the later value wins. A key that ends in ``+`` appends its list to the list
     of the key without it: ``rewards+`` adds to ``rewards``. Marks follow the
@@ -32,11 +33,11 @@ def merge(items: Any) -> LocatedDict:
     problems = [
         Problem(f"item {index} of a list to be merged is no mapping but {item!r}", location=locate(items, (index,)))
         for index, item in enumerate(items)
-        if not isinstance(item, (Mapping, list, tuple))
+        if item is not None and not isinstance(item, (Mapping, list, tuple))
     ]
     if problems:
         raise ConfigError(problems)
-    mappings = [merge(item) for item in items]
+    mappings = [merge(item) for item in items if item is not None]
     if len(mappings) == 1:
         return mappings[0]
     merged = LocatedDict()

@@ -32,7 +32,7 @@ _PLAIN_WORDS = (
     ("did not find expected '-' indicator", "no `-` where an item of the list must be; is the line indented wrongly?"),
     ("expected <block end>", "no key or item where one must be; is the line indented wrongly?"),
     ("document start>", "the text goes on after its end; is a bracket closed too early?"),
-    ("undefined tag handle", "a tag that is not known; the only tag is `!include FILE`"),
+    ("undefined tag handle", "a tag that is not known; the tags are `!include FILE` and, in lists, `!include-extend`"),
 )  # fmt: skip
 
 

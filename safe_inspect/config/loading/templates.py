@@ -18,7 +18,7 @@ from safe_inspect.errors import Problem, did_you_mean
 #: What stands for the number in a name.
 NUMBER = "#"
 #: The largest number of deputies in one environment.
-MOST = 100
+MAX_COUNT = 100
 
 
 def expand_templates(tree: LocatedDict, problems: list[Problem]) -> LocatedDict:
@@ -70,8 +70,8 @@ def _agent(
         problems.append(Problem(message, path_text(path), locate(tree, path)))
 
     count = entry.get("count", 1)
-    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST:
-        wrong("count", f"wants a whole number from 1 to {MOST}, got {count!r}")
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_COUNT:
+        wrong("count", f"wants a whole number from 1 to {MAX_COUNT}, got {count!r}")
         count = 1
     platforms = entry.get("platforms")
     names = [entry.get("name"), *(platforms if isinstance(platforms, list) else ())]

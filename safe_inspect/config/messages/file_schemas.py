@@ -35,7 +35,12 @@ def file_schema(name: str) -> dict[str, Any]:
     Args:
         name: One of `FILES`.
     """
-    schema = FILES[name].model_json_schema(mode="validation")
+    return model_schema(FILES[name])
+
+
+def model_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the schema of a file that a model describes, every registered plugin spelt out in ``$defs``."""
+    schema = model.model_json_schema(mode="validation")
     definitions = schema.setdefault("$defs", {})
     for kind in registry.kinds():
         definitions[f"functor.{kind}"] = {"anyOf": list(functor_schemas(kind).values())}

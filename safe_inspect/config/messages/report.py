@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from safe_inspect.config.loading.located import has, locate, path_text
-from safe_inspect.config.messages.words import is_of_other_kind, message, shown, wanted
+from safe_inspect.config.messages.messages import is_of_other_kind, message, shown, wanted
 from safe_inspect.config.models.fields import known_keys
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.plugins.functor import errors_of

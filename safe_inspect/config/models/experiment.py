@@ -1,17 +1,25 @@
 """The models of an experiment's files: environment, platform, agent, policy, task and experiment.
 
-They hold the peer's grammar; what they contain is built by the plugins' own validation.
+What they contain is built by the plugins' own validation. Keys without effect are those of `compat`.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from safe_inspect.config.models.compat import (
+    AgentBodyKeys,
+    AgentKeys,
+    EnvironmentKeys,
+    PlatformKeys,
+    ResetKeys,
+    TaskBodyKeys,
+    TaskKeys,
+    one_of,
+)
 from safe_inspect.config.models.functor_fields import ParameterField, named_field
-from safe_inspect.errors import did_you_mean
-from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.units import PositiveFrequency
 
@@ -20,24 +28,6 @@ class Model(BaseModel):
     """Base of the models: frozen, unknown keys forbidden."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
-
-
-def _one_of(*names: str) -> Any:
-    """Return a field type for a class that the grammar names and this package has one of; aliases count."""
-
-    def check(value: str) -> str:
-        name = ALIASES.get(value, value)
-        if name.rpartition(".")[2] not in names and name not in names:
-            raise ValueError(f"{value!r} is not known here; {did_you_mean(name.rpartition('.')[2], names)}")
-        return name.rpartition(".")[2]
-
-    return Annotated[str, AfterValidator(check)]
-
-
-class Provider(Model):
-    """The peer's source of episode parameters; reset parameters are drawn afresh at every reset."""
-
-    type: _one_of("SimpleParameterProvider") = "SimpleParameterProvider"  # type: ignore[valid-type]
 
 
 class EntityConfig(Model):
@@ -50,13 +40,13 @@ class EntityConfig(Model):
         config: Parameters of the initialiser; ``theta`` of the sun [rad].
     """
 
-    platform: _one_of("cwh") | None = None  # type: ignore[valid-type]
-    entity_class: _one_of("Sun") | None = None  # type: ignore[valid-type]
+    platform: one_of("cwh") | None = None  # type: ignore[valid-type]
+    entity_class: one_of("Sun") | None = None  # type: ignore[valid-type]
     initializer: functor_field("initializer") | None = None  # type: ignore[valid-type]
     config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
 
 
-class ResetParameters(Model):
+class ResetParameters(ResetKeys, Model):
     """What is drawn at a reset: named parameters, and the bodies beside the deputies."""
 
     model_config = ConfigDict(extra="allow")
@@ -71,16 +61,14 @@ class SharedDones(Model):
     shared: tuple[named_field("shared_done"), ...] = ()  # type: ignore[valid-type]
 
 
-class EnvironmentConfig(Model):
+class EnvironmentConfig(EnvironmentKeys, Model):
     """``environment.yml``.
 
     Attributes:
         horizon: Largest number of steps of an episode; 1224 (two orbits) unless the RLlib configuration gives it.
         simulator: The simulator.
         simulator_reset_parameters: What is drawn at a reset.
-        platforms: Name of the peer's set of platforms.
         plugin_paths: Modules with further plugins, imported before any name is looked up.
-        episode_parameter_provider: The peer's source of episode parameters.
         dones: Done functions that concern all agents.
         rta: Safety filter that acts on all deputies together.
         ended_deputies: What the spacecraft of an agent that has ended does until the episode ends for all:
@@ -92,9 +80,7 @@ class EnvironmentConfig(Model):
     horizon: int | None = Field(default=None, ge=1)
     simulator: functor_field("simulator")  # type: ignore[valid-type]
     simulator_reset_parameters: ResetParameters = ResetParameters()
-    platforms: _one_of("CWHSimulator_Platforms") = "CWHSimulator_Platforms"  # type: ignore[valid-type]
     plugin_paths: tuple[str, ...] = ()
-    episode_parameter_provider: Provider = Provider()
     dones: SharedDones = SharedDones()
     rta: functor_field("rta") | None = None  # type: ignore[valid-type]
     ended_deputies: Literal["coast", "hold_thrust"] = "coast"
@@ -102,11 +88,9 @@ class EnvironmentConfig(Model):
     output_path: str = "output"
 
 
-class PlatformConfig(Model):
-    """``platform.yml``: ``name`` is a label, ``platform`` is ``cwh``, ``config`` holds the platform's fields."""
+class PlatformConfig(PlatformKeys, Model):
+    """``platform.yml``: ``config`` holds the platform's fields."""
 
-    name: str = ""
-    platform: _one_of("cwh", "CWHPlatform") = "cwh"  # type: ignore[valid-type]
     config: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -117,12 +101,11 @@ class AgentReset(Model):
     config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
 
 
-class AgentBody(Model):
+class AgentBody(AgentBodyKeys, Model):
     """What an agent is made of; see `AgentConfig`."""
 
     frame_rate: PositiveFrequency = 0.1
     parts: tuple[functor_field("part"), ...]  # type: ignore[valid-type]
-    episode_parameter_provider: Provider = Provider()
     simulator_reset_parameters: AgentReset
     glues: tuple[functor_field("glue"), ...]  # type: ignore[valid-type]
     dones: tuple[named_field("done"), ...] = ()  # type: ignore[valid-type]
@@ -130,10 +113,9 @@ class AgentBody(Model):
     reference_store: dict[str, Any] = Field(default_factory=dict)
 
 
-class AgentConfig(Model):
-    """``agent.yml``: the agent's class, and its parts, glues, rewards and dones."""
+class AgentConfig(AgentKeys, Model):
+    """``agent.yml``: the agent's parts, glues, rewards and dones."""
 
-    agent: _one_of("TrainableBaseAgent") = "TrainableBaseAgent"  # type: ignore[valid-type]
     config: AgentBody
 
 
@@ -200,24 +182,18 @@ class AgentEntry(Model):
     policy_name: str | None = Field(default=None, pattern=r"^[\w.-]+$")
 
 
-class TaskBody(Model):
+class TaskBody(TaskBodyKeys, Model):
     """The task's configurations, lists of mappings already merged; see `TaskConfig`."""
 
     rllib_configs: dict[str, dict[str, Any]] = Field(default_factory=dict)
     ray_config: dict[str, Any] = Field(default_factory=dict)
     env_config: EnvironmentConfig
     tune_config: dict[str, Any] = Field(default_factory=dict)
-    extra_callbacks: tuple[_one_of("InspectionCallbacks"), ...] = ()  # type: ignore[valid-type]
-    rllib_config_updates: dict[str, Any] | None = None
-    ray_config_updates: dict[str, Any] | None = None
-    env_config_updates: dict[str, Any] | None = None
-    tune_config_updates: dict[str, Any] | None = None
 
 
-class TaskConfig(Model):
-    """``task.yml``: RLlib, Ray, the environment and Tune. Keys that end in ``_updates`` only hold anchors."""
+class TaskConfig(TaskKeys, Model):
+    """``task.yml``: RLlib, Ray, the environment and Tune."""
 
-    experiment_class: _one_of("RllibExperiment") = "RllibExperiment"  # type: ignore[valid-type]
     config: TaskBody
 
 

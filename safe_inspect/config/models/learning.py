@@ -11,10 +11,10 @@ from safe_inspect.config.loading.located import has, locate, path_text
 from safe_inspect.config.loading.templates import NUMBER
 from safe_inspect.errors import ConfigError, Problem
 
-Path = tuple[Any, ...]
+_KeyPath = tuple[Any, ...]
 
-_TASK: Path = ("config", "config")
-_POLICY: Path = ("agent_config", 0, "policy", "config")
+_TASK: _KeyPath = ("config", "config")
+_POLICY: _KeyPath = ("agent_config", 0, "policy", "config")
 _STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 
 
@@ -42,12 +42,12 @@ def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any, Any], 
 
 
 def _placed(experiment: Experiment, problem: Problem) -> Problem:
-    steps: Path = tuple(name or int(index) for name, index in _STEP.findall(problem.path))
+    steps: _KeyPath = tuple(name or int(index) for name, index in _STEP.findall(problem.path))
     if not steps or problem.location is not None:
         return problem
     head, rest = steps[0], steps[1:]
     if head == "policies":
-        places: list[Path] = _places_of_policy(experiment, problem.path)
+        places: list[_KeyPath] = _places_of_policy(experiment, problem.path)
     elif head == "rllib_configs":
         places = [(*_POLICY, *rest)]
         platforms = experiment.config.config.config.rllib_configs
@@ -62,7 +62,7 @@ def _placed(experiment: Experiment, problem: Problem) -> Problem:
     return problem
 
 
-def _places_of_policy(experiment: Experiment, path: str) -> list[Path]:
+def _places_of_policy(experiment: Experiment, path: str) -> list[_KeyPath]:
     """Return where ``policies.NAME.KEY`` may stand: in the entry, or the template, of an agent of that policy."""
     rest = path.removeprefix("policies.")
     named = [policy for name, policy in experiment.policies.items() if rest == name or rest.startswith(f"{name}.")]
@@ -70,16 +70,16 @@ def _places_of_policy(experiment: Experiment, path: str) -> list[Path]:
         return []
     policy = max(named, key=lambda policy: len(policy.name))
     key = rest.removeprefix(policy.name).removeprefix(".")
-    places: list[Path] = []
+    places: list[_KeyPath] = []
     for index, entry in enumerate(experiment.tree["agent_config"]):
         pattern = re.escape(str(entry["name"])).replace(re.escape(NUMBER), r"\d+")
         if any(re.fullmatch(pattern, agent) for agent in policy.agents):
-            base: Path = ("agent_config", index, "policy")
+            base: _KeyPath = ("agent_config", index, "policy")
             places += [(*base, "config", *key.split(".")), (*base, key), base, base[:-1]]
     return places
 
 
-def _stands(tree: Any, path: Path) -> bool:
+def _stands(tree: Any, path: _KeyPath) -> bool:
     for key in path:
         if not has(tree, key):
             return False

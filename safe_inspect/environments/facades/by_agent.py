@@ -51,14 +51,14 @@ def checked_actions(
     if not isinstance(actions, Mapping):
         raise SafeInspectError(f"actions: give a dictionary of them by agent, not a {type(actions).__name__}")
     arrays = {agent: np.asarray(action) for agent, action in actions.items()}
-    told = [f"none is given for {agent}" for agent in wanted if agent not in arrays]
+    problems = [f"none is given for {agent}" for agent in wanted if agent not in arrays]
     for agent, array in arrays.items():
         if agent not in shapes:
-            told.append(f"no agent that acts from outside is named {agent!r}, {did_you_mean(str(agent), shapes)}")
+            problems.append(f"no agent that acts from outside is named {agent!r}, {did_you_mean(str(agent), shapes)}")
         elif agent not in wanted:
-            told.append(f"{agent} has ended and takes none until the next reset")
+            problems.append(f"{agent} has ended and takes none until the next reset")
         elif array.shape != shapes[agent]:
-            told.append(f"that for {agent} has the shape {array.shape}, {shapes[agent]} is wanted")
-    if told:
-        raise SafeInspectError(f"actions: {'; '.join(told)}")
+            problems.append(f"that for {agent} has the shape {array.shape}, {shapes[agent]} is wanted")
+    if problems:
+        raise SafeInspectError(f"actions: {'; '.join(problems)}")
     return arrays

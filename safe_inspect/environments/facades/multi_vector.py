@@ -11,11 +11,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.environments.episodes import facts, step_facts, team_facts
+from safe_inspect.environments.episodes import state_info, team_info, transition_info
 from safe_inspect.environments.facades.by_agent import checked_actions, places_of
 from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.facades.spaces import action_space, box
-from safe_inspect.environments.guard import checked_seed
+from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.types import AnyArray, BoolArray
@@ -35,7 +35,7 @@ class MultiAgentVectorEnv:
 
     - ``active``, by agent, shape (N,): the agent acts in the next step;
     - the facts of `InspectionEnv` by their names, each by agent, shape (N,), ``status`` as a number (`DoneStatus`);
-    - ``team/NAME`` for each of `team_facts`, shape (N,), and the statistics of the draws that began the episodes;
+    - ``team/NAME`` for each of `team_info`, shape (N,), and the statistics of the draws that began the episodes;
     - in a step in which episodes were over, in the mode ``SAME_STEP``: ``final_obs``, by agent, and ``final_info``,
       both from before the reset, and ``_final_obs`` and ``_final_info``, shape (N,), the environments in question.
 
@@ -76,7 +76,7 @@ class MultiAgentVectorEnv:
         acting = self.core.acting
         self._places = places_of(self.core)
         self._groups = [self.core.groups.index(group) for group in acting]
-        self._guarded = spec.team_safety is not None and spec.team_safety.enabled
+        self._has_filter = spec.team_safety is not None and spec.team_safety.enabled
         self.agents = tuple(self._places)
         self.single_observation_spaces = {
             agent: box(acting[place.group].observation_layout) for agent, place in self._places.items()
@@ -143,20 +143,20 @@ class MultiAgentVectorEnv:
             raise SafeInspectError(f"the episodes of the environments {rows} are over; reset them first")
         transition = self.core.step(self._stacked(checked_actions(actions, self.agents, self._shapes)))
         found = [transition.groups[index] for index in self._groups]
-        told = self._told([step_facts(group, transition.filtered) for group in found])
+        infos = self._infos([transition_info(group, transition.filtered) for group in found])
         self._observations = [group.observation for group in found]
         self._over = transition.over
         if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(transition.over):
             over = transition.over
-            final = {"final_obs": self._by_agent(self._observations), "final_info": told}
+            final = {"final_obs": self._by_agent(self._observations), "final_info": infos}
             self._begin(np.flatnonzero(over))
-            told = told | self._now() | final | {"_final_obs": over, "_final_info": over.copy()}
+            infos = infos | self._now() | final | {"_final_obs": over, "_final_info": over.copy()}
         return (
             self._by_agent(self._observations),
             self._by_agent([group.reward for group in found]),
             self._by_agent([group.terminated for group in found]),
             self._by_agent([group.truncated for group in found]),
-            told,
+            infos,
         )
 
     def close(self) -> None:
@@ -185,18 +185,18 @@ class MultiAgentVectorEnv:
 
     def _now(self) -> dict[str, Any]:
         """Return the infos of the current state."""
-        return self._told([facts(self.core.view(index), guarded=self._guarded) for index in self._groups])
+        return self._infos([state_info(self.core.view(index), has_filter=self._has_filter) for index in self._groups])
 
-    def _told(self, groups: Sequence[Mapping[str, AnyArray]]) -> dict[str, Any]:
+    def _infos(self, groups: Sequence[Mapping[str, AnyArray]]) -> dict[str, Any]:
         active = self.core.state.finished == 0
-        told: dict[str, Any] = {"active": {}}
+        infos: dict[str, Any] = {"active": {}}
         for group, found in zip(self.core.acting, groups, strict=True):
-            told["active"] |= {agent: active[:, group.first + member] for member, agent in enumerate(group.agents)}
+            infos["active"] |= {agent: active[:, group.first + member] for member, agent in enumerate(group.agents)}
             for name, array in found.items():
                 rows = array.reshape(self.num_envs, group.size)
-                told.setdefault(name, {}).update({agent: rows[:, k] for k, agent in enumerate(group.agents)})
-        told |= {f"team/{name}": array for name, array in team_facts(self.core).items()}
-        return told | {name: array.copy() for name, array in self.core.simulation.reset_facts.items()}
+                infos.setdefault(name, {}).update({agent: rows[:, k] for k, agent in enumerate(group.agents)})
+        infos |= {f"team/{name}": array for name, array in team_info(self.core).items()}
+        return infos | {name: array.copy() for name, array in self.core.simulation.reset_info.items()}
 
     def _by_agent(self, groups: Sequence[AnyArray]) -> ByAgent:
         return {agent: groups[place.group][:, place.member] for agent, place in self._places.items()}

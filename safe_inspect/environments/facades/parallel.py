@@ -6,20 +6,18 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium.spaces import Box, MultiDiscrete
-from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.environments.episodes import facts, row, step_facts, step_info
+from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
 from safe_inspect.environments.facades.by_agent import checked_actions, places_of
 from safe_inspect.environments.facades.reset_arguments import fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
-from safe_inspect.environments.guard import checked_seed
+from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.types import AnyArray
+from safe_inspect.types import AnyArray, Observation
 
-Observation: TypeAlias = NDArray[np.float32]
 Infos: TypeAlias = dict[str, dict[str, Any]]
 
 
@@ -55,7 +53,7 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         acting = self.core.acting
         self._places = places_of(self.core)
         self._groups = [self.core.groups.index(group) for group in acting]
-        self._guarded = spec.team_safety is not None and spec.team_safety.enabled
+        self._has_filter = spec.team_safety is not None and spec.team_safety.enabled
         self.possible_agents = list(self._places)
         self.agents: list[str] = []
         self.observation_spaces = {
@@ -91,11 +89,13 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
             self.np_random_seed = checked_seed(seed)
         observations = self.core.reset(seed=seed)
         self.agents = list(self.possible_agents)
-        drawn = self.core.simulation.reset_facts
-        told = [facts(self.core.view(index), guarded=self._guarded) for index in self._groups]
+        drawn = self.core.simulation.reset_info
+        group_infos = [state_info(self.core.view(index), has_filter=self._has_filter) for index in self._groups]
         infos = {}
         for agent, place in self._places.items():
-            infos[agent] = row(told[place.group], place.member) | {name: n[0].item() for name, n in drawn.items()}
+            infos[agent] = info_row(group_infos[place.group], place.member) | {
+                name: n[0].item() for name, n in drawn.items()
+            }
         return self._by_agent(observations), infos
 
     def step(
@@ -120,7 +120,7 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
             arrays[place.group][0, place.member] = action
         transition = self.core.step(arrays)
         found = [transition.groups[index] for index in self._groups]
-        told = [step_facts(group, transition.filtered) for group in found]
+        group_infos = [transition_info(group, transition.filtered) for group in found]
         observations = self._by_agent([group.observation for group in found])
         rewards, terminations, truncations, infos = {}, {}, {}, {}
         for agent in self.agents:
@@ -129,7 +129,7 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
             rewards[agent] = float(group.reward[0, member])
             terminations[agent] = bool(group.terminated[0, member])
             truncations[agent] = bool(group.truncated[0, member])
-            infos[agent] = step_info(group, told[place.group], member)
+            infos[agent] = step_info(group, group_infos[place.group], member)
         self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
         return observations, rewards, terminations, truncations, infos
 

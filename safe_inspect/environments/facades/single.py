@@ -6,16 +6,14 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
-from safe_inspect.environments.episodes import facts, row, step_facts, step_info
+from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
 from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
-
-Observation = NDArray[np.float32]
+from safe_inspect.types import Observation
 
 
 class InspectionEnv(gymnasium.Env[Observation, Any]):
@@ -23,7 +21,7 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
 
     The info of every step holds ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
     the episode [m/s]), ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every term. With
-    a safety filter it also holds what `step_facts` lists, ``rta/active`` as names, and ``desired_control`` and
+    a safety filter it also holds what `transition_info` lists, ``rta/active`` as names, and ``desired_control`` and
     ``control`` [N].
 
     Args:
@@ -63,7 +61,7 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
         self._seeded = True
         observation = self.core.reset(seed=seed)[0, 0]
         self._running = True
-        return observation, row(facts(self.core.view()) | self.core.simulation.reset_facts, 0)
+        return observation, info_row(state_info(self.core.view()) | self.core.simulation.reset_info, 0)
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold an action over one step.
@@ -80,5 +78,5 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
         transition = self.core.step(np.asarray(action)[None, None])
         terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
         self._running = not (terminated or truncated)
-        info = step_info(transition, step_facts(transition), 0)
+        info = step_info(transition, transition_info(transition), 0)
         return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info

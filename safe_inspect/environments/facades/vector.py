@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
-from safe_inspect.environments.episodes import facts, step_facts
+from safe_inspect.environments.episodes import state_info, transition_info
 from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.facades.spaces import action_space, box
-from safe_inspect.environments.guard import checked_seed
+from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.types import AnyArray, BoolArray
-
-Observation = NDArray[np.float32]
+from safe_inspect.types import AnyArray, BoolArray, Observation
 
 
 class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, AnyArray]):
@@ -87,7 +85,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(rows)
-        return self._observation.copy(), facts(self.core.view()) | self._drawn()
+        return self._observation.copy(), state_info(self.core.view()) | self._drawn()
 
     def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
         """Hold the actions over one step; ended environments begin again as `autoreset_mode` says.
@@ -111,31 +109,31 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         if ended.any():
             actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
         transition = self.core.step(actions[:, None])
-        told: dict[str, Any] = step_facts(transition)
+        infos: dict[str, Any] = transition_info(transition)
         self._observation = transition.observation[:, 0]
         reward = transition.reward[:, 0]
         terminated, truncated = transition.terminated[:, 0].copy(), transition.truncated[:, 0].copy()
         if ended.any():  # NEXT_STEP: this step is their reset
             self._begin(np.flatnonzero(ended))
             reward[ended], terminated[ended], truncated[ended] = 0.0, False, False
-            fresh = facts(self.core.view())
-            for name, array in told.items():
+            fresh = state_info(self.core.view())
+            for name, array in infos.items():
                 array[ended] = fresh[name][ended] if name in fresh else (np.inf if name == "rta/phi_min" else 0.0)
-            told |= self._drawn()
+            infos |= self._drawn()
         self._ended = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             rows, mask = np.flatnonzero(self._ended), self._ended.copy()
             final = np.full(self.num_envs, None, dtype=object)
             for index in rows:
                 final[index] = self._observation[index].copy()
-            told = {"final_obs": final, "final_info": dict(told), "_final_obs": mask, "_final_info": mask} | told
+            infos = {"final_obs": final, "final_info": dict(infos), "_final_obs": mask, "_final_info": mask} | infos
             self._begin(rows)
-            told |= facts(self.core.view()) | self._drawn()
-        return self._observation.copy(), reward, terminated, truncated, told
+            infos |= state_info(self.core.view()) | self._drawn()
+        return self._observation.copy(), reward, terminated, truncated, infos
 
     def _drawn(self) -> dict[str, AnyArray]:
         """Return the statistics of the draws that began the current episodes, each of shape (N,)."""
-        return {name: array.copy() for name, array in self.core.simulation.reset_facts.items()}
+        return {name: array.copy() for name, array in self.core.simulation.reset_info.items()}
 
     def _begin(self, rows: NDArray[np.int64]) -> None:
         if len(rows):

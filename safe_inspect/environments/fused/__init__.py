@@ -1,5 +1,5 @@
-"""The fused step: the terms of a group of agents as a table that one compiled kernel works through.
+"""The fused step: the row terms of a group of agents, called one after the other by one compiled kernel.
 
-`translate` makes the `Table` of a group: every plugin that has a translator (`translators`) becomes a few numbers, and
-every other one is called as ever, its result handed to the kernel. The numbers are the same to the bit either way.
+A sensor, reward or done function that a row kernel defines is called by the address of its loop; every other plugin is
+called as ever, its result handed to the kernel. The numbers are the same to the bit either way.
 """

@@ -15,10 +15,10 @@ from safe_inspect.config.loading.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight
-from safe_inspect.evaluation.policy_files.policy_draws import choices, gaussian
-from safe_inspect.evaluation.policy_files.policy_file import FORMAT, PolicyInfo, read_file
-from safe_inspect.evaluation.policy_files.raw_values import columns, raw_task
+from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo, read_file
+from safe_inspect.evaluation.policy_files.raw_values import element_columns, raw_task
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.random.action_draws import Categorical, Gaussian, draw_in_rollout
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Rows are filled up to a multiple of this, so that a row's result does not depend on how many stand beside it.
@@ -51,7 +51,7 @@ class OnnxPolicy:
         self._flight: Flight | None = None
         self._steps = 0
         self._low, self._high, self._gain, self._offset = (
-            columns(info.action, name) for name in ("low", "high", "gain", "offset")
+            element_columns(info.action, name) for name in ("low", "high", "gain", "offset")
         )
         self._levels = [np.array(element.levels) for element in info.action]
 
@@ -85,7 +85,7 @@ class OnnxPolicy:
         chosen = None if agents is None else list(agents)
         raw = raw_task(spec, chosen)
         for agent in spec.agents:
-            if agent.pilot is None and (chosen is None or agent.name in chosen):
+            if agent.scripted_policy is None and (chosen is None or agent.name in chosen):
                 check_layout(self.path, self.info, agent)
         return raw
 
@@ -138,13 +138,14 @@ class OnnxPolicy:
     def _draw(self, inputs: AnyArray) -> FloatArray:
         flight, step = self._flight, self._steps
         if flight is None or len(flight.slots) != len(inputs):
-            raise ValueError("a policy that draws its actions is told of the rows with `begin` before the first step")
+            raise ValueError("a policy that draws its actions gets its rows by `begin` before the first step")
         self._steps += 1
-        where = (self._seed, flight.slots, flight.deputies, step)
-        if self.info.distribution == "gaussian":
-            action = gaussian(inputs, *where)
-            return np.minimum(np.maximum(self._offset + self._gain * action, self._low), self._high)
-        chosen = choices(inputs, [len(levels) for levels in self._levels], *where)
+        gaussian = self.info.distribution == "gaussian"
+        distribution = Gaussian(len(self._levels)) if gaussian else Categorical(tuple(map(len, self._levels)))
+        drawn = draw_in_rollout(distribution, inputs, True, self._seed, flight.slots, flight.deputies, step)
+        if gaussian:
+            return np.minimum(np.maximum(self._offset + self._gain * drawn, self._low), self._high)
+        chosen = drawn.astype(np.int64)
         return np.stack([levels[chosen[:, column]] for column, levels in enumerate(self._levels)], axis=1)
 
 
@@ -178,9 +179,9 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         metadata = session.get_modelmeta().custom_metadata_map
     except Exception as error:  # onnxruntime has a class of error for each kind of damage
-        told = str(error).strip().splitlines()
+        lines = str(error).strip().splitlines()
         raise CheckpointError(
-            f"{name}: the file is damaged or no ONNX file ({told[0] if told else type(error).__name__}); "
+            f"{name}: the file is damaged or no ONNX file ({lines[0] if lines else type(error).__name__}); "
             "write it again with `safe-inspect export`"
         ) from None
     if "safe_inspect" not in metadata:
@@ -190,7 +191,7 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
             f"{name}: the file is not what was exported, it was damaged or changed; write it again with "
             "`safe-inspect export`"
         )
-    if metadata.get("format") != str(FORMAT):
+    if metadata.get("format") != str(POLICY_FORMAT):
         raise CheckpointError(
             f"{name}: the file was written by safe_inspect {metadata['safe_inspect']}, whose format this version does "
             "not read; export the checkpoint again"

@@ -1,6 +1,6 @@
-"""The facts in a policy's file, and the seal that shows damage.
+"""What a policy's file says of it, and the seal that shows damage.
 
-The facts stand in the file's metadata, as texts or JSON, so that any program that reads ONNX finds them. The last entry
+It stands in the file's metadata, as texts or JSON, so that any program that reads ONNX finds them. The last entry
 of the metadata is a hash of all bytes before it: a message of Protocol Buffers may be continued by appending to it.
 """
 
@@ -19,7 +19,7 @@ from safe_inspect.evaluation.policy_files.raw_values import CommandedElement, Ob
 from safe_inspect.version import __version__
 
 #: Of the layout of the metadata; a file of a later one is not read.
-FORMAT = 1
+POLICY_FORMAT = 1
 
 # An entry of `ModelProto.metadata_props` (field 14): key "sha256", value 64 hexadecimal digits.
 _SEAL = b"\x72\x4a\x0a\x06sha256\x12\x40"
@@ -56,10 +56,10 @@ class PolicyInfo:
     version: str = __version__
 
     def metadata(self) -> dict[str, str]:
-        """Return the facts as texts."""
+        """Return it as texts."""
         return {
             "safe_inspect": self.version,
-            "format": str(FORMAT),
+            "format": str(POLICY_FORMAT),
             "task": self.task,
             "policy": self.policy,
             "agents": json.dumps(self.agents),
@@ -73,7 +73,7 @@ class PolicyInfo:
 
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> PolicyInfo:
-        """Return the facts in a file's metadata; KeyError, TypeError or ValueError: they are not there, or wrong."""
+        """Return what a file's metadata say; KeyError, TypeError or ValueError: they are not there, or wrong."""
         if metadata["distribution"] not in ("gaussian", "categorical"):
             raise ValueError(f"unknown distribution {metadata['distribution']!r}")
         observation: list[dict[str, Any]]

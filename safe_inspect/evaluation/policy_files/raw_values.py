@@ -19,7 +19,7 @@ from safe_inspect.glues.base import ActionGlue, Glue, Parts, controller_of, sens
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.normalization import Normalization
-from safe_inspect.glues.normalizers import LinearNormalizer, Normalizer, StandardNormalNormalizer
+from safe_inspect.glues.normalizers import Affine, Normalizer
 from safe_inspect.glues.observe_sensor import ObserveSensor
 from safe_inspect.platforms.controllers import RateController, ThrustProp
 from safe_inspect.plugins.functor import describe
@@ -112,7 +112,7 @@ def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[Obs
         centre, width, plugins = np.zeros(size), np.ones(size), _configuration(glue)
         if isinstance(glue, ObserveSensor):
             scale, normalizer, low, high = glue.prepared(sensor_of(agent.parts, glue.sensor))
-            if exportable or _is_known(normalizer):
+            if exportable or _is_known(normalizer, low, high):
                 gain, offset = _affine(agent, glue, normalizer, low, high)
                 centre, width, plugins = -offset / gain / scale + 0.0, 1.0 / gain / scale, ()
         names = named_elements(replace(agent, glues=(glue,)))
@@ -144,22 +144,23 @@ def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[Commanded
         levels = tuple(float(level) for level in glue.levels)
         limits = float(low[0]), float(high[0])
         return [CommandedElement(names[0], unit, *limits, levels=levels, axis=axis, plugins=plugins)]
-    normalizer = glue.normalization.active if isinstance(glue, ControllerGlue) else None
-    if isinstance(glue, ControllerGlue) and (exportable or _is_known(normalizer)):
+    if isinstance(glue, ControllerGlue):
         unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
-        gain, offset = _affine(agent, glue, normalizer, low, high)
-        rows = zip(names, low.tolist(), high.tolist(), (1.0 / gain).tolist(), (-offset / gain).tolist(), strict=True)
-        return [
-            CommandedElement(name, unit, least, most, by, at + 0.0, axis=axis, plugins=plugins)
-            for name, least, most, by, at in rows
-        ]
+        normalizer = glue.normalization.active
+        if exportable or _is_known(normalizer, low, high):
+            gain, offset = _affine(agent, glue, normalizer, low, high)
+            pairs = zip(low.tolist(), high.tolist(), (1.0 / gain).tolist(), (-offset / gain).tolist(), strict=True)
+            return [
+                CommandedElement(name, unit, least, most, by, at + 0.0, axis=axis, plugins=plugins)
+                for name, (least, most, by, at) in zip(names, pairs, strict=True)
+            ]
     if exportable and any(glue.choices(agent.parts)):
         raise ConfigError(
             f"{_title(agent, glue)}: what its choices mean is not known outside this glue; use DiscreteControllerGlue"
         )
     low, high = glue.bounds(agent.parts)
-    pairs = zip(names, low.tolist(), high.tolist(), strict=True)
-    return [CommandedElement(name, "", least, most, plugins=_configuration(glue)) for name, least, most in pairs]
+    rows = zip(names, low.tolist(), high.tolist(), strict=True)
+    return [CommandedElement(name, "", least, most, plugins=_configuration(glue)) for name, least, most in rows]
 
 
 def _controller(parts: Parts, name: str) -> tuple[str, str, tuple[str, ...], FloatArray, FloatArray]:
@@ -174,23 +175,18 @@ def _configuration(plugin: Plugin) -> tuple[str, ...]:
     return (json.dumps(describe(plugin), sort_keys=True),)
 
 
-def _is_known(normalizer: Normalizer | None) -> bool:
-    return normalizer is None or type(normalizer) in (StandardNormalNormalizer, LinearNormalizer)
+def _is_known(normalizer: Normalizer | None, low: FloatArray, high: FloatArray) -> bool:
+    return normalizer is None or normalizer.affine(low, high) is not None
 
 
 def _affine(
     agent: AgentSpec, glue: Glue, normalizer: Normalizer | None, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return gain and offset of a normaliser, normalised = gain * value + offset, each of shape (k,)."""
-    size = len(low)
-    if normalizer is None:
-        return np.ones(size), np.zeros(size)
-    if type(normalizer) is StandardNormalNormalizer:
-        mu, sigma = (np.broadcast_to(array, size) for array in normalizer.arrays)
-        return 1.0 / sigma, -mu / sigma
-    if type(normalizer) is LinearNormalizer:
-        gain = (normalizer.maximum - normalizer.minimum) / (high - low)
-        return gain, normalizer.minimum - low * gain
+    affine = Affine() if normalizer is None else normalizer.affine(low, high)
+    if affine is not None:
+        return np.broadcast_to(affine.gain, low.shape), np.broadcast_to(affine.offset, low.shape)
+    assert normalizer is not None
     raise ConfigError(
         f"{_title(agent, glue)}: a file cannot hold the normaliser {normalizer.registered_name}; train with "
         "StandardNormalNormalizer, LinearNormalizer or `normalization: {enabled: False}` to export the policy"
@@ -211,7 +207,7 @@ def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> Envi
     Raises:
         SafeInspectError: There is no such agent.
     """
-    outside = [agent.name for agent in spec.agents if agent.pilot is None]
+    outside = [agent.name for agent in spec.agents if agent.scripted_policy is None]
     chosen = outside if agents is None else list(agents)
     for name in chosen:
         if name not in outside:
@@ -241,6 +237,6 @@ def plain_elements(elements: Iterable[ObservedElement | CommandedElement]) -> li
     return [asdict(element) for element in elements]
 
 
-def columns(elements: Iterable[ObservedElement | CommandedElement], field: str) -> AnyArray:
+def element_columns(elements: Iterable[ObservedElement | CommandedElement], field: str) -> AnyArray:
     """Return one field of all elements, float64, shape (size,)."""
     return np.array([getattr(element, field) for element in elements], dtype=np.float64)

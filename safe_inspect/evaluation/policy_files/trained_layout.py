@@ -20,7 +20,7 @@ from safe_inspect.evaluation.policy_files.raw_values import (
     observed_elements,
 )
 
-Element = ObservedElement | CommandedElement
+TrainedElement = ObservedElement | CommandedElement
 
 # The same number from another unit differs in its last bits.
 _RELATIVE, _ABSOLUTE = 1e-9, 1e-12
@@ -50,7 +50,7 @@ def check_layout(title: str, trained: PolicyInfo, agent: AgentSpec) -> None:
             )
 
 
-def _difference(trained: Sequence[Element], task: Sequence[Element]) -> str:
+def _difference(trained: Sequence[TrainedElement], task: Sequence[TrainedElement]) -> str:
     """Return the first difference; empty where there is none."""
     for index, (old, new) in enumerate(zip(trained, task, strict=False)):
         if (old.name, old.unit.strip("-")) != (new.name, new.unit.strip("-")):  # both stand for no unit
@@ -68,11 +68,11 @@ def _difference(trained: Sequence[Element], task: Sequence[Element]) -> str:
     return ""
 
 
-def _axis(element: Element) -> str:
+def _axis(element: TrainedElement) -> str:
     return element.axis if isinstance(element, CommandedElement) else ""
 
 
-def _chooses(element: Element) -> bool:
+def _chooses(element: TrainedElement) -> bool:
     return isinstance(element, CommandedElement) and bool(element.levels)
 
 
@@ -80,13 +80,13 @@ def _close(mine: tuple[float, ...], theirs: tuple[float, ...]) -> bool:
     return bool(np.allclose(mine, theirs, rtol=_RELATIVE, atol=_ABSOLUTE))
 
 
-def _numbers(element: Element) -> tuple[float, ...]:
+def _numbers(element: TrainedElement) -> tuple[float, ...]:
     if isinstance(element, ObservedElement):
         return element.centre, element.width
     return element.levels or (element.low, element.high, element.gain, element.offset)
 
 
-def _meaning(element: Element) -> str:
+def _meaning(element: TrainedElement) -> str:
     if isinstance(element, ObservedElement):
         return f"is seen as (value - {element.centre:.10g}) / {element.width:.10g}"
     if element.levels:
@@ -95,6 +95,6 @@ def _meaning(element: Element) -> str:
     return f"commands {element.offset:.10g} + {element.gain:.10g} a within {limits}"
 
 
-def _short(element: Element) -> str:
+def _short(element: TrainedElement) -> str:
     text = " or ".join(element.plugins) or "this package's plugins"
     return text if len(text) <= 200 else f"{text[:197]}..."

@@ -11,7 +11,7 @@ import numpy as np
 from safe_inspect.evaluation.results.results import Evaluation, EvaluationError
 from safe_inspect.evaluation.results.statistics import Difference, Estimate, paired_difference
 from safe_inspect.evaluation.results.tables import Row, aligned, ends, number, span
-from safe_inspect.evaluation.task import differences
+from safe_inspect.evaluation.task import differing_keys
 
 #: The figure that says who has won.
 SUCCESS = "success"
@@ -128,15 +128,15 @@ def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
     ):
         if mine != theirs:
             raise EvaluationError(f"{who}: the {what} is {mine} in one and {theirs} in the other; {remedy}")
-    apart = list(differences(first.record["task"], other.record["task"]))
+    apart = list(differing_keys(first.record["task"], other.record["task"]))
     if apart:
         shown = ", ".join(apart[:3]) + (", ..." if len(apart) > 3 else "")
         raise EvaluationError(f"{who}: their tasks differ in {shown}; {remedy}")
-    if first.begins.keys() != other.begins.keys():
+    if first.initial_states.keys() != other.initial_states.keys():
         raise EvaluationError(f"{who}: their deputies differ; {remedy}")
     same = np.ones(len(first), dtype=np.bool_)
-    for name, values in first.begins.items():
-        same &= values == other.begins[name]
+    for name, values in first.initial_states.items():
+        same &= values == other.initial_states[name]
     if not same.all():
         raise EvaluationError(
             f"{who}: {int((~same).sum())} of their {len(same)} episodes begin in other states (the first is episode "

@@ -18,7 +18,7 @@ from safe_inspect.evaluation.results.trajectory_table import trajectory_table
 from safe_inspect.outputs import new_file, new_folder
 from safe_inspect.types import AnyArray
 
-FORMAT = 1
+EVALUATION_FORMAT = 1
 RECORD, EPISODES, TRAJECTORIES = "evaluation.json", "episodes.parquet", "trajectories.parquet"
 
 
@@ -67,7 +67,7 @@ def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
     from pyarrow import parquet
 
     content = {
-        "format": FORMAT,
+        "format": EVALUATION_FORMAT,
         **evaluation.record,
         "label": evaluation.label,
         "units": dict(evaluation.units),
@@ -89,7 +89,7 @@ def read_evaluation(path: str | os.PathLike[str]) -> Evaluation:
         EvaluationError: It is missing or damaged.
     """
     folder = Path(path).expanduser()
-    record = read_record(folder)
+    record = read_evaluation_record(folder)
     table = _read_table(folder, record)
     label = str(record.get("label") or folder.name)
     try:
@@ -98,7 +98,7 @@ def read_evaluation(path: str | os.PathLike[str]) -> Evaluation:
         raise EvaluationError(f"{folder / EPISODES}: the table of episodes is damaged ({error})") from None
 
 
-def read_record(folder: Path) -> Mapping[str, Any]:
+def read_evaluation_record(folder: Path) -> Mapping[str, Any]:
     """Return what `evaluation.json` says.
 
     Raises:
@@ -107,7 +107,7 @@ def read_record(folder: Path) -> Mapping[str, Any]:
     path = folder / RECORD
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if record["format"] != FORMAT:
+        if record["format"] != EVALUATION_FORMAT:
             raise EvaluationError(f"{path}: another version of safe_inspect has written it; evaluate again")
         for key in ("seed", "episodes", "task", "units", "files"):
             record[key]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.task import differences
+from safe_inspect.evaluation.task import differing_keys
 from safe_inspect.types import FloatArray
 
 
@@ -40,7 +40,7 @@ def read_reference(path: Path, seed: int, episodes: int, task: Mapping[str, Any]
         ) from None
     if of_seed != seed:
         raise SafeInspectError(f"{path}: the reference is of seed {of_seed}, not {seed}; give --seed {of_seed}")
-    apart = [] if task is None or "task" not in content else list(differences(content["task"], task))
+    apart = [] if task is None or "task" not in content else list(differing_keys(content["task"], task))
     if apart:
         raise SafeInspectError(f"{path}: the reference is of another task, which differs in {', '.join(apart[:3])}")
     if len(values) < episodes:

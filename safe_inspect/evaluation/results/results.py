@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.results.episodes import Episodes
 from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate, wilson
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.types import AnyArray, FloatArray
@@ -20,9 +20,13 @@ EPISODE, BEGIN = "episode/", "begin/"
 GAP = "gap to the open-loop optimum"
 #: The usual figures, and their units.
 FIGURES = {
-    "return": "-", "inspected points": "points", "inspected fraction": "-", "inspected first": "points",
-    "delta-v": "m/s", "delta-v per deputy": "m/s", "length": "steps", "closest deputies": "m", GAP: "m/s",
-}  # fmt: skip
+    "return": "-",
+    "delta-v": "m/s",
+    "delta-v per deputy": "m/s",
+    "length": "steps",
+    "closest deputies": "m",
+    GAP: "m/s",
+}
 _AXES = ("x", "y", "z")
 
 
@@ -77,7 +81,7 @@ class Evaluation:
         team: Figures of the whole episodes.
         agents: Figures of every agent by its name.
         units: Unit of every figure by its name.
-        begins: State in which each episode began, by column such as ``blue0/x``, each of shape (E,).
+        initial_states: State in which each episode began, by column such as ``blue0/x``, each of shape (E,).
         record: What the evaluation is, see `safe_inspect.evaluation.results.folder`.
         trajectories: The recorded episodes.
     """
@@ -86,7 +90,7 @@ class Evaluation:
     team: Block
     agents: Mapping[str, Block]
     units: Mapping[str, str]
-    begins: Mapping[str, FloatArray]
+    initial_states: Mapping[str, FloatArray]
     record: Mapping[str, Any] = field(default_factory=dict)
     trajectories: Sequence[Trajectory] = ()
 
@@ -100,7 +104,6 @@ class Evaluation:
         episodes: Episodes,
         record: Mapping[str, Any],
         *,
-        points: int = 0,
         reference: FloatArray | None = None,
     ) -> Evaluation:
         """Return the figures of a rollout.
@@ -109,38 +112,34 @@ class Evaluation:
             label: Name in tables.
             episodes: The rollout.
             record: What the evaluation is.
-            points: Number of points of the task.
             reference: Delta-v of the open-loop optimum of every episode [m/s], NaN where there is none, shape (E,).
         """
-        several = len(episodes.agents) > 1
-        figures: dict[str, FloatArray] = {"return": episodes.returns}
-        if points:
-            figures["inspected points"] = np.rint(episodes.inspected_fraction * points)
-        figures["inspected fraction"] = episodes.inspected_fraction
-        figures["delta-v per deputy" if several else "delta-v"] = episodes.delta_v
-        figures["length"] = episodes.length.astype(np.float64)
+        figures = episodes.figures()
         if reference is not None:
             figures[GAP] = episodes.delta_v - reference
-        if episodes.closest is not None:
-            figures["closest deputies"] = episodes.closest
         figures |= _terms(episodes.terms)
         figures |= episodes.metrics
         return cls(
             label,
             Block(_names(episodes.status), figures),
-            {name: _of_agent(agent) for name, agent in episodes.agents.items()},
-            {**FIGURES, **episodes.units},
-            _begins(episodes),
+            {
+                name: Block(
+                    _names(agent.status), {**agent.figures(episodes.labels), **_terms(agent.terms), **agent.metrics}
+                )
+                for name, agent in episodes.agents.items()
+            },
+            {**FIGURES, **dict(episodes.labels.values()), **episodes.units},
+            _initial_states(episodes),
             record,
             episodes.trajectories,
         )
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimates as plain dictionaries and numbers for JSON; ``agents`` where there are several."""
-        told = _told(self.team, self.units)
+        found = _as_dict(self.team, self.units)
         if len(self.agents) > 1:
-            told["agents"] = {name: _told(agent, self.units) for name, agent in self.agents.items()}
-        return told
+            found["agents"] = {name: _as_dict(agent, self.units) for name, agent in self.agents.items()}
+        return found
 
     def columns(self) -> dict[str, AnyArray]:
         """Return the columns of a table with a row for each episode and agent, episode by episode."""
@@ -162,7 +161,7 @@ class Evaluation:
             table[name] = own([agent.figures.get(name, missing) for agent in agents])
         table[f"{EPISODE}status"] = each(self.team.status)
         table |= {f"{EPISODE}{name}": each(values) for name, values in self.team.figures.items()}
-        table |= {f"{BEGIN}{name}": each(values) for name, values in self.begins.items()}
+        table |= {f"{BEGIN}{name}": each(values) for name, values in self.initial_states.items()}
         return table
 
     @classmethod
@@ -203,16 +202,6 @@ class Evaluation:
         return cls(label, Block(status, team), agents, units, starting(BEGIN), record)
 
 
-def _of_agent(agent: AgentEpisodes) -> Block:
-    figures: dict[str, FloatArray] = {
-        "return": agent.returns,
-        "inspected first": agent.inspected.astype(np.float64),
-        "delta-v": agent.delta_v,
-        "length": agent.length.astype(np.float64),
-    }
-    return Block(_names(agent.status), {**figures, **_terms(agent.terms), **agent.metrics})
-
-
 def _terms(terms: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     return {f"reward/{name}": values for name, values in terms.items()}
 
@@ -222,16 +211,21 @@ def _names(status: AnyArray) -> AnyArray:
     return np.asarray(names[status])
 
 
-def _begins(episodes: Episodes) -> dict[str, FloatArray]:
-    told: dict[str, FloatArray] = {}
-    for place, name in enumerate(episodes.agents):
-        for what, start in (("position", ""), ("velocity", "v")):
-            for axis, letter in enumerate(_AXES):
-                told[f"{name}/{start}{letter}"] = episodes.begins[what][:, place, axis]
-    return told | {"sun_angle": episodes.begins["sun_angle"]}
+def _initial_states(episodes: Episodes) -> dict[str, FloatArray]:
+    """Return the columns of the initial states: of each deputy, and of what components record."""
+    columns: dict[str, FloatArray] = {}
+    states = dict(episodes.initial_states)
+    vectors = (("", states.pop("position")), ("v", states.pop("velocity")))
+    for deputy, name in enumerate(episodes.agents):
+        for start, vector in vectors:
+            columns |= {f"{name}/{start}{letter}": vector[:, deputy, axis] for axis, letter in enumerate(_AXES)}
+    for name, array in states.items():
+        flat = array.reshape(len(array), -1)
+        columns |= {name: array} if array.ndim == 1 else {f"{name}/{k}": flat[:, k] for k in range(flat.shape[1])}
+    return columns
 
 
-def _told(block: Block, units: Mapping[str, str]) -> dict[str, Any]:
+def _as_dict(block: Block, units: Mapping[str, str]) -> dict[str, Any]:
     return {
         "success": {
             "rate": block.success_rate,

@@ -61,11 +61,11 @@ class Estimate:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain numbers for JSON; what is not known is None."""
-        told: dict[str, Any] = {}
+        content: dict[str, Any] = {}
         for name, value in asdict(self).items():
-            told[name] = known(value) if isinstance(value, float) else value
-        told["mean_interval"], told["iqm_interval"] = self.mean_interval.as_list(), self.iqm_interval.as_list()
-        return told
+            content[name] = known(value) if isinstance(value, float) else value
+        content["mean_interval"], content["iqm_interval"] = self.mean_interval.as_list(), self.iqm_interval.as_list()
+        return content
 
 
 def known(value: float) -> float | None:
@@ -207,11 +207,11 @@ class Difference:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain numbers for JSON; what is not known is None."""
-        told: dict[str, Any] = {}
+        content: dict[str, Any] = {}
         for name, value in asdict(self).items():
-            told[name] = known(value) if isinstance(value, float) else value
-        told["interval"], told["iqm_interval"] = self.interval.as_list(), self.iqm_interval.as_list()
-        return told
+            content[name] = known(value) if isinstance(value, float) else value
+        content["interval"], content["iqm_interval"] = self.interval.as_list(), self.iqm_interval.as_list()
+        return content
 
 
 def paired_difference(one: AnyArray, other: AnyArray, unit: str = "-", *, seed: int = SEED) -> Difference:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes, Labels
+from safe_inspect.evaluation.results.results import FIGURES
 from safe_inspect.types import AnyArray
 
 
@@ -85,7 +86,7 @@ class Summary:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain dictionaries and numbers for JSON; ``agents`` where there are several."""
-        told = {
+        found = {
             "episodes": self.episodes,
             "seed": self.seed,
             "success_rate": self.success_rate,
@@ -93,8 +94,8 @@ class Summary:
             "statistics": {name: item.as_dict() for name, item in self.statistics.items()},
         }
         if self.agents:
-            told["agents"] = {name: agent.as_dict() for name, agent in self.agents.items()}
-        return told
+            found["agents"] = {name: agent.as_dict() for name, agent in self.agents.items()}
+        return found
 
     def __str__(self) -> str:
         blocks = [self.statistics, *(agent.statistics for agent in self.agents.values())]
@@ -111,33 +112,27 @@ def summarise(episodes: Episodes) -> Summary:
 
     The figures of a team are those of `Episodes`: its return is the sum over the agents, its delta-v the mean.
     """
+    units = {**FIGURES, **dict(episodes.labels.values())}
     several = len(episodes.agents) > 1
-    statistics = {
-        "return": Statistic.of(episodes.returns),
-        "inspected fraction": Statistic.of(episodes.inspected_fraction),
-        "delta-v per deputy" if several else "delta-v": Statistic.of(episodes.delta_v, "m/s"),
-        "length": Statistic.of(episodes.length, "steps"),
-    }
-    if episodes.closest is not None:
-        statistics["closest deputies"] = Statistic.of(episodes.closest, "m")
     return Summary(
         episodes=len(episodes),
         seed=episodes.seed,
         success_rate=float(np.mean(episodes.success)),
         statuses=_count(episodes.status),
-        statistics=statistics | _terms(episodes.terms),
-        agents={name: _agent(agent) for name, agent in episodes.agents.items()} if several else {},
+        statistics=_statistics(episodes.figures(), units) | _terms(episodes.terms),
+        agents={name: _agent(agent, episodes.labels, units) for name, agent in episodes.agents.items()}
+        if several
+        else {},
     )
 
 
-def _agent(agent: AgentEpisodes) -> AgentSummary:
-    statistics = {
-        "return": Statistic.of(agent.returns),
-        "inspected first": Statistic.of(agent.inspected, "points"),
-        "delta-v": Statistic.of(agent.delta_v, "m/s"),
-        "length": Statistic.of(agent.length, "steps"),
-    }
-    return AgentSummary(float(np.mean(agent.success)), _count(agent.status), statistics | _terms(agent.terms))
+def _agent(agent: AgentEpisodes, labels: Labels, units: Mapping[str, str]) -> AgentSummary:
+    statistics = _statistics(agent.figures(labels), units) | _terms(agent.terms)
+    return AgentSummary(float(np.mean(agent.success)), _count(agent.status), statistics)
+
+
+def _statistics(figures: Mapping[str, AnyArray], units: Mapping[str, str]) -> dict[str, Statistic]:
+    return {name: Statistic.of(values, units.get(name, "-")) for name, values in figures.items()}
 
 
 def _terms(terms: Mapping[str, AnyArray]) -> dict[str, Statistic]:

@@ -27,9 +27,9 @@ def evaluation_table(evaluation: Evaluation) -> str:
         for name, block in blocks.items()
     }
     lines = [f"{evaluation.label}: {len(evaluation)} episodes, {ends(evaluation.team)}"]
-    told = iter(aligned(list(rows.values())))
-    lines += next(told)
-    for (name, block), table in zip(list(blocks.items())[1:], told, strict=True):
+    tables = iter(aligned(list(rows.values())))
+    lines += next(tables)
+    for (name, block), table in zip(list(blocks.items())[1:], tables, strict=True):
         lines += [f"{name}: {ends(block)}", *table[1:]]
     return "\n".join(lines)
 
@@ -37,10 +37,10 @@ def evaluation_table(evaluation: Evaluation) -> str:
 def ends(block: Block) -> str:
     """Return the success rate with Wilson's interval, and how the episodes ended."""
     interval = block.success_interval
-    told = ", ".join(f"{name} {count}" for name, count in block.statuses.items())
+    counts = ", ".join(f"{name} {count}" for name, count in block.statuses.items())
     return (
         f"success {100 * block.success_rate:.1f} % "
-        f"(95 % interval {100 * interval.low:.1f} to {100 * interval.high:.1f} %; {told})"
+        f"(95 % interval {100 * interval.low:.1f} to {100 * interval.high:.1f} %; {counts})"
     )
 
 

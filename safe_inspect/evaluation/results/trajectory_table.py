@@ -24,19 +24,21 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
 
     Columns: ``episode``, ``step``, ``deputy`` (name), ``time`` [s], ``x``, ``y``, ``z`` [m], ``vx``, ``vy``, ``vz``
     [m/s], ``ux``, ``uy``, ``uz`` (the thrust held over the step that begins there, NaN at the end [N]), ``delta_v``
-    [m/s], ``sun_angle`` [rad], ``inspected`` (points of the team so far) and ``inspected_own`` (those that the deputy
-    was the first to inspect). Hill's frame. The metadata hold the points and when they were inspected.
+    [m/s], what components record, such as ``sun_angle`` [rad] (``NAME/0``, ``NAME/1``, ... of several numbers), and in
+    a task with points ``inspected`` (points of the team so far) and ``inspected_own`` (those that the deputy was the
+    first to inspect). Hill's frame. The metadata hold the points and when they were inspected.
     """
     import pyarrow  # type: ignore[import-untyped]
 
     parts = [_columns(trajectory) for trajectory in trajectories]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    facts = [
+    records = [
         {
             "slot": trajectory.slot,
             "status": int(trajectory.status),
             "deputies": list(trajectory.deputies),
             "mean_motion": trajectory.mean_motion,
+            "arrays": {name: list(array.shape[1:]) for name, array in trajectory.arrays.items()},
             "points": trajectory.points.tolist(),
             "inspected_at": [when if np.isfinite(when) else None for when in trajectory.inspected_at.tolist()],
             "inspector": trajectory.inspector.tolist(),
@@ -44,7 +46,7 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
         for trajectory in trajectories
     ]
     table = pyarrow.table({name: pyarrow.array(values) for name, values in columns.items()})
-    return table.replace_schema_metadata({_KEY: json.dumps(facts).encode()})
+    return table.replace_schema_metadata({_KEY: json.dumps(records).encode()})
 
 
 def read_trajectories(path: str | os.PathLike[str]) -> tuple[Trajectory, ...]:
@@ -61,9 +63,9 @@ def read_trajectories(path: str | os.PathLike[str]) -> tuple[Trajectory, ...]:
         raise EvaluationError(f"{file}: there are no recorded episodes; evaluate with --record and --output")
     try:
         table = parquet.read_table(file)
-        facts = json.loads(table.schema.metadata[_KEY])
+        records = json.loads(table.schema.metadata[_KEY])
         columns = {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
-        return tuple(_trajectory(columns, fact) for fact in facts)
+        return tuple(_trajectory(columns, record) for record in records)
     except (OSError, ArrowException, KeyError, TypeError, ValueError) as error:
         raise EvaluationError(f"{file}: the recorded episodes are damaged ({error}); evaluate again") from None
 
@@ -83,41 +85,48 @@ def _columns(trajectory: Trajectory) -> dict[str, AnyArray]:
     }
     for start, array in (("", trajectory.position), ("v", trajectory.velocity), ("u", control)):
         columns |= {f"{start}{letter}": array[..., axis].reshape(-1) for axis, letter in enumerate(_AXES)}
-    count = len(trajectory.points)
-    own = np.stack([trajectory.coverage_of(deputy) for deputy in range(deputies)], axis=1) if count else None
     columns["delta_v"] = trajectory.delta_v.reshape(-1)
-    columns["sun_angle"] = each(trajectory.sun_angle)
-    columns["inspected"] = each(np.rint(trajectory.coverage * count).astype(np.int64) if count else _none(states))
-    columns["inspected_own"] = (
-        np.rint(own * count).astype(np.int64).reshape(-1) if own is not None else _none(states * deputies)
-    )
+    for name, array in trajectory.arrays.items():
+        flat = array.reshape(states, -1)
+        columns |= {column: each(flat[:, k]) for k, column in enumerate(_columns_of(name, array.shape[1:]))}
+    count = len(trajectory.points)
+    if count:
+        own = np.stack([trajectory.coverage_of(deputy) for deputy in range(deputies)], axis=1)
+        columns["inspected"] = each(np.rint(trajectory.coverage * count).astype(np.int64))
+        columns["inspected_own"] = np.rint(own * count).astype(np.int64).reshape(-1)
     return columns
 
 
-def _none(count: int) -> AnyArray:
-    return np.zeros(count, dtype=np.int64)
+def _columns_of(name: str, shape: Sequence[int]) -> list[str]:
+    """Return the names of the columns of a recorded array, without its axis of states."""
+    return [f"{name}/{k}" for k in range(int(np.prod(shape)))] if shape else [name]
 
 
-def _trajectory(columns: dict[str, AnyArray], fact: dict[str, Any]) -> Trajectory:
-    rows = columns["episode"] == fact["slot"]
-    deputies = len(fact["deputies"])
+def _trajectory(columns: dict[str, AnyArray], record: dict[str, Any]) -> Trajectory:
+    rows = columns["episode"] == record["slot"]
+    deputies = len(record["deputies"])
 
     def vectors(start: str) -> AnyArray:
         return np.stack([columns[f"{start}{letter}"][rows] for letter in _AXES], axis=-1).reshape(-1, deputies, 3)
 
-    when = [np.inf if time is None else time for time in fact["inspected_at"]]
+    def recorded(name: str, shape: Sequence[int]) -> AnyArray:
+        found = [columns[column][rows][::deputies] for column in _columns_of(name, shape)]
+        return np.stack(found, axis=-1).reshape(-1, *shape)
+
+    arrays = record.get("arrays", {"sun_angle": []})  # older files have the sun alone
+    when = [np.inf if time is None else time for time in record["inspected_at"]]
     return Trajectory(
         time=columns["time"][rows][::deputies],
         position=vectors(""),
         velocity=vectors("v"),
         control=vectors("u")[:-1],
         delta_v=columns["delta_v"][rows].reshape(-1, deputies),
-        sun_angle=columns["sun_angle"][rows][::deputies],
-        points=np.array(fact["points"], dtype=np.float64).reshape(-1, 3),
+        arrays={name: recorded(name, shape) for name, shape in arrays.items()},
+        points=np.array(record["points"], dtype=np.float64).reshape(-1, 3),
         inspected_at=np.array(when, dtype=np.float64),
-        inspector=np.array(fact["inspector"], dtype=np.int64),
-        status=DoneStatus(fact["status"]),
-        slot=int(fact["slot"]),
-        deputies=tuple(fact["deputies"]),
-        mean_motion=float(fact["mean_motion"]),
+        inspector=np.array(record["inspector"], dtype=np.int64),
+        status=DoneStatus(record["status"]),
+        slot=int(record["slot"]),
+        deputies=tuple(record["deputies"]),
+        mean_motion=float(record["mean_motion"]),
     )

@@ -9,7 +9,7 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.types import AnyArray, IntArray
 
-_KEPT = ("time", "position", "velocity", "control", "delta_v", "sun_angle")
+_KEPT = ("time", "position", "velocity", "control", "delta_v")
 
 
 class Recorder:
@@ -25,7 +25,9 @@ class Recorder:
         self._environment = environment
         self._rows = rows
         self._slot = first_slot
-        self._states: dict[str, list[AnyArray]] = {name: [] for name in _KEPT}
+        components = environment.simulation.components.values()
+        self._recorded = tuple(name for component in components for name in component.recorded)
+        self._states: dict[str, list[AnyArray]] = {name: [] for name in (*_KEPT, *self._recorded)}
         points = environment.simulation.world.offers.world.get("points", {})
         self._body = next(iter(points), None)
         self._points = points[self._body].points if self._body is not None else np.zeros((0, 3))
@@ -40,8 +42,8 @@ class Recorder:
         state = self._environment.state
         deputies = self._environment.simulation.world.num_deputies
         for name, kept in self._states.items():
-            array = state.arrays.get(name, np.zeros(state.num_envs))[: self._rows]  # no sun: at the angle 0
-            kept.append((array[:, :deputies] if array.ndim > 1 else array).copy())
+            array = state[name][: self._rows]
+            kept.append((array[:, :deputies] if name in ("position", "velocity") else array).copy())
         if self._body is not None:
             inspector = state.points[self._body].inspector[: self._rows]
             now = np.broadcast_to(state.time[: self._rows, None], inspector.shape)
@@ -60,7 +62,9 @@ class Recorder:
             seen = self._inspected_at[row] <= states["time"][-1]  # not what it coasted past
             made.append(
                 Trajectory(
-                    **(states | {"control": states["control"][1:]}),  # the thrust held over the step that led there
+                    **{name: states[name] for name in ("time", "position", "velocity", "delta_v")},
+                    control=states["control"][1:],  # the thrust held over the step that led there
+                    arrays={name: states[name] for name in self._recorded},
                     points=self._points,
                     inspected_at=np.where(seen, self._inspected_at[row], np.inf),
                     inspector=np.where(seen, self._inspector[row], -1),

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.evaluation.rollouts.crew import Crew, Policies, assign
-from safe_inspect.evaluation.rollouts.recorder import Recorder
-from safe_inspect.evaluation.rollouts.tally import Tally
+from safe_inspect.evaluation.rollouts.dispatch import Policies, assign
+from safe_inspect.evaluation.rollouts.rollout import fly_batch
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 
 
@@ -24,13 +23,4 @@ def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, 
     """
     spec, flying = assign(spec, policies)
     environment = TeamEnvironment(spec, 1, seed=seed, first_slot=episode)
-    observations = environment.reset()
-    crew = Crew(environment, flying, episode)
-    tally, recorder = Tally(environment), Recorder(environment, 1, episode)
-    while tally.running.any():
-        transition = environment.step(crew(observations, tally.running))
-        pairs = zip(environment.groups, transition.groups, strict=True)
-        observations = tuple(found.observation for group, found in pairs if not group.scripted)
-        recorder.keep()
-        tally.add(transition)
-    return recorder.trajectories(tally.whole["length"], tally.whole["status"])[0]
+    return fly_batch(environment, flying, first_slot=episode, recorded=1)[1][0]

@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.policies import Policy
-from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes, join
-from safe_inspect.evaluation.rollouts.crew import Crew, Policies, assign
-from safe_inspect.evaluation.rollouts.gauges import check_metrics
+from safe_inspect.evaluation.results.episodes import Episodes, join
+from safe_inspect.evaluation.rollouts.collector import EpisodeCollector
+from safe_inspect.evaluation.rollouts.dispatch import Policies, PolicyDispatcher, assign
+from safe_inspect.evaluation.rollouts.measuring import check_metrics
 from safe_inspect.evaluation.rollouts.recorder import Recorder
-from safe_inspect.evaluation.rollouts.tally import METRIC, TERM, Tally
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.metrics.base import BaseMetric
-from safe_inspect.types import AnyArray
 
-#: Told the number of finished episodes and of all of them, whenever the first has grown.
-Progress = Callable[[int, int], None]
+#: Called with the number of finished episodes and of all of them, whenever the first has grown.
+EpisodeProgress = Callable[[int, int], None]
 
 
 def rollout(
@@ -29,7 +29,7 @@ def rollout(
     *,
     record: int = 0,
     metrics: Sequence[BaseMetric] = (),
-    progress: Progress | None = None,
+    progress: EpisodeProgress | None = None,
 ) -> Episodes:
     """Fly policies for `episodes` episodes: the first episode of the environment slots 0, 1, 2, ...
 
@@ -59,58 +59,59 @@ def rollout(
         raise ValueError(f"`episodes` ({episodes}) and `num_envs` ({num_envs}) are at least 1, `record` ({record}) 0")
     spec, flying = assign(spec, policies)
     check_metrics(spec, metrics)
-    tallies: list[Tally] = []
-    trajectories: list[Trajectory] = []
+    parts: list[Episodes] = []
     for first in range(0, episodes, num_envs):
         environment = TeamEnvironment(spec, min(num_envs, episodes - first), seed=seed, first_slot=first)
+        _check_labels(environment, metrics)
         recorded = min(max(record - first, 0), environment.num_envs)
 
-        def tell(finished: int, before: int = first) -> None:
+        def finished(count: int, before: int = first) -> None:
             if progress is not None:
-                progress(before + finished, episodes)
+                progress(before + count, episodes)
 
-        tally, kept = _fly(environment, flying, metrics, first, recorded, tell)
-        tallies.append(tally)
-        trajectories += kept
-    agents = {name: _agent(join([tally.agents[name] for tally in tallies])) for name in tallies[0].agents}
-    return Episodes.of(
-        seed,
-        agents,
-        trajectories=tuple(trajectories),
-        metrics=join([tally.metrics for tally in tallies]),
-        units={metric.label: metric.unit for metric in metrics},
-        begins=join([tally.begins for tally in tallies]),
-        **join([tally.whole for tally in tallies]),
-    )
+        collector, trajectories = fly_batch(environment, flying, metrics, first, recorded, finished)
+        parts.append(collector.episodes(seed, trajectories))
+    return join(parts)
 
 
-def _agent(figures: dict[str, AnyArray]) -> AgentEpisodes:
-    def taken(start: str) -> dict[str, AnyArray]:
-        return {name.removeprefix(start): figures.pop(name) for name in tuple(figures) if name.startswith(start)}
-
-    return AgentEpisodes(terms=taken(TERM), metrics=taken(METRIC), **figures)
-
-
-def _fly(
+def fly_batch(
     environment: TeamEnvironment,
     flying: Mapping[str, Policy],
-    metrics: Sequence[BaseMetric],
-    first_slot: int,
-    recorded: int,
-    tell: Callable[[int], None],
-) -> tuple[Tally, list[Trajectory]]:
-    """Fly one episode in every row of a batch; a row that has ended coasts on, unheeded, until the last has."""
+    metrics: Sequence[BaseMetric] = (),
+    first_slot: int = 0,
+    recorded: int = 0,
+    finished: Callable[[int], None] | None = None,
+) -> tuple[EpisodeCollector, list[Trajectory]]:
+    """Fly one episode in every row of a batch; a row that has ended coasts on, ignored, until the last has.
+
+    Args:
+        environment: The batch, which is reset.
+        flying: Who flies each agent that acts from outside, by its name.
+        metrics: What is measured besides.
+        first_slot: Global index of the environment slot of the first row.
+        recorded: How many of the first rows are recorded.
+        finished: Called with the number of finished episodes whenever it has grown.
+    """
     observations = environment.reset()
-    crew = Crew(environment, flying, first_slot)
-    tally, recorder = Tally(environment, metrics), Recorder(environment, recorded, first_slot)
-    while tally.running.any():
-        transition = environment.step(crew(observations, tally.running))
+    dispatcher = PolicyDispatcher(environment, flying, first_slot)
+    collector, recorder = EpisodeCollector(environment, metrics), Recorder(environment, recorded, first_slot)
+    while collector.running.any():
+        transition = environment.step(dispatcher(observations, collector.running))
         observations = tuple(
             found.observation
             for group, found in zip(environment.groups, transition.groups, strict=True)
             if not group.scripted
         )
         recorder.keep()
-        if tally.add(transition):
-            tell(environment.num_envs - int(tally.running.sum()))
-    return tally, recorder.trajectories(tally.whole["length"], tally.whole["status"])
+        if collector.add(transition) and finished is not None:
+            finished(environment.num_envs - int(collector.running.sum()))
+    return collector, recorder.trajectories(collector.length, collector.status)
+
+
+def _check_labels(environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:
+    """Check that no metric of another package hides what a component of the task gives."""
+    components = environment.simulation.components.values()
+    known = {label for component in components for label, _ in component.figures.values()}
+    for metric in metrics:
+        if metric.label in known and not type(metric).__module__.startswith("safe_inspect."):
+            raise SafeInspectError(f"the task itself gives the figure {metric.label!r}; give the metric another label")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,14 +21,15 @@ class Trajectory:
         velocity: Velocity of each deputy [m/s], shape (T + 1, D, 3).
         control: Thrust of each deputy held over each step [N], shape (T, D, 3).
         delta_v: Velocity change that each deputy has spent [m/s], shape (T + 1, D).
-        sun_angle: Angle of the sun [rad], shape (T + 1,); the sun stands at [cos, -sin, 0] of it.
-        points: Position of the inspection points about the chief's centre [m], shape (P, 3).
-        inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
-        inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
         status: How the episode ended.
         slot: Global index of the environment slot.
         deputies: Name of each deputy.
-        mean_motion: Mean motion of the chief's orbit [rad/s].
+        arrays: What components record, such as ``sun_angle`` [rad], each of shape (T + 1, ...). They can be read by
+            their names too, as in ``trajectory.sun_angle``.
+        points: Position of the inspection points about the chief's centre [m], shape (P, 3); P is 0 in a task without.
+        inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
+        inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
+        mean_motion: Mean motion of the chief's orbit [rad/s], 0 where there is none.
     """
 
     time: FloatArray
@@ -35,14 +37,21 @@ class Trajectory:
     velocity: FloatArray
     control: FloatArray
     delta_v: FloatArray
-    sun_angle: FloatArray
-    points: FloatArray
-    inspected_at: FloatArray
-    inspector: IntArray
     status: DoneStatus
     slot: int
     deputies: tuple[str, ...]
-    mean_motion: float = 0.001027
+    arrays: Mapping[str, FloatArray] = field(default_factory=dict)
+    points: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    inspected_at: FloatArray = field(default_factory=lambda: np.zeros(0))
+    inspector: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    mean_motion: float = 0.0
+
+    def __getattr__(self, name: str) -> FloatArray:
+        arrays: Mapping[str, FloatArray] = self.__dict__.get("arrays", {})
+        if name not in arrays:
+            known = f"; its components record {', '.join(arrays)}" if arrays else ""
+            raise AttributeError(f"the recorded episode has no {name!r}{known}")
+        return arrays[name]
 
     @property
     def range(self) -> FloatArray:
@@ -56,7 +65,9 @@ class Trajectory:
 
     @property
     def coverage(self) -> FloatArray:
-        """Fraction of the points inspected so far [-], shape (T + 1,)."""
+        """Fraction of the points inspected so far [-], shape (T + 1,); NaN where there are no points."""
+        if not len(self.points):
+            return np.full(len(self.time), np.nan)
         when = np.sort(self.inspected_at)
         return np.searchsorted(when, self.time, side="right") / len(when)
 
@@ -70,11 +81,12 @@ class Trajectory:
         last = max(int(np.searchsorted(self.time, time, side="right")), 1)
         if last >= len(self.time):
             return self
-        rows = {name: getattr(self, name)[:last] for name in ("time", "position", "velocity", "delta_v", "sun_angle")}
+        rows = {name: getattr(self, name)[:last] for name in ("time", "position", "velocity", "delta_v")}
         seen = np.where(self.inspected_at <= self.time[last - 1], self.inspected_at, np.inf)
         return replace(
             self,
             **rows,
+            arrays={name: array[:last] for name, array in self.arrays.items()},
             control=self.control[: last - 1],
             inspected_at=seen,
             inspector=np.where(np.isfinite(seen), self.inspector, -1),
@@ -82,7 +94,9 @@ class Trajectory:
         )
 
     @property
-    def sun_direction(self) -> FloatArray:
-        """Unit vector from the chief to the sun, Hill frame, shape (T + 1, 3)."""
-        angle = self.sun_angle
+    def sun_direction(self) -> FloatArray | None:
+        """Unit vector from the chief to the sun, Hill frame, shape (T + 1, 3); None in a task without a sun."""
+        angle = self.arrays.get("sun_angle")
+        if angle is None:
+            return None
         return np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=-1)

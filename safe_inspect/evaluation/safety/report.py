@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety.adversaries import ADVERSARIES, adversarial_thrust
@@ -111,7 +113,7 @@ def safety_report(
     watch = _Watch(glues[0], environment, substeps)
     slots = np.arange(num_envs)
     kinds = slots % len(ADVERSARIES)
-    low, high = environment.action_layout.low, environment.action_layout.high
+    layout = environment.action_layout
     interventions, flown = np.zeros((2, len(ADVERSARIES)), dtype=np.int64)
     ends = np.zeros(4, dtype=np.int64)
     infeasible = 0
@@ -119,7 +121,8 @@ def safety_report(
     refused = int((history[0] < 0.0).any(axis=1).sum())
     for hold in range(holds):
         share = adversarial_thrust(environment.view(), hold, slots, seed)
-        transition = environment.step((low + 0.5 * (share + 1.0) * (high - low))[:, None])
+        action = layout.low + 0.5 * (share + 1.0) * (layout.high - layout.low)
+        transition = environment.step((np.rint(action) if layout.choices else action)[:, None])
         history.append(watch.end(transition.step.control))
         flown += np.bincount(kinds, minlength=len(ADVERSARIES))
         interventions += np.bincount(kinds[transition.step.intervening], minlength=len(ADVERSARIES))
@@ -157,8 +160,6 @@ class _Watch:
     """Looks at the constraints along the holds, in double precision; the history is kept in single."""
 
     def __init__(self, glue: SafetyGlue, environment: BatchedEnvironment, substeps: int) -> None:
-        from safe_inspect.dynamics.cwh import transition
-
         self._glue, self._environment, self._substeps = glue, environment, substeps
         world = environment.simulation.world
         self._part = transition(world.mean_motion, 1.0, world.step_size / substeps)
@@ -176,8 +177,6 @@ class _Watch:
 
     def end(self, control: FloatArray) -> AnyArray:
         """Look along the hold that has just ended, and at its end, shape (N, C)."""
-        from safe_inspect.dynamics.propagation import propagate
-
         before, world = self._environment.simulation.before, self._environment.simulation.world
         position, velocity = before.position[:, 0].copy(), before.velocity[:, 0].copy()
         acceleration = control / world.masses[0]

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
-from safe_inspect.experiments.adapters.environment import ENVIRONMENT
-from safe_inspect.experiments.modules.policy_facts import policy_texts
+from safe_inspect.experiments.adapters.registration import ENVIRONMENT
+from safe_inspect.experiments.modules.policy_info import policy_texts
 from safe_inspect.experiments.runs.checkpoints import SINGLE
+from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.policies import PolicySettings
-from safe_inspect.experiments.settings.translation import Translation
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
@@ -48,7 +48,7 @@ class PolicyOf:
 
 
 def build_config(
-    rllib: Translation, env_config: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
+    rllib: TranslatedSettings, env_config: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
 ) -> AlgorithmConfig:
     """Return the configuration of the algorithm, ready for Tune.
 
@@ -132,7 +132,7 @@ def attribute_names(config: AlgorithmConfig) -> set[str]:
     return {name for name in names if not name.startswith("_")}
 
 
-def _check_names(config: AlgorithmConfig, rllib: Translation) -> None:
+def _check_names(config: AlgorithmConfig, rllib: TranslatedSettings) -> None:
     names = attribute_names(config)
     problems = []
     for name in dict.fromkeys((*rllib.unchecked, *sorted(rllib.given))):

@@ -9,7 +9,7 @@ from typing import Any
 from ray.rllib.callbacks.callbacks import RLlibCallback
 
 from safe_inspect.experiments.adapters.training_env import TrainingEnv
-from safe_inspect.experiments.sampling.episode_sums import Report
+from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 
 #: Values of an episode that RLlib logs by itself, under other names.
 LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})
@@ -56,7 +56,7 @@ class RunCallbacks(RLlibCallback):
             log_reports(metrics_logger, env_runner.config, [report])
 
 
-def log_reports(logger: Any, config: Any, reports: list[Report]) -> None:
+def log_reports(logger: Any, config: Any, reports: list[EpisodeReport]) -> None:
     """Log the means of what some episodes came to.
 
     Args:

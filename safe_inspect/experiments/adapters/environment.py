@@ -12,11 +12,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from safe_inspect.environments.registration import build_spec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
-
-#: The name under which RLlib knows the environment, in checkpoints too.
-ENVIRONMENT = "safe_inspect"
 
 #: Builds the environments from the resolved configuration, the number, the seed and the first slot.
 EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], TeamEnvironment]
@@ -33,8 +31,6 @@ def experiment_in(config: Mapping[str, Any]) -> Any:
 
 def make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> TeamEnvironment:
     """Build the environments of a resolved configuration."""
-    from safe_inspect.environments import build_spec
-
     return TeamEnvironment(build_spec(experiment), num_envs, seed=seed, first_slot=first_slot)
 
 
@@ -102,21 +98,3 @@ class Reported:
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if self._file and isinstance(error, SafeInspectError):
             Path(self._file).write_text(json.dumps({"error": type(error).__name__, "message": str(error)}))
-
-
-def register(maker: str = DEFAULT_MAKER) -> None:
-    """Tell RLlib how to create the environment; needed in each process that builds or restores an algorithm."""
-    from ray.tune.registry import register_env
-
-    def create(config: Mapping[str, Any]) -> Any:
-        """Create what RLlib's stock runner takes; the batched runner builds its environments itself."""
-        rest = {"maker": maker} | {key: value for key, value in config.items() if key != "num_envs"}
-        if rest.get("several"):
-            from safe_inspect.experiments.adapters.multi_agent_env import TeamMultiAgentEnv
-
-            return TeamMultiAgentEnv(rest)
-        from safe_inspect.experiments.adapters.training_env import TrainingEnv
-
-        return TrainingEnv(rest, int(config.get("num_envs", 1)))
-
-    register_env(ENVIRONMENT, create)

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
+from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot
-from safe_inspect.experiments.sampling.episode_sums import EpisodeSums, Report
-from safe_inspect.experiments.sampling.sampler import Seat, seats_of
+from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
+from safe_inspect.experiments.sampling.sampler import AgentSlot, agent_slots
 from safe_inspect.types import AnyArray
 
-ByAgent = dict[Any, Any]
+AgentDict = dict[Any, Any]
 
 
 class TeamMultiAgentEnv(MultiAgentEnv):
@@ -36,11 +37,11 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         self._config = _resolved(config)
         self._where = (0, False)
         self._build()
-        self.possible_agents = [seat.agent for seat in self._seats]
+        self.possible_agents = [slot.agent for slot in self._agent_slots]
         self.agents = list(self.possible_agents)
         acting = self.team.acting
-        self.observation_spaces = {seat.agent: box(acting[seat.group].observation_layout) for seat in self._seats}
-        self.action_spaces = {seat.agent: action_space(acting[seat.group].action_layout) for seat in self._seats}
+        self.observation_spaces = {slot.agent: box(acting[slot.group].observation_layout) for slot in self._agent_slots}
+        self.action_spaces = {slot.agent: action_space(acting[slot.group].action_layout) for slot in self._agent_slots}
         super().__init__()  # type: ignore[no-untyped-call]
 
     def place(self, worker_index: int, num_envs: int, index: int, evaluation: bool) -> None:
@@ -59,12 +60,12 @@ class TeamMultiAgentEnv(MultiAgentEnv):
 
     def _build(self) -> None:
         self.team = build_team(self._config, 1, *self._where)
-        self._seats: tuple[Seat, ...] = seats_of(self.team)
+        self._agent_slots: tuple[AgentSlot, ...] = agent_slots(self.team)
         self._groups = [self.team.groups.index(group) for group in self.team.acting]
-        self._sums = EpisodeSums(self.team)
-        self._report: Report | None = None
+        self._sums = EpisodeAccumulator(self.team)
+        self._report: EpisodeReport | None = None
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[ByAgent, ByAgent]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[AgentDict, AgentDict]:
         """Begin a new episode.
 
         Args:
@@ -75,34 +76,34 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         with Reported(self._config):
             observations = self.team.reset(seed=seed if self._config.get("seeded_by_reset") else None)
         self._sums.restart(np.arange(1))
-        return self._told(observations, self.agents), {agent: {} for agent in self.agents}
+        return self._by_agent(observations, self.agents), {agent: {} for agent in self.agents}
 
     def step(  # type: ignore[override]  # Gymnasium's signature is that of one agent
         self, action_dict: Mapping[Any, AnyArray]
-    ) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, ByAgent]:
+    ) -> tuple[AgentDict, AgentDict, AgentDict, AgentDict, AgentDict]:
         """Take a step with the actions of the agents that have not ended; they are clipped to their bounds."""
         actions = [np.zeros((1, group.size, group.action_layout.size)) for group in self.team.acting]
-        for seat in self._seats:
-            if seat.agent in self.agents:
-                actions[seat.group][0, seat.member] = action_dict[seat.agent]
+        for slot in self._agent_slots:
+            if slot.agent in self.agents:
+                actions[slot.group][0, slot.member] = action_dict[slot.agent]
         with Reported(self._config):
             transition = self.team.step(actions)
         self._sums.add(transition)
         found = [transition.groups[index] for index in self._groups]
-        flying = [seat for seat in self._seats if seat.agent in self.agents]
-        observations = self._told([group.observation for group in found], self.agents)
-        rewards: ByAgent = {}
-        terminated: ByAgent = {}
-        truncated: ByAgent = {}
-        infos: ByAgent = {}
-        for seat in flying:
-            agent, group, member = seat.agent, found[seat.group], seat.member
+        flying = [slot for slot in self._agent_slots if slot.agent in self.agents]
+        observations = self._by_agent([group.observation for group in found], self.agents)
+        rewards: AgentDict = {}
+        terminated: AgentDict = {}
+        truncated: AgentDict = {}
+        infos: AgentDict = {}
+        for slot in flying:
+            agent, group, member = slot.agent, found[slot.group], slot.member
             rewards[agent] = float(group.reward[0, member])
             terminated[agent] = bool(group.terminated[0, member])
             truncated[agent] = bool(group.truncated[0, member])
             infos[agent] = {f"reward/{name}": float(value[0, member]) for name, value in group.terms.items()}
         over = bool(transition.over[0])
-        self._report = self._sums.reports([0], transition)[0] if over else None
+        self._report = episode_reports(self.team, self._sums, [0], transition)[0] if over else None
         cut = over and any(truncated.values())
         if cut:
             # RLlib takes an episode for terminated, and bootstraps no value, once each agent is named as done. So those
@@ -113,14 +114,13 @@ class TeamMultiAgentEnv(MultiAgentEnv):
             self.agents = [agent for agent in self.agents if not (terminated[agent] or truncated[agent])]
         return observations, rewards, terminated, truncated, infos
 
-    def report(self) -> Report | None:
+    def report(self) -> EpisodeReport | None:
         """Return what the episode came to, once it has ended."""
         return self._report
 
-    def _told(self, observations: Any, agents: Sequence[Any]) -> ByAgent:
-        return {
-            seat.agent: observations[seat.group][0, seat.member].copy() for seat in self._seats if seat.agent in agents
-        }
+    def _by_agent(self, observations: Any, agents: Sequence[Any]) -> AgentDict:
+        slots = [slot for slot in self._agent_slots if slot.agent in agents]
+        return {slot.agent: observations[slot.group][0, slot.member].copy() for slot in slots}
 
 
 def _resolved(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,10 +14,11 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector import VectorEnv as _VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot
-from safe_inspect.experiments.sampling.episode_sums import EpisodeSums, Report
+from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.types import AnyArray, BoolArray
 
 
@@ -57,9 +58,9 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
     def _build(self) -> None:
         self.team = build_team(self._config, self.num_envs, *self._where)
         self._group = self.team.groups.index(self.team.acting[0]) if self.team.acting else 0
-        self._sums = EpisodeSums(self.team)
+        self._sums = EpisodeAccumulator(self.team)
         self._ended: BoolArray = np.zeros(self.num_envs, dtype=np.bool_)
-        self.reports: dict[int, Report] = {}
+        self.reports: dict[int, EpisodeReport] = {}
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[AnyArray, dict[str, Any]]:
         """Begin a new episode in every slot.
@@ -87,9 +88,9 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
                 rewards[again], terminated[again], truncated[again] = 0.0, False, False
         self._ended = terminated | truncated
         rows = np.flatnonzero(self._ended)
-        self.reports = dict(zip(rows.tolist(), self._sums.reports(rows, transition), strict=True))
+        self.reports = dict(zip(rows.tolist(), episode_reports(self.team, self._sums, rows, transition), strict=True))
         return observations, rewards, terminated, truncated, {}
 
-    def report(self, index: int) -> Report | None:
+    def report(self, index: int) -> EpisodeReport | None:
         """Return what the episode of an environment that has just ended came to."""
         return self.reports.get(index)

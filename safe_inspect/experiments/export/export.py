@@ -15,12 +15,18 @@ from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo, seal
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
-from safe_inspect.experiments.export.export_check import Difference, compare, flown_readings, random_readings, worst
+from safe_inspect.experiments.export.export_check import (
+    ExportDifference,
+    compare_readings,
+    flown_readings,
+    random_readings,
+    worst,
+)
 from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
 from safe_inspect.experiments.modules.policy import load_policy
-from safe_inspect.experiments.modules.policy_facts import policy_info
-from safe_inspect.experiments.modules.sources import configuration_of
-from safe_inspect.experiments.runs.checkpoints import MODULES, SEAL, SINGLE, find_newest, policy_folder, read_checkpoint
+from safe_inspect.experiments.modules.policy_info import policy_info
+from safe_inspect.experiments.runs.checkpoint_folders import configuration_of
+from safe_inspect.experiments.runs.checkpoints import MODULES, SINGLE, policy_folder, read_checkpoint
 from safe_inspect.experiments.runs.run_folder import RunFolder
 from safe_inspect.outputs import new_file
 
@@ -40,7 +46,7 @@ class Exported:
 
     path: Path
     info: PolicyInfo
-    difference: Difference
+    difference: ExportDifference
     flown: int
 
 
@@ -91,7 +97,7 @@ def export_policy(
     info = replace(
         policy_info(experiment, folder.name, agents, exportable=True),
         configuration=_portable(experiment.resolved),
-        training=training_facts(checkpoint),
+        training=training_record(checkpoint),
     )
     path = Path(output).expanduser()
     with new_file(path, "give another --output") as work:
@@ -99,7 +105,7 @@ def export_policy(
         written = load_onnx(work)
         flown = flown_readings(written, experiment.spec)
         random = random_readings(agents[0], _RANDOM_ROWS)
-        difference = worst(*(compare(written, module, agents[0], readings) for readings in (random, flown)))
+        difference = worst(*(compare_readings(written, module, agents[0], readings) for readings in (random, flown)))
         if not difference.passes:
             raise CheckpointError(
                 f"{title}: the exported policy is not the checkpoint's: it differs by {difference.action:.1e} of the "
@@ -117,26 +123,6 @@ def _portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
-    """Return a checkpoint's folder; of a run's folder, or of one within it, the newest complete checkpoint.
-
-    Raises:
-        CheckpointError: There is none.
-    """
-    folder = Path(path).expanduser()
-    if not folder.is_dir():
-        raise CheckpointError(f"{path}: there is no such checkpoint")
-    if (folder / SEAL).is_file() or folder.name.startswith("checkpoint_"):
-        return folder
-    found = find_newest(folder)
-    if found.newest is None:
-        why = f" ({found.refused[0]})" if found.refused else ""
-        raise CheckpointError(
-            f"{path}: this is neither a checkpoint nor the folder of a run that has a complete one{why}"
-        )
-    return found.newest.path
-
-
 def policies_in(checkpoint: str | os.PathLike[str]) -> list[str]:
     """Return the names of the policies of a checkpoint.
 
@@ -151,27 +137,27 @@ def policies_in(checkpoint: str | os.PathLike[str]) -> list[str]:
     return names
 
 
-def training_facts(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:
+def training_record(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:
     """Return what the checkpoint and the folder of its run say about the training; nothing of the machine."""
     found = read_checkpoint(checkpoint)
-    facts: dict[str, Any] = {"iteration": found.iteration, "steps": found.steps, "seconds": round(found.seconds, 1)}
+    training: dict[str, Any] = {"iteration": found.iteration, "steps": found.steps, "seconds": round(found.seconds, 1)}
     own = configuration_of(checkpoint)
     if own is None:
-        return facts
+        return training
     try:
         record = json.loads(RunFolder(own.parent).record.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return facts
-    facts |= {key: record[key] for key in ("seed", "git_commit", "python") if record.get(key) is not None}
-    facts |= {"trained_by": record["safe_inspect"]} if "safe_inspect" in record else {}
+        return training
+    training |= {key: record[key] for key in ("seed", "git_commit", "python") if record.get(key) is not None}
+    training |= {"trained_by": record["safe_inspect"]} if "safe_inspect" in record else {}
     if record.get("attempts"):
-        facts |= {"started": record["attempts"][0].get("started"), "attempts": len(record["attempts"])}
-    return facts
+        training |= {"started": record["attempts"][0].get("started"), "attempts": len(record["attempts"])}
+    return training
 
 
 def _agents(experiment: Experiment, name: str, title: str) -> list[AgentSpec]:
     """Return the agents that a policy flies."""
-    outside = [agent for agent in experiment.spec.agents if agent.pilot is None]
+    outside = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     if name == SINGLE and len(outside) == 1:
         return outside
     agents = [agent for agent in outside if agent.policy == name]

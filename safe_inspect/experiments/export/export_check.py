@@ -22,13 +22,13 @@ from safe_inspect.glues.observe_sensor import ObserveSensor
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Largest difference that passes, relative to the range of the action or to the outputs of the net.
-TOLERANCE = 1e-5
+EXPORT_TOLERANCE = 1e-5
 
 _SPREAD = 1.5
 
 
 @dataclass(frozen=True)
-class Difference:
+class ExportDifference:
     """How far a file's outputs are from the checkpoint's.
 
     Attributes:
@@ -47,10 +47,10 @@ class Difference:
     @property
     def passes(self) -> bool:
         """Whether the file is as good as the checkpoint; NaN is not."""
-        return bool(self.action <= TOLERANCE and self.inputs <= TOLERANCE)
+        return bool(self.action <= EXPORT_TOLERANCE and self.inputs <= EXPORT_TOLERANCE)
 
 
-def compare(policy: OnnxPolicy, module: Any, agent: AgentSpec, readings: AnyArray) -> Difference:
+def compare_readings(policy: OnnxPolicy, module: Any, agent: AgentSpec, readings: AnyArray) -> ExportDifference:
     """Compare a file with the checkpoint's module on observations in SI units, float32, shape (R, O).
 
     The module sees what the agent's own glues make of the readings, and its actions pass through them.
@@ -65,7 +65,7 @@ def compare(policy: OnnxPolicy, module: Any, agent: AgentSpec, readings: AnyArra
     low, high = (np.array([getattr(element, side) for element in policy.info.action]) for side in ("low", "high"))
     reach = np.where(np.isfinite(high - low), high - low, 1.0)
     off = np.abs(thrust - value) / reach
-    return Difference(
+    return ExportDifference(
         len(readings),
         float(off[sure].max(initial=0.0)),
         float((np.abs(inputs - wanted) / scale).max(initial=0.0)),
@@ -92,8 +92,8 @@ def random_readings(agent: AgentSpec, rows: int, seed: int = 0) -> AnyArray:
 
 def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
     """Return what the file's own flights observe in SI units, float32, shape (R, O); agents of others coast."""
-    mine = [agent.name for agent in spec.agents if agent.name in policy.info.agents and agent.pilot is None]
-    others = [agent.name for agent in spec.agents if agent.name not in mine and agent.pilot is None]
+    mine = [agent.name for agent in spec.agents if agent.name in policy.info.agents and agent.scripted_policy is None]
+    others = [agent.name for agent in spec.agents if agent.name not in mine and agent.scripted_policy is None]
     raw = policy.prepare(spec, mine)
     seen: list[AnyArray] = []
 
@@ -142,7 +142,7 @@ def _commanded(policy: OnnxPolicy, agent: AgentSpec, inputs: AnyArray) -> tuple[
         for element in policy.info.action:
             logits = inputs[:, first : first + len(element.levels)]
             ordered = np.sort(logits, axis=1)
-            sure &= ordered[:, -1] - ordered[:, -2] > TOLERANCE * np.maximum(np.abs(ordered).max(axis=1), 1.0)
+            sure &= ordered[:, -1] - ordered[:, -2] > EXPORT_TOLERANCE * np.maximum(np.abs(ordered).max(axis=1), 1.0)
             indices.append(np.argmax(logits, axis=1))
             first += len(element.levels)
         action = np.stack(indices, axis=1).astype(np.float64)
@@ -159,7 +159,7 @@ def _commanded(policy: OnnxPolicy, agent: AgentSpec, inputs: AnyArray) -> tuple[
     return np.concatenate(values, axis=1), sure
 
 
-def worst(first: Difference, *others: Difference) -> Difference:
+def worst(first: ExportDifference, *others: ExportDifference) -> ExportDifference:
     """Return the larger of each figure, over all rows together."""
     for other in others:
         first = replace(

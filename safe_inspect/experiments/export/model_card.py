@@ -1,4 +1,4 @@
-"""The model card of a trained policy, written from facts."""
+"""The model card of a trained policy, of what the training and its evaluations have found."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 #: Where a policy may be used, for every card.
 LIMITS = (
-    "It was trained and evaluated in this package's simulation alone: linear dynamics about a circular orbit, a point "
+    "It was trained and evaluated in this package's simulation alone: linear dynamics, a point "
     "mass, exact readings of the sensors, thrust that is held for a step.",
     "It knows one task: the bodies, the distribution of the initial states and the limits of its experiment. "
     "Evaluate it again before it flies in another.",
@@ -18,14 +18,14 @@ LIMITS = (
 
 
 @dataclass(frozen=True)
-class CardFacts:
+class CardData:
     """What a card says.
 
     Attributes:
         name: Name of the policy.
         title: What it does, one sentence.
         command: Command of the training.
-        training: What `safe_inspect.experiments.export.export.training_facts` found.
+        training: What `safe_inspect.experiments.export.export.training_record` found.
         machine: On what it was trained.
         date: When the card was written.
         versions: Versions of the packages that exported it.
@@ -50,16 +50,16 @@ class CardFacts:
     limits: Sequence[str] = ()
 
 
-def model_card(facts: CardFacts) -> str:
+def model_card(card: CardData) -> str:
     """Return the card as Markdown.
 
     Raises:
         KeyError: An evaluation is none of `safe-inspect evaluate`.
     """
-    training = facts.training
+    training = card.training
     steps, seconds = training.get("steps"), training.get("seconds")
-    lines = [f"# {facts.name}", "", facts.title, "", "## Use", "", "```sh"]
-    lines += [f"safe-inspect evaluate --policy {facts.name}", "```", "", "## Training", "", "```sh", facts.command]
+    lines = [f"# {card.name}", "", card.title, "", "## Use", "", "```sh"]
+    lines += [f"safe-inspect evaluate --policy {card.name}", "```", "", "## Training", "", "```sh", card.command]
     lines += ["```", ""]
     lines += _table(
         ("", ""),
@@ -68,25 +68,25 @@ def model_card(facts: CardFacts) -> str:
             ("environment steps", "unknown" if steps is None else f"{steps:,}"),
             ("iterations", training.get("iteration", "unknown")),
             ("wall time", "unknown" if seconds is None else f"{seconds / 60:.1f} min"),
-            ("machine", facts.machine),
+            ("machine", card.machine),
             ("begun", training.get("started", "unknown")),
             ("trained by", f"safe_inspect {training.get('trained_by', 'unknown')}, {_commit(training)}"),
-            ("exported", f"{facts.date} by {', '.join(f'{name} {text}' for name, text in facts.versions.items())}"),
+            ("exported", f"{card.date} by {', '.join(f'{name} {text}' for name, text in card.versions.items())}"),
         ],
     )
     lines += ["", "`experiment.resolved.yml` beside this card is the whole experiment.", ""]
-    if facts.seeds:
-        lines += ["Other seeds of the same recipe:", "", *(f"- {line}" for line in facts.seeds), ""]
+    if card.seeds:
+        lines += ["Other seeds of the same recipe:", "", *(f"- {line}" for line in card.seeds), ""]
     lines += ["## Evaluation", ""]
-    for title, evaluation in facts.evaluations.items():
+    for title, evaluation in card.evaluations.items():
         lines += [*_evaluation(title, evaluation), ""]
-    if not facts.evaluations:
+    if not card.evaluations:
         lines += ["None was given.", ""]
     lines += ["## Files", ""]
-    lines += _table(("file", "agents", "action", "largest difference from the checkpoint"), facts.exported)
-    for file, elements in facts.observation.items():
+    lines += _table(("file", "agents", "action", "largest difference from the checkpoint"), card.exported)
+    for file, elements in card.observation.items():
         lines += ["", f"`{file}` reads, in this order: {', '.join(f'`{element}`' for element in elements)}."]
-    lines += ["", "## Limits of use", "", *(f"- {limit}" for limit in (*facts.limits, *LIMITS)), ""]
+    lines += ["", "## Limits of use", "", *(f"- {limit}" for limit in (*card.limits, *LIMITS)), ""]
     return "\n".join(lines)
 
 

@@ -16,7 +16,7 @@ from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHe
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
-from safe_inspect.evaluation.policy_files.raw_values import columns
+from safe_inspect.evaluation.policy_files.raw_values import element_columns
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
 
@@ -74,7 +74,7 @@ def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
 
     Args:
         module: RLlib's module, which `check_module` has let pass.
-        info: The facts of the file.
+        info: What the file says of the policy.
         title: The checkpoint, for messages.
 
     Raises:
@@ -144,7 +144,7 @@ class _Graph:
 
     def normalised(self, value: str, info: PolicyInfo) -> str:
         """(value - centre) / width, element by element."""
-        centre, width = columns(info.observation, "centre"), columns(info.observation, "width")
+        centre, width = element_columns(info.observation, "centre"), element_columns(info.observation, "width")
         if np.any(centre != 0.0):
             value = self.node("Sub", [value, self.constant(centre, "centre")])
         return self.node("Div", [value, self.constant(width, "width")]) if np.any(width != 1.0) else value
@@ -175,7 +175,7 @@ class _Graph:
     def scaled(self, inputs: str, info: PolicyInfo) -> None:
         """Thrust = clip(offset + gain * mean, low, high)."""
         value = self.part(inputs, 0, len(info.action))
-        gain, offset, low, high = (columns(info.action, name) for name in ("gain", "offset", "low", "high"))
+        gain, offset, low, high = (element_columns(info.action, name) for name in ("gain", "offset", "low", "high"))
         if np.any(gain != 1.0):
             value = self.node("Mul", [value, self.constant(gain, "gain")])
         if np.any(offset != 0.0):

@@ -24,10 +24,10 @@ from safe_inspect.evaluation.policy_files.shipped import (
     ShippedPolicy,
     shipped_policy,
 )
-from safe_inspect.experiments.export.export import Exported, export_policy, newest_checkpoint, policies_in
-from safe_inspect.experiments.export.export import training_facts as facts_of
-from safe_inspect.experiments.export.model_card import CardFacts, model_card
-from safe_inspect.experiments.modules.sources import configuration_of
+from safe_inspect.experiments.export.export import Exported, export_policy, policies_in
+from safe_inspect.experiments.export.export import training_record as training_of
+from safe_inspect.experiments.export.model_card import CardData, model_card
+from safe_inspect.experiments.runs.checkpoint_folders import configuration_of, newest_checkpoint
 from safe_inspect.experiments.runs.checkpoints import (
     MODULES,
     SINGLE,
@@ -95,11 +95,11 @@ def ship(
         agents = {agent: item.path.name for item in done for agent in item.info.agents}
         record = {"name": name, "task": done[0].info.task, "safe_inspect": __version__, "agents": agents}
         (work / RECORD).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-        facts = CardFacts(
+        card = CardData(
             name=name,
             title=title,
             command=command,
-            training=facts_of(source),
+            training=training_of(source),
             machine=machine or f"{platform.system()}, {platform.machine()}, {os.cpu_count()} cores",
             date=date.today().isoformat(),
             versions={"safe_inspect": __version__, **{package: metadata.version(package) for package in _PACKAGES}},
@@ -109,7 +109,7 @@ def ship(
             seeds=seeds,
             limits=limits,
         )
-        (work / CARD).write_text(_card(facts), encoding="utf-8")
+        (work / CARD).write_text(_card(card), encoding="utf-8")
     return shipped_policy(name, Path(root))
 
 
@@ -147,8 +147,8 @@ def _read_evaluation(path: str | os.PathLike[str]) -> dict[str, Any]:
     return content
 
 
-def _card(facts: CardFacts) -> str:
+def _card(card: CardData) -> str:
     try:
-        return model_card(facts)
+        return model_card(card)
     except (KeyError, TypeError, ValueError) as error:
         raise CheckpointError(f"an evaluation lacks what the card tells of it ({error}); evaluate again") from None

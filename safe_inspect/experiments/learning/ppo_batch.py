@@ -11,7 +11,7 @@ import numpy as np
 from ray.rllib.core import DEFAULT_MODULE_ID
 
 from safe_inspect.experiments.learning.ppo_kernels import advantages_of
-from safe_inspect.experiments.sampling.rollout_episodes import Part, part_of_episode
+from safe_inspect.experiments.sampling.rollout_episodes import EpisodePart, part_of_episode
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Least standard deviation by which advantages are divided, as in RLlib.
@@ -30,7 +30,7 @@ class Batch:
         inputs: Inputs of the action distribution when they were drawn, shape (R, I).
         log_probabilities: Of the actions, shape (R,).
         rewards: Shape (R,).
-        weights: Mean number of the weights that flew it; None: not told.
+        weights: Mean number of the weights that flew it; None: unknown.
         observations: Those of each step, shape (R, O).
         advantages: Standardised, shape (R,); see `advise`.
         targets: What the value function is to learn, shape (R,); see `advise`.
@@ -81,7 +81,7 @@ def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[s
         episodes: RLlib's episodes, of one agent or of several, as arrays.
         wanted: Whether a policy learns.
     """
-    parts: dict[str, list[Part]] = {}
+    parts: dict[str, list[EpisodePart]] = {}
     for episode in _single(episodes):
         name = str(episode.module_id or DEFAULT_MODULE_ID)
         if len(episode) and wanted(name):
@@ -118,7 +118,7 @@ def _single(episodes: Iterable[Any]) -> Iterator[Any]:
         yield from episode.agent_episodes.values() if hasattr(episode, "agent_episodes") else (episode,)
 
 
-def _batch(parts: list[Part]) -> Batch:
+def _batch(parts: list[EpisodePart]) -> Batch:
     lengths = np.array([len(part) for part in parts], dtype=np.int64)
     weights = [part.weights for part in parts if part.weights is not None]
     return Batch(

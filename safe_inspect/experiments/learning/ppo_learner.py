@@ -106,15 +106,15 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
 
     def _values(self, name: str, observations: AnyArray) -> AnyArray:
         """Return the values of observations before the update."""
-        parts = torch.split(torch.from_numpy(observations), _ROWS_AT_ONCE)
         found = []
         with torch.no_grad():
             *_, net = nets_of(self.module[name].unwrapped())
+            parts = torch.split(torch.from_numpy(observations).to(net.parameters[0].device), _ROWS_AT_ONCE)
             ways = {len(part): net.make_pass(len(part)) for part in (parts[0], parts[-1])}
             for part in parts:
                 _, values = ways[len(part)].forward(part)
                 assert values is not None, "the last net gives them"
-                found.append(values.numpy().copy())
+                found.append(values.cpu().numpy().copy())
         return np.concatenate(found)
 
     def _trainings(self, name: str, batch: Batch, order: IntArray) -> list[NetTraining]:

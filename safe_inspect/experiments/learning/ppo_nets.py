@@ -10,9 +10,10 @@ import torch
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
 
-from safe_inspect.experiments.learning.fast_adam import FastAdam, is_plain
-from safe_inspect.experiments.learning.net_passes import AutogradPass, Outputs, Pass, TanhPass
-from safe_inspect.experiments.learning.tanh_net import TanhNet, linear_layers
+from safe_inspect.experiments.learning.fast_nets.fast_adam import FastAdam, is_plain
+from safe_inspect.experiments.learning.fast_nets.tanh_net import TanhNet, linear_layers
+from safe_inspect.experiments.learning.fast_nets.tanh_pass import TanhPass
+from safe_inspect.experiments.learning.net_passes import AutogradPass, Outputs, Pass
 
 _PROBE = 16
 _ROUNDING = 1e-5  # of the fast tanh, through some layers
@@ -56,7 +57,8 @@ def nets_of(module: Any, together: bool = False) -> list[Net]:
     if len(set(known)) < len(known) or set(known) != {id(parameter) for parameter in whole.parameters}:
         return [whole]
     size = int(module.observation_space.shape[0])
-    probe = torch.linspace(-2.0, 2.0, _PROBE * size).reshape(_PROBE, size)
+    device = whole.parameters[0].device
+    probe = torch.linspace(-2.0, 2.0, _PROBE * size, device=device).reshape(_PROBE, size)
     with torch.no_grad():
         wanted = whole.make_pass(_PROBE).forward(probe)
         found = (parts[0].make_pass(_PROBE).forward(probe)[0], parts[1].make_pass(_PROBE).forward(probe)[1])
@@ -116,7 +118,9 @@ class _TorchAdam:
         self._parameters = parameters
         self._adam = torch.optim.Adam(parameters, **{name: group[name] for name in names}, fused=True)
         for parameter in parameters:
-            self._adam.state[parameter] = optimiser.state[parameter]
+            state = optimiser.state[parameter]
+            state["step"] = state["step"].to(parameter.device)  # a fused Adam counts where it computes
+            self._adam.state[parameter] = state
 
     def step(self, gradients: Sequence[torch.Tensor]) -> None:
         """Take a step."""

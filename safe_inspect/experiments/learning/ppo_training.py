@@ -57,6 +57,8 @@ class Terms:
 class NetTraining:
     """Trains one net with the minibatches of a batch; several of them may run side by side.
 
+    The net computes where its parameters are; the loss, a few numbers for each row, is computed on the processor.
+
     Args:
         net: The net.
         optimiser: Of its parameters.
@@ -93,21 +95,22 @@ class NetTraining:
 
     def run(self) -> None:
         """Take all steps."""
-        observations = torch.from_numpy(self._batch.observations)
         parameters = self._net.parameters
+        device = parameters[0].device
+        observations = torch.from_numpy(self._batch.observations).to(device)
         size = self._order.shape[1]
         way = self._net.make_pass(size)
-        chosen = torch.empty((size, observations.shape[1]))
+        chosen = torch.empty((size, observations.shape[1]), device=device)
         gradients: list[torch.Tensor] = []
         inputs: torch.Tensor | None = None
         values: torch.Tensor | None = None
-        for rows, indices in zip(self._order, torch.from_numpy(self._order), strict=True):
+        for rows, indices in zip(self._order, torch.from_numpy(self._order).to(device), strict=True):
             torch.index_select(observations, 0, indices, out=chosen)
             inputs, values = way.forward(chosen)
             gradients = way.backward(
                 (
-                    None if inputs is None else self._policy_gradient(rows, inputs.numpy()),
-                    None if values is None else self._values_gradient(rows, values.numpy()),
+                    None if inputs is None else self._policy_gradient(rows, inputs.cpu().numpy()).to(device),
+                    None if values is None else self._values_gradient(rows, values.cpu().numpy()).to(device),
                 )
             )
             if self._clip_gradients is not None:
@@ -117,7 +120,7 @@ class NetTraining:
             self._optimiser.step(gradients)
         for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient  # where RLlib looks for them
-        self.losses = self._losses(inputs is not None, None if values is None else values.numpy())
+        self.losses = self._losses(inputs is not None, None if values is None else values.cpu().numpy())
 
     def _policy_gradient(self, rows: IntArray, inputs: AnyArray) -> torch.Tensor:
         batch, terms = self._batch, self._terms

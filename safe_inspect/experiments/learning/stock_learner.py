@@ -17,8 +17,6 @@ def why_stock_learner(config: Any) -> str:
         return "a connector stands between episodes and learner"
     if config.num_learners > 1:
         return "several learners share a batch"
-    if config.num_gpus_per_learner:
-        return "the learner has a GPU"
     if config.torch_compile_learner:
         return "the learner is compiled"
     if config._torch_grad_scaler_class or config._torch_lr_scheduler_classes:
@@ -46,6 +44,4 @@ def why_not_learned(learner: Any, name: str) -> str:
     optimisers = [optimiser for _, optimiser in learner.get_optimizers_for_module(name)]
     if [type(optimiser) for optimiser in optimisers] != [torch.optim.Adam] or len(optimisers[0].param_groups) != 1:
         return f"the policy {name} has another optimiser than Adam"
-    if any(parameter.device.type != "cpu" for parameter in module.parameters()):
-        return f"the policy {name} is not in the processor's memory"
     return ""

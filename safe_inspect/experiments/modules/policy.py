@@ -17,7 +17,8 @@ from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
 from safe_inspect.experiments.modules.fresh_policy import build_module
 from safe_inspect.experiments.modules.weights_file import info_of, read_weights
 from safe_inspect.experiments.runs.checkpoints import policy_folder
-from safe_inspect.experiments.sampling.distributions import Categorical, Distribution, distribution_of_module
+from safe_inspect.experiments.sampling.distributions import distribution_of_module
+from safe_inspect.random.action_draws import Categorical, draw_in_rollout
 from safe_inspect.types import AnyArray, FloatArray
 
 
@@ -42,9 +43,8 @@ class TrainedPolicy:
         distribution = distribution_of_module(module)
         if distribution is None:
             raise CheckpointError("the policy's actions are neither Gaussian nor categorical; only such can be flown")
-        self._distribution: Distribution = distribution
+        self._distribution = distribution
         self._categorical = isinstance(distribution, Categorical)
-        self._width = int(np.prod(module.action_space.shape))
         self._flight: Flight | None = None
         self._steps = 0
 
@@ -66,21 +66,13 @@ class TrainedPolicy:
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
         """Return the actions (R, A) for observations (R, O)."""
         inputs = self.inputs(observation)
-        drawn_ones = self._categorical and self._flight is not None if self.sampled is None else self.sampled
-        rows = len(inputs)
-        actions = np.empty((rows, self._width), dtype=np.float32)
-        slots = np.arange(rows) if self._flight is None else self._flight.slots
-        deputies = np.zeros(rows, dtype=np.int64) if self._flight is None else self._flight.deputies
-        episode, step = np.zeros(rows, dtype=np.int64), np.full(rows, self._steps, dtype=np.int64)
-        likelihood = np.empty(rows, dtype=np.float32)
-        for deputy in np.unique(deputies):
-            mine = np.flatnonzero(deputies == deputy)
-            drawn, density = np.empty((len(mine), self._width), dtype=np.float32), likelihood[: len(mine)]
-            where = (slots[mine].astype(np.uint64), episode[mine], step[mine], int(deputy), drawn, density)
-            self._distribution.draw(inputs[mine], drawn_ones, np.uint64(self.seed), *where)
-            actions[mine] = drawn
+        drawn = self._categorical and self._flight is not None if self.sampled is None else self.sampled
+        flight, rows = self._flight, len(inputs)
+        slots = np.arange(rows) if flight is None else flight.slots
+        deputies = np.zeros(rows, dtype=np.int64) if flight is None else flight.deputies
+        actions = draw_in_rollout(self._distribution, inputs, drawn, self.seed, slots, deputies, self._steps)
         self._steps += 1
-        return actions.astype(np.float64)
+        return actions
 
 
 def load_policy(

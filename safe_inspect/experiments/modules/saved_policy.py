@@ -48,5 +48,5 @@ def load_arrays(module: Any, arrays: Mapping[str, AnyArray], title: str) -> None
     try:
         module.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
     except (RuntimeError, ValueError) as error:
-        told = str(error).strip().splitlines()[-1].strip()
-        raise CheckpointError(f"{title}: its weights do not fit this policy ({told})") from None
+        reason = str(error).strip().splitlines()[-1].strip()
+        raise CheckpointError(f"{title}: its weights do not fit this policy ({reason})") from None

@@ -1,164 +1,212 @@
-"""`open_source`: who is to fly, and the task, from what a user writes on the command line.
+"""`open_source`, `open_candidates`: who is to fly, in which task, from what a user writes on the command line.
 
 Ray and Torch are loaded for a checkpoint only, onnxruntime for an ONNX file only.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.environments.registration import load_spec
+from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import Experiment, build_experiment, load_experiment
+from safe_inspect.config.loading.located import LocatedDict
+from safe_inspect.config.loading.overrides import apply_overrides
+from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
-from safe_inspect.evaluation.policies import BASELINES, Policy, baseline
+from safe_inspect.evaluation.policies import BASELINES, baseline
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.evaluation.policy_files.trained_layout import check_layout
-from safe_inspect.evaluation.rollouts.crew import Policies
-from safe_inspect.experiments.runs.checkpoints import SEAL, find_newest, policy_folder, read_checkpoint
-from safe_inspect.experiments.runs.run_folder import RunFolder
+from safe_inspect.evaluation.results.folder import sha256
+from safe_inspect.evaluation.rollouts.dispatch import Policies
+from safe_inspect.experiments.modules.checkpoint_source import checkpoint_hash, checkpoint_policies
+from safe_inspect.experiments.runs.checkpoint_folders import configuration_of, newest_checkpoint
+from safe_inspect.experiments.runs.checkpoints import read_checkpoint
+from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
+from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 #: The task of a source that has none of its own, when none is given.
 DEFAULT_TASK = "safe_inspect/TranslationalInspection-v0"
+#: Starts a source that is a policy of the package, as a user writes it.
+SHIPPED = "--policy "
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Who is to be evaluated.
+
+    Attributes:
+        label: Name in tables.
+        source: What it is: ``text``, ``kind``, ``path`` and ``sha256``.
+        experiment: The experiment in whose task it flies.
+        spec: The task as it flies in it, with observations and actions as it wants them.
+        policies: Who flies the agents: one policy for all, or one for each by the agents' names.
+    """
+
+    label: str
+    source: Mapping[str, Any]
+    experiment: Experiment
+    spec: EnvironmentSpec
+    policies: Policies
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """How candidates are to fly.
+
+    Attributes:
+        cfg: Experiment file, or id of a shipped task; None: that of each source.
+        overrides: ``path.of.keys=value`` for each value that is replaced.
+        compute_platform: Which of the task's `rllib_configs` is read.
+        sampled: Whether actions are drawn from the policy's distribution; None: those of categorical policies.
+        seed: Seed of the draws.
+        usual: The experiment of a source that has none of its own; None: the first of the other sources', or the
+            shipped task.
+    """
+
+    cfg: str | os.PathLike[str] | None = None
+    overrides: Iterable[str] = ()
+    compute_platform: str = "local"
+    sampled: bool | None = None
+    seed: int = 0
+    usual: Experiment | None = None
+
+    def load(self, cfg: str | os.PathLike[str]) -> Experiment:
+        """Return an experiment with the overrides."""
+        tasks = TASKS | TEAM_TASKS
+        path = configs_root() / tasks[str(cfg)] if str(cfg) in tasks else cfg
+        return load_experiment(path, self.overrides, compute_platform=self.compute_platform)
+
+    def build(self, resolved: Mapping[str, Any], source: str) -> Experiment:
+        """Return the experiment of a resolved configuration with the overrides."""
+        tree = apply_overrides(LocatedDict(resolved), self.overrides)
+        return build_experiment(tree, source, compute_platform=self.compute_platform)
 
 
 def open_source(
     text: str | os.PathLike[str], cfg: str | os.PathLike[str] | None = None, overrides: Iterable[str] = ()
 ) -> tuple[EnvironmentSpec, Policies]:
-    """Return the task and who flies its agents.
+    """Return the task and who flies its agents; see `open_candidates`."""
+    (candidate,) = open_candidates([os.fspath(text)], Wanted(cfg, tuple(overrides)))
+    return candidate.spec, candidate.policies
+
+
+def open_candidates(texts: Iterable[str], wanted: Wanted) -> list[Candidate]:
+    """Return who is to fly, in the order in which they are named.
 
     Args:
-        text: A checkpoint's folder; the folder of a training run, which stands for its newest checkpoint; an ONNX
-            file; or the name of a policy that the package ships, of a baseline or of any scripted policy. A name comes
-            before a folder of that name, which is written ``./name``.
-        cfg: Experiment file, or id of a shipped task. Unless given, a trained policy flies in the task that it was
-            trained in, and a scripted one in `DEFAULT_TASK`.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the configuration's.
-
-    Returns:
-        The task, and what `rollout` takes: one policy for all agents, or a mapping from the
-        names of the agents that act from outside to theirs.
+        texts: For each a checkpoint's folder, or a run's folder, which stands for its newest checkpoint; an ONNX file;
+            the name of a baseline, of any scripted policy or of a policy of the package, the last with or without
+            `SHIPPED` before it. A folder of such a name is written ./name.
+        wanted: How they are to fly.
 
     Raises:
-        CheckpointError: The checkpoint is damaged, of another task, or there is none.
+        CheckpointError: A checkpoint is damaged, of another task, or there is none.
         ConfigError: The configuration has mistakes.
         SafeInspectError: There is no such source.
     """
-    name, path = os.fspath(text), Path(text).expanduser()
+    texts = [SHIPPED + text if text in shipped_policies() else text for text in texts]
+    shipped = {text for text in texts if text.startswith(SHIPPED)}
+    scripted = {text for text in texts if text not in shipped and is_scripted(text)}
+    opened = {
+        text: _open_shipped(text, wanted) if text in shipped else _open_trained(text, wanted)
+        for text in texts
+        if text not in scripted
+    }
+    if scripted:
+        experiment = _task_of_scripted(wanted, list(opened.values()))
+        for text in scripted:
+            opened[text] = _open_scripted(text, wanted, experiment)
+    return [opened[text] for text in texts]
+
+
+def is_scripted(text: str) -> bool:
+    """Return whether a source is the name of a scripted policy; a folder of that name is written ./name."""
     known = {*BASELINES, *(registered for registered, _ in registry.items("policy"))}
-    if name in known:  # a folder of that name is written ./name
-        return load_spec(cfg or DEFAULT_TASK, overrides), baseline(name)
-    if name in shipped_policies():
-        return _open_shipped(name, cfg, overrides)
-    if path.is_dir():
-        return _open_checkpoint(_checkpoint(path), cfg, overrides)
-    if path.suffix == ".onnx":
-        from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
-
-        policy = load_onnx(path)
-        return policy.prepare(policy.task(overrides) if cfg is None else load_spec(cfg, overrides)), policy
-    if path.exists():
-        raise SafeInspectError(f"{name}: this file is no policy; give the folder of a checkpoint or an ONNX file")
-    if os.sep in name:
-        raise SafeInspectError(f"{name}: there is no such checkpoint or ONNX file")
-    if "." in name:  # a plugin's class by its dotted path
-        return load_spec(cfg or DEFAULT_TASK, overrides), baseline(name)
-    hint = did_you_mean(name, {*known, *shipped_policies()})
-    raise SafeInspectError(
-        f"no policy {name!r}: it is neither a checkpoint's folder nor an ONNX file nor the name of one; {hint}"
-    )
+    return text in known or not (os.sep in text or text.endswith(".onnx") or Path(text).exists() or "." not in text)
 
 
-def _open_shipped(
-    name: str, cfg: str | os.PathLike[str] | None, overrides: Iterable[str]
-) -> tuple[EnvironmentSpec, Policies]:
-    policies = shipped_policy(name).load()
-    first = next(iter(policies.values()))
-    spec = first.task(overrides) if cfg is None else load_spec(cfg, overrides)
-    outside = [agent.name for agent in spec.agents if agent.pilot is None]
-    if len({id(policy) for policy in policies.values()}) == 1:
-        return first.prepare(spec), first
+def _task_of_scripted(wanted: Wanted, others: Sequence[Candidate]) -> Experiment:
+    if wanted.cfg is not None:
+        return wanted.load(wanted.cfg)
+    if wanted.usual is not None:
+        return wanted.usual
+    return others[0].experiment if others else wanted.load(DEFAULT_TASK)
+
+
+def _open_scripted(text: str, wanted: Wanted, experiment: Experiment) -> Candidate:
+    if wanted.sampled is not None:
+        flag = "--sampled" if wanted.sampled else "--mode"
+        raise SafeInspectError(f"{text}: {flag} is for trained policies; a scripted one has no distribution")
+    plugin = baseline(text)
+    digest = hashlib.sha256(json.dumps(describe(plugin), sort_keys=True).encode()).hexdigest()
+    source = {"text": text, "kind": "scripted", "path": None, "sha256": digest}
+    return Candidate(text, source, experiment, experiment.spec, plugin)
+
+
+def _open_shipped(text: str, wanted: Wanted) -> Candidate:
+    shipped = shipped_policy(text.removeprefix(SHIPPED))
+    experiment = wanted.load(shipped.experiment if wanted.cfg is None else wanted.cfg)
+    policies = shipped.load(wanted.sampled, wanted.seed)
+    outside = [agent.name for agent in experiment.spec.agents if agent.scripted_policy is None]
+    if len({id(policy) for policy in policies.values()}) == 1:  # it may fly agents of other names too
+        policies = dict.fromkeys(outside, next(iter(policies.values())))
     missing = [agent for agent in outside if agent not in policies]
     if missing:
         raise CheckpointError(
-            f"{name}: the shipped policies fly {', '.join(policies)}, and none {missing[0]!r}; "
+            f"{shipped.name}: the shipped policies fly {', '.join(policies)}, and none {missing[0]!r}; "
             "give the experiment that they were trained with"
         )
+    spec = experiment.spec
     for policy in {id(policy): policy for policy in policies.values()}.values():
         spec = policy.prepare(spec, [agent for agent in outside if policies[agent] is policy])
-    return spec, {agent: policies[agent] for agent in outside}
+    digest = hashlib.sha256("".join(sha256(path) for path in sorted(set(shipped.onnx.values()))).encode()).hexdigest()
+    source = {"text": text, "kind": "shipped", "path": str(shipped.folder), "sha256": digest}
+    return Candidate(shipped.name, source, experiment, spec, {agent: policies[agent] for agent in outside})
 
 
-def _checkpoint(path: Path) -> Path:
-    """Return a checkpoint's folder; of a run's folder, or one within it, the newest complete checkpoint."""
-    if (path / SEAL).is_file() or path.name.startswith("checkpoint_"):
-        return path
-    if configuration_of(path) is None:
+def _open_trained(text: str, wanted: Wanted) -> Candidate:
+    path = Path(text).expanduser()
+    if path.is_dir():
+        return _open_checkpoint(text, newest_checkpoint(path), wanted)
+    if path.suffix == ".onnx":
+        return _open_onnx(text, path, wanted)
+    if path.exists():
+        raise SafeInspectError(f"{text}: this file is no policy; give the folder of a checkpoint or an ONNX file")
+    if os.sep in text:
+        raise SafeInspectError(f"{text}: there is no such checkpoint or ONNX file")
+    known = {*BASELINES, *(registered for registered, _ in registry.items("policy")), *shipped_policies()}
+    raise SafeInspectError(
+        f"no policy {text!r}: it is neither a checkpoint's folder nor an ONNX file nor the name of one; "
+        f"{did_you_mean(text, known)}"
+    )
+
+
+def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
+    read_checkpoint(folder)
+    configuration = configuration_of(folder)
+    cfg = configuration if wanted.cfg is None else wanted.cfg
+    if cfg is None:
         raise CheckpointError(
-            f"{path}: this is neither a checkpoint nor the folder of a training run; give the folder of either"
+            f"{folder}: the checkpoint lies in no folder of a training run, so its task is not known; give it with "
+            "--cfg"
         )
-    found = find_newest(path)
-    if found.newest is None:
-        why = found.refused[0] if found.refused else "wait for the first, or give another run"
-        raise CheckpointError(f"{path}: the run has no complete checkpoint; {why}")
-    return found.newest.path
+    experiment = wanted.load(cfg)
+    policies = checkpoint_policies(folder, experiment.spec, wanted.sampled, wanted.seed)
+    run = configuration.parent.name if configuration is not None else folder.absolute().parent.name
+    source = {"text": text, "kind": "checkpoint", "path": str(folder.absolute()), "sha256": checkpoint_hash(folder)}
+    return Candidate(f"{run}/{folder.name}", source, experiment, experiment.spec, policies)
 
 
-def configuration_of(checkpoint: str | os.PathLike[str]) -> Path | None:
-    """Return the resolved configuration of the run in which a checkpoint lies; None where it lies elsewhere."""
-    path = Path(checkpoint).expanduser().absolute()
-    for folder in (path, *path.parents):
-        configuration = RunFolder(folder).configuration
-        if configuration.is_file():
-            return configuration
-    return None
+def _open_onnx(text: str, path: Path, wanted: Wanted) -> Candidate:
+    from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx  # loads onnxruntime
 
-
-def _open_checkpoint(
-    path: Path, cfg: str | os.PathLike[str] | None, overrides: Iterable[str]
-) -> tuple[EnvironmentSpec, Policies]:
-    read_checkpoint(path)
-    configuration = configuration_of(path)
-    task = configuration if cfg is None else cfg
-    if task is None:
-        raise CheckpointError(
-            f"{path}: the checkpoint lies in no folder of a training run, so its task is not known; give it with --cfg"
-        )
-    spec = load_spec(task, overrides)
-    policies: dict[str, Policy] = {}
-    loaded: dict[str, Any] = {}
-    for agent in spec.agents:
-        if agent.pilot is not None:
-            continue
-        chosen = _chosen(path, agent)
-        if chosen not in loaded:
-            loaded[chosen] = _load(path, chosen)
-        check_layout(str(path), loaded[chosen].info, agent)
-        policies[agent.name] = loaded[chosen]
-    return spec, policies
-
-
-def _chosen(path: Path, agent: AgentSpec) -> str:
-    """Return the name of the checkpoint's policy that flies an agent: the agent's own, or the only one."""
-    try:
-        return policy_folder(path, usual=agent.policy).name
-    except CheckpointError as error:
-        known = str(error).partition("; ")[0]
-        raise CheckpointError(
-            f"{known}, and none is the {agent.policy!r} of the agent {agent.name!r}; "
-            "give the experiment that it was trained with"
-        ) from None
-
-
-def _load(path: Path, name: str) -> Any:
-    from safe_inspect.experiments.modules.policy import load_policy  # loads Ray and Torch
-
-    policy = load_policy(path, name)
-    if policy.info is None:
-        raise CheckpointError(
-            f"{path}: the checkpoint does not say what its policy sees and does, so it is not flown; train again"
-        )
-    return policy
+    policy = load_onnx(path, wanted.sampled, wanted.seed)
+    experiment = wanted.build(policy.configuration, text) if wanted.cfg is None else wanted.load(wanted.cfg)
+    source = {"text": text, "kind": "onnx", "path": str(path.absolute()), "sha256": sha256(path)}
+    return Candidate(path.stem, source, experiment, policy.prepare(experiment.spec), policy)

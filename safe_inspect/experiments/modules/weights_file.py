@@ -19,7 +19,7 @@ from gymnasium.spaces import Box, MultiDiscrete, Space
 from safetensors import SafetensorError, safe_open
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.evaluation.policy_files.policy_file import FORMAT, PolicyInfo
+from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo
 from safe_inspect.experiments.runs.checkpoints import weights_path
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
@@ -66,7 +66,7 @@ def pack(module: Any, state: Mapping[str, Any]) -> bytes:
         state: Its state, arrays by name.
     """
     model = dict(module.model_config)
-    info = {"safe_inspect": __version__, "format": str(FORMAT), **(model.pop(INFO, None) or {})}
+    info = {"safe_inspect": __version__, "format": str(POLICY_FORMAT), **(model.pop(INFO, None) or {})}
     net = {
         "observation_space": _plain(module.observation_space),
         "action_space": _plain(module.action_space),
@@ -90,7 +90,7 @@ def read_weights(folder: Path) -> Weights:
         with safe_open(path, framework="numpy") as file:
             texts: dict[str, str] = file.metadata() or {}
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        if texts["format"] != str(FORMAT):
+        if texts["format"] != str(POLICY_FORMAT):
             raise CheckpointError(
                 f"{path}: the weights were written by safe_inspect {texts['safe_inspect']}, whose format this version "
                 "does not read"

@@ -40,7 +40,7 @@ class Checkpoint:
         iteration: The iteration after which it was saved.
         steps: Environment steps sampled until then.
         seconds: Training time until then [s].
-        digest: Hash of the configuration, see `run_folder.digest`.
+        digest: Hash of the configuration, see `learning_configuration.digest`.
     """
 
     path: Path
@@ -51,7 +51,7 @@ class Checkpoint:
 
 
 @dataclass
-class Found:
+class FoundCheckpoint:
     """The newest complete checkpoint of a run, and what was passed over.
 
     Attributes:
@@ -135,14 +135,13 @@ def weights_path(folder: Path) -> Path:
         checkpoint = folder.parents[len(MODULES.parts)]
         raise CheckpointError(
             f"{checkpoint}: the checkpoint holds the policy {folder.name!r} only as a pickle, which may run any code, "
-            "so it is not loaded; an earlier version wrote it, or an algorithm other than PPO, APPO and IMPALA. Resume "
-            "a run of your own for one iteration, `safe-inspect train --resume RUN` with a later limit in `stop`, to "
-            "get a checkpoint that can be loaded, or train again"
+            "so it is not loaded; an earlier version wrote it, or an algorithm other than PPO, APPO and IMPALA. Train "
+            "again"
         )
     return path
 
 
-def find_newest(folder: Path, digest: str = "") -> Found:
+def find_newest(folder: Path, digest: str = "") -> FoundCheckpoint:
     """Return the complete checkpoint of the highest iteration below `folder`.
 
     Args:
@@ -153,7 +152,7 @@ def find_newest(folder: Path, digest: str = "") -> Found:
         CheckpointError: The folder is that of a search with several trials.
     """
     _check_one_trial(folder)
-    found = Found()
+    found = FoundCheckpoint()
     for path in sorted(folder.glob("**/checkpoint_*"), key=_order, reverse=True):
         if not path.is_dir():
             continue

@@ -11,7 +11,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +46,7 @@ def set_environment() -> None:
 
 
 @contextmanager
-def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> Iterator[None]:
+def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | None) -> Iterator[None]:
     """Provide Ray for as long as the context lasts.
 
     A Ray that this process has started already is used and left running; so is a cluster to
@@ -54,8 +54,9 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
 
     Args:
         settings: From `translate_ray`.
-        cpus: How many logical processors the training claims.
-        folder: The run's folder; Ray's logs are copied there when the training fails.
+        cpus: How many logical processors the run claims.
+        folder: The run's folder, in which Ray's own is noted; its logs are copied there when the run fails. None for
+            a run without one.
 
     Raises:
         ConfigError: The cluster cannot be reached, or is too small.
@@ -76,8 +77,9 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
     available = settings.get("num_cpus") or max(os.cpu_count() or 1, math.ceil(cpus))
     check_size(cpus, available)
     temporary = _temporary_folder(settings.get("temporary_folder"))
-    _remove_leftovers(folder)
-    folder.ray_note.write_text(str(temporary), encoding="utf-8")
+    if folder is not None:
+        _remove_leftovers(folder)
+        folder.ray_note.write_text(str(temporary), encoding="utf-8")
     names = ("num_gpus", "resources", "include_dashboard", "dashboard_host", "dashboard_port")
     local = {key: settings[key] for key in names if settings.get(key) is not None}
     try:
@@ -93,14 +95,46 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder) -> 
                 )
             yield
     except Exception:
-        if not is_full(folder.path):
+        if folder is not None and not is_full(folder.path):
             _keep_logs(temporary, folder.path / "ray_logs")
         raise
     finally:
         with handled(lambda _: None):  # it ends already
-            ray.shutdown()
+            _shut_down()
             shutil.rmtree(temporary, ignore_errors=True)
-            folder.ray_note.unlink(missing_ok=True)
+            if folder is not None:
+                folder.ray_note.unlink(missing_ok=True)
+
+
+def _shut_down() -> None:
+    """Stop the local Ray and all that it has started.
+
+    Ray sends SIGTERM, which its processes do not see (`_outliving_signals`), and waits for a second before it kills
+    each of them. Only the raylet is given that second, in which the workers of the run end; the others are idle. Agents
+    of the raylet would look for their cluster for up to a minute: those that are left are killed.
+    """
+    import psutil  # Ray brings it
+    import ray
+
+    node: Any = getattr(ray._private.worker, "_global_node", None)
+    kill = getattr(node, "_kill_process_type", None)
+    started: list[Any] = []
+    if kill is not None:
+
+        def kill_at_once(process_type: str, **keywords: Any) -> None:
+            if process_type != "raylet":
+                keywords["allow_graceful"] = False
+            kill(process_type, **keywords)
+
+        node._kill_process_type = kill_at_once
+        for process in (info.process for kind in node.all_processes.values() for info in kind):
+            with suppress(psutil.Error):
+                started += psutil.Process(process.pid).children(recursive=True)
+    ray.shutdown()
+    for child in started:
+        with suppress(psutil.Error):  # it has ended
+            child.kill()
+    psutil.wait_procs(started, timeout=5.0)
 
 
 @contextmanager

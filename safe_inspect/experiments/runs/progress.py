@@ -96,7 +96,7 @@ def time_left(stop: Mapping[str, float], now: Mapping[str, float], rates: Mappin
     return left
 
 
-def clock(seconds: float) -> str:
+def clock_text(seconds: float) -> str:
     """Return hours, minutes and seconds; ``-`` when unknown."""
     if not math.isfinite(seconds):
         return "-"
@@ -130,7 +130,7 @@ class Messages:
         return self._stream.isatty()
 
 
-class Progress:
+class TrainingProgress:
     """Prints the iterations of a training.
 
     Args:
@@ -186,7 +186,7 @@ class Progress:
                 f"success {_percent(flat, 'success_rate')}",
                 *([f"inspected {_percent(flat, 'inspected_fraction')}"] if points else []),
                 f"delta-v {_number(flat, 'delta_v', '6.2f')} m/s",
-                f"left {clock(self._left(flat))}",
+                f"left {clock_text(self._left(flat))}",
             )
         )
         return f"{line}\n{_of_agents(flat, agents)}" if agents else line
@@ -196,7 +196,7 @@ class Progress:
         left, passed = self._left(flat), flat.get("time_total_s", 0.0)
         share = passed / (passed + left) if math.isfinite(left) and passed + left > 0.0 else 0.0
         full = round(width * share)
-        return f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {clock(left)}"
+        return f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {clock_text(left)}"
 
     def close(self) -> None:
         """Remove the bar."""

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.runs.run_folder import RunFolder, digest, read_record
+from safe_inspect.experiments.runs.learning_configuration import digest
+from safe_inspect.experiments.runs.run_folder import RunFolder, read_run_record
 from safe_inspect.experiments.runs.trial_parameters import value_text
 from safe_inspect.experiments.settings.translation import current_name
 
@@ -94,7 +95,7 @@ def _configuration(progress: Path) -> Mapping[str, Any]:
     run = RunFolder(progress.parent)
     if not run.record.is_file():
         return {"name": _stem(progress)}
-    configuration: Mapping[str, Any] = _without_seed(read_record(run)["configuration"])
+    configuration: Mapping[str, Any] = _without_seed(read_run_record(run)["configuration"])
     return configuration
 
 

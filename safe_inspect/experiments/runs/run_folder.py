@@ -12,7 +12,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
@@ -21,22 +20,17 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, OutputError
-from safe_inspect.experiments.settings.keys import PLACE_KEYS
-from safe_inspect.experiments.settings.policies import PolicySettings
-from safe_inspect.outputs import new_file
+from safe_inspect.experiments.runs.learning_configuration import changed_values, digest, policy_agents, short_text
+from safe_inspect.outputs import exclusive, new_file
 from safe_inspect.version import __version__
 
-_MISSING = "nothing"
 _HINT = "give another folder with --output"
-
-#: Keys of an experiment that do not decide what is learnt, or are compared apart.
-_APART = frozenset({"rllib_configs", "tune_config", "ray_config", "output_path", "TrialName"})
 
 
 @dataclass(frozen=True)
@@ -116,11 +110,11 @@ def open_run_folder(path: str | os.PathLike[str]) -> RunFolder:
     if not folder.record.is_file():
         hint = "give the folder that holds run.json and experiment.resolved.yml"
         raise CheckpointError(f"{path}: this is not the folder of a training run; {hint}")
-    read_record(folder)
+    read_run_record(folder)
     return folder
 
 
-def write_record(folder: RunFolder, *, text: str, seed: int, configuration: Mapping[str, Any]) -> None:
+def write_run_record(folder: RunFolder, *, text: str, seed: int, configuration: Mapping[str, Any]) -> None:
     """Write the resolved configuration and `run.json` of a new run.
 
     Args:
@@ -145,7 +139,7 @@ def write_record(folder: RunFolder, *, text: str, seed: int, configuration: Mapp
     )
 
 
-def read_record(folder: RunFolder) -> dict[str, Any]:
+def read_run_record(folder: RunFolder) -> dict[str, Any]:
     """Return what `run.json` says.
 
     Raises:
@@ -161,7 +155,7 @@ def read_record(folder: RunFolder) -> dict[str, Any]:
 
 def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str = "", iteration: int = 0) -> int:
     """Note in `run.json` that a training starts, and return the number of the attempt, from 0."""
-    record = read_record(folder)
+    record = read_run_record(folder)
     record["attempts"].append(
         {
             "started": datetime.now().astimezone().isoformat(timespec="seconds"),
@@ -177,31 +171,9 @@ def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str =
 
 def copy_attempt(folder: RunFolder, own: RunFolder) -> None:
     """Note the newest attempt of a search in `run.json` of a trial that starts."""
-    record = read_record(own)
-    record["attempts"].append(read_record(folder)["attempts"][-1])
+    record = read_run_record(own)
+    record["attempts"].append(read_run_record(folder)["attempts"][-1])
     _write_json(own.record, record)
-
-
-def learning_configuration(
-    experiment: Mapping[str, Any], rllib: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
-) -> dict[str, Any]:
-    """Return what decides the result of a training: the experiment, the settings of the algorithm and the policies.
-
-    What only says where, how fast and how long the run computes is left out: a resumed run may change it.
-    The experiment's own `rllib_configs` are left out too, as `rllib` holds them translated.
-    """
-    settings = {key: value for key, value in rllib.items() if key not in PLACE_KEYS}
-    learning = {"experiment": _without(experiment, _APART), "rllib_configs": settings}
-    if policies:
-        learning["policies"] = {name: asdict(policy) for name, policy in policies.items()}
-    plain: dict[str, Any] = json.loads(json.dumps(learning, default=str))
-    return plain
-
-
-def digest(configuration: Mapping[str, Any]) -> str:
-    """Return a short hash of a configuration that does not depend on the order of its keys."""
-    text = json.dumps(configuration, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> None:
@@ -210,45 +182,24 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
     Raises:
         CheckpointError: The configuration differs; the message names where.
     """
-    record = read_record(folder)
+    record = read_run_record(folder)
     if record["digest"] == digest(configuration):
         return
-    theirs, ours = (_flown(item) for item in (record["configuration"], configuration))
+    theirs, ours = (policy_agents(item) for item in (record["configuration"], configuration))
     if theirs != ours:
         raise CheckpointError(
             f"{folder.path}: the run's checkpoints have the policies {theirs}; this experiment has {ours}\n"
             "resume it without --cfg and overrides, or start a new run"
         )
     found = [
-        f"  {path}: {_short(old)} in the run, {_short(new)} now"
-        for path, old, new in differences(record["configuration"], configuration)
+        f"  {path}: {short_text(old)} in the run, {short_text(new)} now"
+        for path, old, new in changed_values(record["configuration"], configuration)
     ]
     shown = "\n".join(found[:8]) + ("\n  ..." if len(found) > 8 else "")
     raise CheckpointError(
         f"{folder.path}: the run has another configuration, so it cannot be resumed with this one:\n{shown}\n"
         "resume it without --cfg and overrides, or start a new run"
     )
-
-
-def _flown(configuration: Mapping[str, Any]) -> str:
-    """Name the policies of a configuration and their agents."""
-    policies = configuration.get("policies") or {}
-    if not policies:
-        return "default_policy (one agent)"
-    return ", ".join(f"{name} ({', '.join(policy['agents'])})" for name, policy in policies.items())
-
-
-def differences(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield the paths at which two configurations differ, with both values."""
-    if isinstance(old, Mapping) and isinstance(new, Mapping):
-        for key in sorted({*old, *new}):
-            where = f"{path}.{key}" if path else str(key)
-            yield from differences(old.get(key, _MISSING), new.get(key, _MISSING), where)
-    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for index, (left, right) in enumerate(zip(old, new, strict=True)):
-            yield from differences(left, right, f"{path}[{index}]")
-    elif old != new:
-        yield path, old, new
 
 
 @contextmanager
@@ -258,16 +209,7 @@ def locked(folder: RunFolder) -> Iterator[None]:
     Raises:
         OutputError: Another process trains in it.
     """
-    try:
-        import fcntl
-    except ImportError:  # not on Windows
-        yield
-        return
-    with open(folder.path / ".lock", "w", encoding="utf-8") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise OutputError(f"{folder.path}: another process is training in this folder; wait for its end") from error
+    with exclusive(folder.path, "training in"):
         yield
 
 
@@ -295,14 +237,3 @@ def _write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def _file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name).strip(".-") or "run"
-
-
-def _without(value: Any, names: frozenset[str]) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _without(item, names) for key, item in value.items() if key not in names}
-    return [_without(item, names) for item in value] if isinstance(value, list) else value
-
-
-def _short(value: Any) -> str:
-    text = value if value == _MISSING else json.dumps(value, default=str)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -20,6 +20,7 @@ import yaml
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.runs import run_folder
 from safe_inspect.experiments.runs.checkpoints import find_newest
+from safe_inspect.experiments.runs.learning_configuration import learning_configuration
 from safe_inspect.experiments.runs.run_folder import RunFolder
 from safe_inspect.experiments.runs.training_log import read_progress
 from safe_inspect.experiments.runs.trial_parameters import (
@@ -32,7 +33,7 @@ from safe_inspect.experiments.runs.trial_parameters import (
 from safe_inspect.experiments.settings.search import experiment_of
 
 if TYPE_CHECKING:
-    from safe_inspect.experiments.runs.train import Settings, TrainingRun
+    from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
 
 
 @dataclass(frozen=True)
@@ -73,13 +74,13 @@ def write_trials(folder: RunFolder, run: TrainingRun, settings: Settings) -> Non
             f"# {trial.name} of a search: {parameters_text({**trial.values, 'seed': trial.seed})}",
             yaml.safe_dump(experiment, sort_keys=False, width=120),
         ]
-        learning = run_folder.learning_configuration(experiment, trial.rllib.settings, settings.policies)
+        learning = learning_configuration(experiment, trial.rllib.settings, settings.policies)
         try:
             own.path.mkdir(parents=True)
             write_parameters(own.path, trial.values, trial.seed)
         except OSError as error:
             raise OutputError(f"{own.path}: the folder of the trial cannot be written ({error.strerror})") from error
-        run_folder.write_record(own, text="\n".join(lines), seed=trial.seed or 0, configuration=learning)
+        run_folder.write_run_record(own, text="\n".join(lines), seed=trial.seed or 0, configuration=learning)
 
 
 def check_trials(folder: RunFolder, settings: Settings) -> None:

@@ -17,8 +17,8 @@ from typing import Any, TextIO
 from ray import tune
 
 from safe_inspect.experiments.runs.checkpoints import Checkpoint, seal_checkpoint
-from safe_inspect.experiments.runs.progress import Progress, flatten
-from safe_inspect.experiments.runs.run_folder import RunFolder, copy_attempt, read_record
+from safe_inspect.experiments.runs.progress import TrainingProgress, flatten
+from safe_inspect.experiments.runs.run_folder import RunFolder, copy_attempt, read_run_record
 from safe_inspect.experiments.runs.training_log import TrainingLog
 from safe_inspect.experiments.runs.trial_parameters import parameters_text, read_parameters
 from safe_inspect.interrupts import Interrupted, handled
@@ -53,7 +53,7 @@ class Monitor:
         self.last: dict[str, float] = {}
         self.iterations = 0
         self._logs: dict[str, TrainingLog] = {}
-        self._lines: dict[str, Progress] = {}
+        self._lines: dict[str, TrainingProgress] = {}
 
     def on_start(self, trial: str) -> None:
         """Note and print that a trial of a search starts."""
@@ -77,14 +77,14 @@ class Monitor:
             else:
                 passed = int(flat["training_iteration"]) - 1
                 self._logs[trial] = TrainingLog(RunFolder(self.folder).trials / trial, passed)
-            self._lines[trial] = Progress(self.stop, self.stream, "" if self.single else trial)
+            self._lines[trial] = TrainingProgress(self.stop, self.stream, "" if self.single else trial)
         self._logs[trial].add(flat)
         self._lines[trial].show(flat)
 
     def on_checkpoint(self, path: Path, result: Mapping[str, Any]) -> None:
         """Seal a checkpoint that Tune has written."""
         flat = flatten(result)
-        digest = self.digest if self.single else str(read_record(RunFolder(path.parent))["digest"])
+        digest = self.digest if self.single else str(read_run_record(RunFolder(path.parent))["digest"])
         seal_checkpoint(
             Checkpoint(
                 path,

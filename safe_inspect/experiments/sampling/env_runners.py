@@ -18,12 +18,12 @@ from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
 from safe_inspect.experiments.adapters.callbacks import log_reports, set_threads
 from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, seed_of
-from safe_inspect.experiments.sampling.episode_sums import Report
+from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
 from safe_inspect.experiments.sampling.policy_net import PolicyNet, why_not_served
 from safe_inspect.experiments.sampling.rollout import Rollout
 from safe_inspect.experiments.sampling.runner_metrics import log_episodes, log_steps
-from safe_inspect.experiments.sampling.sampler import Sampler, crews, seats_of
+from safe_inspect.experiments.sampling.sampler import Sampler, agent_slots, agents_by_policy
 from safe_inspect.experiments.sampling.stock import why_stock
 from safe_inspect.experiments.sampling.team_spaces import TeamSpaces
 
@@ -57,12 +57,12 @@ class _Batched:
         count, evaluation = self.config.num_envs_per_env_runner, bool(self.config.in_evaluation)
         slot = first_slot(self.worker_index or 0, count)
         team = build_team(config, count, slot, evaluation)
-        self.seats = seats_of(team, self._policy_of)
-        self.env = TeamSpaces(team, self.seats, self.several)
+        self.agent_slots = agent_slots(team, self._policy_of)
+        self.env = TeamSpaces(team, self.agent_slots, self.several)
         self.num_envs = count
         self._slot, self._seed_of_slots = slot, seed_of(config, evaluation)
         self._sampler = None
-        self._done: list[Report] = []
+        self._done: list[EpisodeReport] = []
         self._needs_initial_reset = True
         make_callback(
             "on_environment_created",
@@ -81,7 +81,7 @@ class _Batched:
         super().make_module()  # type: ignore[misc]
         if self.env is None or self._stock or self.module is None:
             return
-        for policy in crews(self.seats):
+        for policy in agents_by_policy(self.agent_slots):
             self._stock = self._stock or why_not_served(self._module_of(policy))
         if self._stock:
             self.env = None
@@ -119,7 +119,7 @@ class _Batched:
         if self._sampler is None:
             self._sampler = Sampler(
                 self.env.team,
-                self.seats,
+                self.agent_slots,
                 lambda policy, rows: PolicyNet(self._module_of(policy), rows, self._device),  # type: ignore[attr-defined]
                 seed=self._seed_of_slots,
                 first_slot=self._slot,
@@ -139,7 +139,7 @@ class _Batched:
         assert sampler is not None, "sampled before"
         reports, sampler.reports = sampler.reports, []
         self._done += reports
-        steps = log_steps(self.metrics, rollout, self.seats, len(reports), self.several)
+        steps = log_steps(self.metrics, rollout, self.agent_slots, len(reports), self.several)
         if steps:
             self._log_env_steps(metric=self._metrics_num_env_steps_sampled, num_steps=steps)  # type: ignore[attr-defined]
 
@@ -163,7 +163,7 @@ class _Batched:
         if self._stock or self.env is None:
             return super().get_metrics()  # type: ignore[misc]
         if self._done:
-            log_episodes(self.metrics, self.config, self._done, self.seats, self.several)
+            log_episodes(self.metrics, self.config, self._done, self.agent_slots, self.several)
             log_reports(self.metrics, self.config, self._done)
             self._done = []
         return self.metrics.reduce()
@@ -195,8 +195,8 @@ class BatchedEnvRunner(_Batched, SingleAgentEnvRunner):  # type: ignore[misc]
         return self.module
 
     def _episodes(self, rollout: Rollout, names: list[str]) -> list[Any]:
-        (seat,) = self.seats
-        return single_agent_episodes(rollout, seat, self.env.by_agent[seat.agent], names, self._weights_seq_no)
+        (slot,) = self.agent_slots
+        return single_agent_episodes(rollout, slot, self.env.by_agent[slot.agent], names, self._weights_seq_no)
 
 
 class BatchedTeamRunner(_Batched, MultiAgentEnvRunner):  # type: ignore[misc]
@@ -212,7 +212,7 @@ class BatchedTeamRunner(_Batched, MultiAgentEnvRunner):  # type: ignore[misc]
 
     def _episodes(self, rollout: Rollout, names: list[str]) -> list[Any]:
         trained = self.config.policies_to_train
-        seats = [seat for seat in self.seats if trained is None or seat.policy in trained]
+        slots = [slot for slot in self.agent_slots if trained is None or slot.policy in trained]
         return multi_agent_episodes(
-            rollout, seats, self.env.by_agent, names, self._weights_seq_no, self.config.policy_mapping_fn
+            rollout, slots, self.env.by_agent, names, self._weights_seq_no, self.config.policy_mapping_fn
         )

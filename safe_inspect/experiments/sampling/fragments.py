@@ -9,24 +9,24 @@ from ray.rllib.env.multi_agent_episode import MultiAgentEpisode
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
 from safe_inspect.experiments.sampling.rollout import Piece, Rollout, Span
-from safe_inspect.experiments.sampling.rollout_episodes import Part, RolloutEpisode, RolloutTeamEpisode, Spaces
-from safe_inspect.experiments.sampling.sampler import Seat
+from safe_inspect.experiments.sampling.rollout_episodes import EpisodePart, RolloutEpisode, RolloutTeamEpisode, Spaces
+from safe_inspect.experiments.sampling.sampler import AgentSlot
 
 
 def single_agent_episodes(
-    rollout: Rollout, seat: Seat, spaces: Spaces, names: Sequence[str], weights: int
+    rollout: Rollout, slot: AgentSlot, spaces: Spaces, names: Sequence[str], weights: int
 ) -> list[SingleAgentEpisode]:
     """Return the pieces of a rollout with one agent.
 
     Args:
         rollout: What was sampled.
-        seat: The agent.
+        slot: The agent.
         spaces: Its spaces.
         names: The identity of each piece's episode.
         weights: Number of the weights that flew it.
     """
     return [
-        RolloutEpisode(_part(rollout, seat, piece, span, weights), name, spaces, piece.begun, span.truncated)
+        RolloutEpisode(_part(rollout, slot, piece, span, weights), name, spaces, piece.begun, span.truncated)
         for piece, name in zip(rollout.pieces, names, strict=True)
         for span in piece.spans
     ]
@@ -34,7 +34,7 @@ def single_agent_episodes(
 
 def multi_agent_episodes(
     rollout: Rollout,
-    seats: Sequence[Seat],
+    slots: Sequence[AgentSlot],
     spaces: Mapping[str, Spaces],
     names: Sequence[str],
     weights: int,
@@ -44,27 +44,27 @@ def multi_agent_episodes(
 
     Args:
         rollout: What was sampled.
-        seats: The agents whose steps are wanted.
+        slots: The agents whose steps are wanted.
         spaces: The spaces of each agent.
         names: The identity of each piece's episode.
         weights: Number of the weights that flew it.
         mapping: RLlib's function from agent to policy.
     """
-    modules: dict[Any, str] = {seat.agent: seat.policy for seat in seats}
-    places = [_place(seat, rollout) for seat in seats]
+    modules: dict[Any, str] = {slot.agent: slot.policy for slot in slots}
+    places = [_place(slot, rollout) for slot in slots]
     episodes: list[MultiAgentEpisode] = []
     for piece, name in zip(rollout.pieces, names, strict=True):
         parts = {}
-        for seat, place in zip(seats, places, strict=True):
+        for slot, place in zip(slots, places, strict=True):
             span = piece.spans[place]
             if span.length:
-                parts[seat.agent] = RolloutEpisode(
-                    _part(rollout, seat, piece, span, weights),
-                    f"{name}-{seat.agent}",
-                    spaces[seat.agent],
+                parts[slot.agent] = RolloutEpisode(
+                    _part(rollout, slot, piece, span, weights),
+                    f"{name}-{slot.agent}",
+                    spaces[slot.agent],
                     piece.begun,
                     span.truncated,
-                    (seat.agent, seat.policy, name),
+                    (slot.agent, slot.policy, name),
                 )
         truncated = piece.over and any(span.truncated for span in piece.spans)
         steps = (piece.begun, piece.begun + piece.stop - piece.start)
@@ -74,17 +74,17 @@ def multi_agent_episodes(
     return episodes
 
 
-def _place(seat: Seat, rollout: Rollout) -> int:
-    """Return the index of a seat among the acting agents."""
-    return sum(len(track.rewards) for track in rollout.tracks[: seat.group]) + seat.member
+def _place(slot: AgentSlot, rollout: Rollout) -> int:
+    """Return the index of a slot among the acting agents."""
+    return sum(len(track.rewards) for track in rollout.tracks[: slot.group]) + slot.member
 
 
-def _part(rollout: Rollout, seat: Seat, piece: Piece, span: Span, weights: int) -> Part:
-    track, member, env = rollout.tracks[seat.group], seat.member, piece.env
+def _part(rollout: Rollout, slot: AgentSlot, piece: Piece, span: Span, weights: int) -> EpisodePart:
+    track, member, env = rollout.tracks[slot.group], slot.member, piece.env
     start, stop = piece.start, piece.start + span.length
     # Behind the end of an episode stands the first observation of the next one.
-    final = piece.finals[seat.group][member] if piece.over and stop == piece.stop else None
-    return Part(
+    final = piece.finals[slot.group][member] if piece.over and stop == piece.stop else None
+    return EpisodePart(
         track.observations[member, env, start : stop + 1],
         final,
         track.actions[member, env, start:stop],

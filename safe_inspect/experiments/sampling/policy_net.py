@@ -10,7 +10,7 @@ import torch
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
 
-from safe_inspect.experiments.learning.tanh_net import TanhNet, linear_layers
+from safe_inspect.experiments.learning.fast_nets.tanh_net import TanhNet, linear_layers
 from safe_inspect.experiments.sampling.distributions import distribution_of_module
 from safe_inspect.types import AnyArray
 

@@ -23,7 +23,7 @@ Spaces = tuple[Any, Any]
 
 
 @dataclass(slots=True)
-class Part:
+class EpisodePart:
     """T steps of one agent within one episode.
 
     Attributes:
@@ -34,7 +34,7 @@ class Part:
         log_probabilities: Of the actions, shape (T,); None as above.
         rewards: Shape (T,).
         terminated: Whether the task ended with the last step.
-        weights: Number of the weights that flew it; None: not told.
+        weights: Number of the weights that flew it; None: unknown.
     """
 
     observations: AnyArray
@@ -119,14 +119,14 @@ class RolloutEpisode(_Lazy, SingleAgentEpisode):  # type: ignore[misc]
 
     def __init__(
         self,
-        part: Part,
+        part: EpisodePart,
         name: str,
         spaces: Spaces,
         begun: int,
         truncated: bool,
         owner: tuple[Any, Any, Any] = (None, None, None),
     ) -> None:
-        self.part: Part | None = part
+        self.part: EpisodePart | None = part
         self._spaces, self._begun = spaces, begun
         self.id_ = name
         self.agent_id, self.module_id, self.multi_agent_episode_id = owner
@@ -213,14 +213,14 @@ class RolloutTeamEpisode(_Lazy, MultiAgentEpisode):  # type: ignore[misc]
             self.env_t_to_agent_t[agent].extend(range(begun, begun + len(part) + 1))
 
 
-def part_of_episode(episode: Any) -> Part:
+def part_of_episode(episode: Any) -> EpisodePart:
     """Return the steps of an episode of one agent, as arrays."""
     if isinstance(episode, RolloutEpisode) and episode.part is not None:
         part = episode.part
         return part if part.terminated == episode.is_terminated else replace(part, terminated=episode.is_terminated)
     outputs = episode.extra_model_outputs
     weights = outputs.get(WEIGHTS_SEQ_NO)
-    return Part(
+    return EpisodePart(
         _data(episode.observations),
         None,
         _data(episode.actions),

@@ -23,18 +23,18 @@ from ray.rllib.utils.metrics import (
 )
 
 from safe_inspect.experiments.adapters.callbacks import window_of
-from safe_inspect.experiments.sampling.episode_sums import Report
+from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.rollout import Rollout
-from safe_inspect.experiments.sampling.sampler import Seat, crews
+from safe_inspect.experiments.sampling.sampler import AgentSlot, agents_by_policy
 
 
-def log_steps(logger: Any, rollout: Rollout, seats: Sequence[Seat], ended: int, several: bool) -> int:
+def log_steps(logger: Any, rollout: Rollout, slots: Sequence[AgentSlot], ended: int, several: bool) -> int:
     """Log the steps of a sample, and return how many steps the environments took.
 
     Args:
         logger: RLlib's `MetricsLogger`.
         rollout: The sample.
-        seats: The agents, in order.
+        slots: The agents, in order.
         ended: How many episodes have ended.
         several: Whether RLlib sees several agents.
     """
@@ -43,24 +43,26 @@ def log_steps(logger: Any, rollout: Rollout, seats: Sequence[Seat], ended: int, 
     logger.log_value(NUM_ENV_STEPS_SAMPLED_LIFETIME, steps, reduce="lifetime_sum", with_throughput=True)
     logger.log_value(NUM_EPISODES, ended, reduce="sum")
     logger.log_value(NUM_EPISODES_LIFETIME, ended, reduce="lifetime_sum")
-    for index, seat in enumerate(seats):
+    for index, slot in enumerate(slots):
         count = sum(piece.spans[index].length for piece in rollout.pieces)
-        agent = seat.agent if several else DEFAULT_AGENT_ID
+        agent = slot.agent if several else DEFAULT_AGENT_ID
         logger.log_value((NUM_AGENT_STEPS_SAMPLED, agent), count, reduce="sum")
         logger.log_value((NUM_AGENT_STEPS_SAMPLED_LIFETIME, agent), count, reduce="lifetime_sum")
-        logger.log_value((NUM_MODULE_STEPS_SAMPLED, seat.policy), count, reduce="sum")
-        logger.log_value((NUM_MODULE_STEPS_SAMPLED_LIFETIME, seat.policy), count, reduce="lifetime_sum")
+        logger.log_value((NUM_MODULE_STEPS_SAMPLED, slot.policy), count, reduce="sum")
+        logger.log_value((NUM_MODULE_STEPS_SAMPLED_LIFETIME, slot.policy), count, reduce="lifetime_sum")
     return steps
 
 
-def log_episodes(logger: Any, config: Any, reports: Sequence[Report], seats: tuple[Seat, ...], several: bool) -> None:
+def log_episodes(
+    logger: Any, config: Any, reports: Sequence[EpisodeReport], slots: tuple[AgentSlot, ...], several: bool
+) -> None:
     """Log returns and lengths of episodes that have ended.
 
     Args:
         logger: RLlib's `MetricsLogger`.
         config: RLlib's configuration.
         reports: What the episodes came to, in the order of their ends.
-        seats: The agents, in order.
+        slots: The agents, in order.
         several: Whether RLlib sees several agents.
     """
     window = window_of(config)
@@ -80,7 +82,7 @@ def log_episodes(logger: Any, config: Any, reports: Sequence[Report], seats: tup
         log(("agent_episode_return_mean", DEFAULT_AGENT_ID), value)
         log(("module_episode_return_mean", DEFAULT_MODULE_ID), value)
         return
-    for policy, agents in crews(seats).items():
+    for policy, agents in agents_by_policy(slots).items():
         total = 0.0
         for agent in agents:
             value = _mean([report[f"agents/{agent}/return"] for report in recent])

@@ -8,17 +8,19 @@ from time import perf_counter
 
 import numpy as np
 
+from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.experiments.sampling.distributions import distribution_of
-from safe_inspect.experiments.sampling.episode_sums import EpisodeSums, Report
+from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.experiments.sampling.policy_net import PolicyNet
 from safe_inspect.experiments.sampling.rollout import Rollout
+from safe_inspect.random.action_draws import DrawRows
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 
 @dataclass(frozen=True)
-class Seat:
+class AgentSlot:
     """One agent that acts from outside.
 
     Attributes:
@@ -36,7 +38,7 @@ class Seat:
     deputy: int
 
 
-def seats_of(environment: TeamEnvironment, policy_of: Callable[[str], str] | None = None) -> tuple[Seat, ...]:
+def agent_slots(environment: TeamEnvironment, policy_of: Callable[[str], str] | None = None) -> tuple[AgentSlot, ...]:
     """Return the agents that act from outside, in order.
 
     Args:
@@ -44,7 +46,7 @@ def seats_of(environment: TeamEnvironment, policy_of: Callable[[str], str] | Non
         policy_of: Function from an agent to its policy; the environments' own unless given.
     """
     return tuple(
-        Seat(agent, policy_of(agent) if policy_of else group.policies[member], index, member, group.first + member)
+        AgentSlot(agent, policy_of(agent) if policy_of else group.policies[member], index, member, group.first + member)
         for index, group in enumerate(environment.acting)
         for member, agent in enumerate(group.agents)
     )
@@ -58,7 +60,7 @@ class Sampler:
 
     Args:
         environment: The environments.
-        seats: Its agents that act from outside, in order.
+        slots: Its agents that act from outside, in order.
         nets: Makes the net of a policy for a number of rows.
         seed: Seed of the actions' noise.
         first_slot: Global index of the first environment slot.
@@ -67,33 +69,34 @@ class Sampler:
     def __init__(
         self,
         environment: TeamEnvironment,
-        seats: tuple[Seat, ...],
+        slots: tuple[AgentSlot, ...],
         nets: Callable[[str, int], PolicyNet],
         *,
         seed: int,
         first_slot: int,
     ) -> None:
         self.environment = environment
-        self.seats = seats
+        self.agent_slots = slots
         self.seed, self.first_slot = seed, first_slot
         count = environment.num_envs
         self._seed = np.uint64(seed)
         self._slots = np.arange(first_slot, first_slot + count, dtype=np.uint64)
-        self._crews: dict[str, list[int]] = {}
-        for index, seat in enumerate(seats):
-            self._crews.setdefault(seat.policy, []).append(index)
-        self._nets = {policy: nets(policy, count * len(crew)) for policy, crew in self._crews.items()}
+        self._deputies = [np.full(count, slot.deputy) for slot in slots]
+        self._slots_by_policy: dict[str, list[int]] = {}
+        for index, slot in enumerate(slots):
+            self._slots_by_policy.setdefault(slot.policy, []).append(index)
+        self._nets = {policy: nets(policy, count * len(indices)) for policy, indices in self._slots_by_policy.items()}
         self._where = [environment.groups.index(group) for group in environment.acting]
         self._actions = [np.zeros((count, group.size, group.action_layout.size)) for group in environment.acting]
         self._distributions = [distribution_of(group.action_layout) for group in environment.acting]
         self._generator = np.random.default_rng(seed)
-        self._sums = EpisodeSums(environment)
+        self._sums = EpisodeAccumulator(environment)
         self._step: IntArray = np.zeros(count, dtype=np.int64)
-        self._flying: BoolArray = np.ones((len(seats), count), dtype=np.bool_)
+        self._flying: BoolArray = np.ones((len(slots), count), dtype=np.bool_)
         self._since = [perf_counter()] * count
         self._observations: list[AnyArray] = []
         #: What the episodes that have ended came to, until someone takes it.
-        self.reports: list[Report] = []
+        self.reports: list[EpisodeReport] = []
 
     def reset(self) -> None:
         """Begin a new episode in every environment."""
@@ -170,30 +173,22 @@ class Sampler:
     def _act(self, rollout: Rollout, time: int, explore: bool, lifetime: int) -> None:
         count = self.environment.num_envs
         episodes = self.environment.simulation.episodes
-        for policy, crew in self._crews.items():
+        for policy, indices in self._slots_by_policy.items():
             net = self._nets[policy]
-            for place, index in enumerate(crew):
-                seat = self.seats[index]
-                net.observations[place * count : (place + 1) * count] = self._observations[seat.group][:, seat.member]
+            for place, index in enumerate(indices):
+                slot = self.agent_slots[index]
+                net.observations[place * count : (place + 1) * count] = self._observations[slot.group][:, slot.member]
             inputs = net(explore, lifetime)
-            for place, index in enumerate(crew):
-                seat = self.seats[index]
-                track, member = rollout.tracks[seat.group], seat.member
+            for place, index in enumerate(indices):
+                slot = self.agent_slots[index]
+                track, member = rollout.tracks[slot.group], slot.member
                 mine = inputs[place * count : (place + 1) * count]
                 action = track.actions[member, :, time]
-                self._distributions[seat.group].draw(
-                    mine,
-                    explore,
-                    self._seed,
-                    self._slots,
-                    episodes,
-                    self._step,
-                    seat.deputy,
-                    action,
-                    track.log_probabilities[member, :, time],
-                )
+                rows = DrawRows(self._seed, self._slots, episodes, self._step, self._deputies[index])
+                log_probability = track.log_probabilities[member, :, time]
+                self._distributions[slot.group].draw(mine, explore, rows, action, log_probability)
                 track.inputs[member, :, time] = mine
-                self._actions[seat.group][:, member] = action
+                self._actions[slot.group][:, member] = action
 
     def _act_at_random(self, rollout: Rollout, time: int) -> None:
         rollout.random = True
@@ -215,7 +210,7 @@ class Sampler:
             if rollout.finish(row, time + 1, int(episodes[row]), [found[row].copy() for found in self._observations])
         ]
         now = perf_counter()
-        for row, report in zip(kept, self._sums.reports(kept, transition), strict=True):
+        for row, report in zip(kept, episode_reports(self.environment, self._sums, kept, transition), strict=True):
             self.reports.append({**report, "seconds": now - self._since[row]})
         for row in rows.tolist():
             self._since[row] = now
@@ -226,9 +221,9 @@ class Sampler:
             observation[rows] = fresh
 
 
-def crews(seats: tuple[Seat, ...]) -> Mapping[str, tuple[str, ...]]:
+def agents_by_policy(slots: tuple[AgentSlot, ...]) -> Mapping[str, tuple[str, ...]]:
     """Return the names of each policy's agents."""
     found: dict[str, tuple[str, ...]] = {}
-    for seat in seats:
-        found[seat.policy] = (*found.get(seat.policy, ()), seat.agent)
+    for slot in slots:
+        found[slot.policy] = (*found.get(slot.policy, ()), slot.agent)
     return found

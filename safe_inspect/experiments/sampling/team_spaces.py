@@ -6,7 +6,7 @@ from gymnasium import spaces as gym_spaces
 
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.experiments.sampling.sampler import Seat
+from safe_inspect.experiments.sampling.sampler import AgentSlot
 
 
 class TeamSpaces:
@@ -14,22 +14,22 @@ class TeamSpaces:
 
     Args:
         team: The environments.
-        seats: Its agents that act from outside.
+        slots: Its agents that act from outside.
         several: Whether RLlib sees several agents.
     """
 
-    def __init__(self, team: TeamEnvironment, seats: tuple[Seat, ...], several: bool) -> None:
+    def __init__(self, team: TeamEnvironment, slots: tuple[AgentSlot, ...], several: bool) -> None:
         self.team = team
         self.num_envs = team.num_envs
-        groups = [team.acting[seat.group] for seat in seats]
+        groups = [team.acting[slot.group] for slot in slots]
         self.by_agent = {
-            seat.agent: (box(group.observation_layout), action_space(group.action_layout))
-            for seat, group in zip(seats, groups, strict=True)
+            slot.agent: (box(group.observation_layout), action_space(group.action_layout))
+            for slot, group in zip(slots, groups, strict=True)
         }
         observation, action = (
             gym_spaces.Dict({agent: pair[index] for agent, pair in self.by_agent.items()}) for index in (0, 1)
         )
-        only = seats[0].agent
+        only = slots[0].agent
         self.single_observation_space = self.observation_space = observation if several else observation[only]
         self.single_action_space = self.action_space = action if several else action[only]
 

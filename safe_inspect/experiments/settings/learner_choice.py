@@ -38,7 +38,6 @@ def _why_stock(settings: dict[str, Any]) -> str:
         return "the policy is recurrent (`use_lstm`)"
     reasons = (
         ("num_learners", _above(1), "several learners share a batch"),
-        ("num_gpus_per_learner", _above(0), "the fast one computes on processors alone"),
         ("torch_compile_learner", bool, "the fast one is not compiled"),
         ("torch_skip_nan_gradients", lambda value: value is False, "each gradient is to be checked"),
         ("use_critic", lambda value: value is False, "there is no value function"),

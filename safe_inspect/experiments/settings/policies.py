@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.config.spec import Policy
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.environments.layout import Layout
 from safe_inspect.errors import Problem
@@ -40,7 +40,7 @@ class PolicySettings:
 
 
 def read_policies(
-    policies: Iterable[Policy], algorithm: str
+    policies: Iterable[PolicySpec], algorithm: str
 ) -> tuple[dict[str, PolicySettings], list[str], list[Problem]]:
     """Translate what each policy has of its own.
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import Problem
-from safe_inspect.experiments.settings.translation import Translation, current_name, translate_rllib
+from safe_inspect.experiments.settings.key_tables import TranslatedSettings
+from safe_inspect.experiments.settings.translation import current_name, translate_rllib
 from safe_inspect.experiments.settings.values import GRID, is_searched
 
 
@@ -30,7 +31,7 @@ class Trial:
     """
 
     name: str
-    rllib: Translation
+    rllib: TranslatedSettings
     seed: int | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
 
@@ -46,7 +47,7 @@ def sample_seed(seed: int | None, sample: int) -> int | None:
 
 
 def trials_of(
-    mapping: Mapping[str, Any], found: Translation, algorithm: str | None, num_samples: int
+    mapping: Mapping[str, Any], found: TranslatedSettings, algorithm: str | None, num_samples: int
 ) -> tuple[tuple[Trial, ...], list[Problem]]:
     """Return the trials in the order in which they train, and the mistakes of single combinations of values.
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 
 #: Key of the environment's configuration that holds the number of the trial.
-NUMBER = "trial"
+TRIAL_KEY = "trial"
 
 
 class OfTrial:
@@ -28,7 +28,7 @@ class OfTrial:
 
     def __call__(self, config: Mapping[str, Any]) -> Any:
         """Return the value of the trial."""
-        return self._values[config["env_config"][NUMBER]]
+        return self._values[config["env_config"][TRIAL_KEY]]
 
 
 def search_space(configs: Sequence[AlgorithmConfig]) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def search_space(configs: Sequence[AlgorithmConfig]) -> dict[str, Any]:
     trees = [config.to_dict() for config in configs]
     environments = [tree.pop("env_config") for tree in trees]
     space = _functions(trees)
-    space["env_config"] = {**_functions(environments), NUMBER: {GRID: list(range(len(configs)))}}
+    space["env_config"] = {**_functions(environments), TRIAL_KEY: {GRID: list(range(len(configs)))}}
     return space
 
 

@@ -6,60 +6,24 @@ Nothing here imports Ray: `safe-inspect validate` answers in a fraction of a sec
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments.settings import keys, old_keys, run_keys
+from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
 from safe_inspect.experiments.settings.keys import Key
 from safe_inspect.experiments.settings.learner_choice import choose_learner
 from safe_inspect.experiments.settings.runner_choice import choose_runner
 from safe_inspect.experiments.settings.values import EVAL, GRID, check_value, is_searched, resolved_by_tune
 
-
-@dataclass(frozen=True)
-class Translation:
-    """What a mapping of an experiment means.
-
-    Attributes:
-        settings: Current names and their values; `model_config` is a mapping of its own.
-        notes: One sentence for each key that was translated or dropped.
-        problems: The mistakes; their paths begin with the name of the mapping.
-        unchecked: Names of another algorithm than PPO, which only the loaded Ray can check.
-        given: The current names that the experiment gives; the other settings are defaults.
-    """
-
-    settings: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    problems: tuple[Problem, ...] = ()
-    unchecked: tuple[str, ...] = ()
-    given: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class _Tables:
-    """What is known about the keys of one mapping."""
-
-    known: Mapping[str, Key]
-    renamed: Mapping[str, str]
-    dropped: Mapping[str, str]
-    only_at: Mapping[str, tuple[tuple[object, ...], str]]
-    reserved: Mapping[str, str] = field(default_factory=dict)
-    prefixes: Mapping[str, str] = field(default_factory=dict)
-    parts: Mapping[str, str] = field(default_factory=dict)
-    spellings: Mapping[str, str] = field(default_factory=dict)
-    open: bool = False
-    searchable: bool = False
-
-
-_MODEL = _Tables(
+_MODEL = KeyTables(
     keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
 )
-_TUNE = _Tables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
-_RAY = _Tables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, run_keys.RAY_ONLY_AT)
+_TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
+_RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, run_keys.RAY_ONLY_AT)
 
 
-def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) -> Translation:
+def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) -> TranslatedSettings:
     """Return the settings of the RLlib algorithm, with this package's defaults filled in.
 
     Args:
@@ -78,7 +42,7 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
         more_notes, more_problems = choose(settings)
         notes += more_notes
         problems += more_problems
-    return Translation(settings, tuple(notes), tuple(problems), found.unchecked, found.given)
+    return TranslatedSettings(settings, tuple(notes), tuple(problems), found.unchecked, found.given)
 
 
 def current_name(given: str) -> str:
@@ -87,9 +51,9 @@ def current_name(given: str) -> str:
     return old_keys.RENAMED.get(name, name)
 
 
-def translate_tune(mapping: Mapping[str, Any]) -> Translation:
+def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
     """Return the settings of `tune.Tuner`; `algorithm` is among them when the mapping names one."""
-    found = _translate(mapping, "tune_config", _TUNE)
+    found = translate_keys(mapping, "tune_config", _TUNE)
     settings = {**run_keys.TUNE_DEFAULTS, **found.settings}
     problems, notes = list(found.problems), list(found.notes)
     stop = settings.get("stop")
@@ -104,16 +68,16 @@ def translate_tune(mapping: Mapping[str, Any]) -> Translation:
         if score.startswith("min-"):
             score, settings["checkpoint_score_order"] = score[4:], "min"
         settings["checkpoint_score_attribute"] = run_keys.STOP_RENAMED.get(score, score)
-    return Translation(settings, tuple(notes), tuple(problems), (), found.given)
+    return TranslatedSettings(settings, tuple(notes), tuple(problems), (), found.given)
 
 
-def translate_ray(mapping: Mapping[str, Any]) -> Translation:
+def translate_ray(mapping: Mapping[str, Any]) -> TranslatedSettings:
     """Return the arguments of `ray.init`; without an address they start a Ray of the run's own."""
-    found = _translate(mapping, "ray_config", _RAY)
-    return Translation({**run_keys.RAY_DEFAULTS, **found.settings}, found.notes, found.problems, (), found.given)
+    found = translate_keys(mapping, "ray_config", _RAY)
+    return TranslatedSettings({**run_keys.RAY_DEFAULTS, **found.settings}, found.notes, found.problems, (), found.given)
 
 
-def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> Translation:
+def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> TranslatedSettings:
     """Return what one of several policies that learn together has of its own.
 
     Args:
@@ -132,7 +96,7 @@ def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> T
         elif is_searched(found.settings[key]):
             message = "`grid_search` is possible for what all policies have alike only"
             problems.append(Problem(message, f"{path}.{key}"))
-    return Translation(found.settings, found.notes, tuple(problems), found.unchecked, found.given)
+    return TranslatedSettings(found.settings, found.notes, tuple(problems), found.unchecked, found.given)
 
 
 def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, list[Problem]]:
@@ -147,10 +111,10 @@ def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, 
     return "PPO", [problem]
 
 
-def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool = False) -> Translation:
+def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool = False) -> TranslatedSettings:
     """Translate RLlib's keys, and within them the nets and the settings of the evaluation."""
     own = keys.ALGORITHM_KEYS.get(algorithm)
-    tables = _Tables(
+    tables = KeyTables(
         {**keys.COMMON_KEYS, **({} if nested else keys.OWN_KEYS), **(own or {})},
         old_keys.RENAMED,
         old_keys.DROPPED,
@@ -162,12 +126,12 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         open=own is None,
         searchable=not nested,
     )
-    found = _translate(mapping, path, tables)
+    found = translate_keys(mapping, path, tables)
     settings, notes, problems = dict(found.settings), list(found.notes), list(found.problems)
     problems += _hidden_searches(mapping, path)
     if isinstance(settings.get("model_config"), Mapping):
         model_path = f"{path}.{'model' if 'model' in mapping else 'model_config'}"
-        model = _translate(settings["model_config"], model_path, _MODEL)
+        model = translate_keys(settings["model_config"], model_path, _MODEL)
         settings["model_config"] = model.settings
         problems += _hidden_searches(settings["model_config"], model_path)
         notes += model.notes
@@ -183,7 +147,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         settings["evaluation_config"] = evaluation.settings
         notes += evaluation.notes
         problems += evaluation.problems
-    return Translation(settings, tuple(notes), tuple(problems), found.unchecked, frozenset(settings))
+    return TranslatedSettings(settings, tuple(notes), tuple(problems), found.unchecked, frozenset(settings))
 
 
 def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
@@ -200,69 +164,6 @@ def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
             message = "`grid_search` is possible for the keys of `rllib_configs` themselves only"
             problems.append(Problem(message, f"{path}.{given}"))
     return problems
-
-
-def _translate(mapping: Mapping[str, Any], path: str, tables: _Tables) -> Translation:
-    settings: dict[str, Any] = {}
-    notes: list[str] = []
-    problems: list[Problem] = []
-    unchecked: list[str] = []
-    source: dict[str, str] = {}
-    for given, value in mapping.items():
-        where = f"{path}.{given}"
-        name = tables.spellings.get(str(given), str(given))
-        if name in tables.only_at:
-            harmless, reason = tables.only_at[name]
-            if value not in harmless:
-                problems.append(Problem(f"`{given}: {value}` cannot be honoured: {reason}", where))
-            continue
-        if name in tables.dropped:
-            notes.append(f"`{given}` has no effect: {tables.dropped[name]}")
-            continue
-        if name in tables.renamed:
-            name = tables.renamed[name]
-            notes.append(f"`{given}` is now `{name}`")
-        target = name.partition(".")[0]
-        if target not in tables.known:
-            reason = _refusal(name, tables)
-            if reason:
-                problems.append(Problem(f"`{given}` cannot be set here: {reason}", where))
-            elif tables.open and name.isidentifier():
-                settings[name] = value
-                unchecked.append(name)
-            else:
-                names = [*tables.known, *tables.renamed, *tables.dropped]
-                problems.append(Problem(f"there is no key `{given}`", where, hint=did_you_mean(str(given), names)))
-            continue
-        if name in source:
-            problems.append(Problem(f"`{given}` and `{source[name]}` are one key, given twice", where))
-            continue
-        source[name] = str(given)
-        if value is None and not tables.known[target].optional:
-            continue  # null asks for the default
-        if "." in name:
-            settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
-            continue
-        if is_searched(value) and not tables.searchable:
-            problems.append(Problem("`grid_search` is possible for the keys of `rllib_configs` themselves only", where))
-            continue
-        value, mistake = check_value(tables.known[name], value)
-        if mistake:
-            problems.append(Problem(mistake, where))
-        elif isinstance(value, Mapping) and isinstance(settings.get(name), Mapping):
-            settings[name] = {**settings[name], **value}
-        else:
-            settings[name] = value
-    return Translation(settings, tuple(notes), tuple(problems), tuple(unchecked), frozenset(settings))
-
-
-def _refusal(name: str, tables: _Tables) -> str:
-    if name in tables.reserved:
-        return tables.reserved[name]
-    for prefix, reason in tables.prefixes.items():
-        if name.startswith(prefix):
-            return reason
-    return next((reason for part, reason in tables.parts.items() if part in name), "")
 
 
 def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str], list[Problem]]:

@@ -2,12 +2,69 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
-from typing import ClassVar, Self
+from collections.abc import Set
+from typing import ClassVar, NamedTuple, Self
 
-from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
-from safe_inspect.rta.constraints.fields import PositiveSpeed
+from safe_inspect.compiling import njit
+from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
+from safe_inspect.rta.constraints.rows import INLINED, ArcCell, Margins, Node, RowKernels, Triple, lowest
+from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveSpeed
+
+
+class AxisSpeedNumbers(NamedTuple):
+    """Largest speed [m/s], or infinity, the index of the axis, and the mean motion [1/s]."""
+
+    limit: float
+    axis: int
+    n: float
+
+
+@njit(**INLINED)
+def _broken(p: AxisSpeedNumbers, at: Node, margins: Margins) -> bool:
+    return bool(abs(at.state[3 + p.axis]) > p.limit - margins.speed)
+
+
+@njit(**INLINED)
+def _uncertain(p: AxisSpeedNumbers, cell: ArcCell, margins: Margins) -> bool:
+    a, b = cell.a.state[3 + p.axis], cell.b.state[3 + p.axis]
+    return bool(lowest(-abs(a), -abs(b), cell.slack) < margins.speed - p.limit)
+
+
+@njit(**INLINED)
+def _amplitude(p: AxisSpeedNumbers, speeds: Triple, margins: Margins) -> bool:
+    return bool(speeds[p.axis] > p.limit - margins.speed)
+
+
+@njit(**INLINED)
+def _slack(p: AxisSpeedNumbers, at: Node) -> float:
+    return (p.limit - abs(at.state[3 + p.axis])) / p.n
+
+
+@njit(**INLINED)
+def _support(p: AxisSpeedNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
+    d[3 + p.axis] = -1.0 if at.state[3 + p.axis] > 0.0 else 1.0
+    return margins.speed - p.limit
+
+
+@njit(**INLINED)
+def _allowed_speed(p: AxisSpeedNumbers, at: Node) -> float:
+    return p.limit
+
+
+@njit
+def _values(
+    velocity: FloatArray, axis: int, limit: float, phi: FloatArray, h: FloatArray, gradient: FloatArray
+) -> None:  # fmt: skip
+    """Write phi, h and one entry of the gradient of h of every row."""
+    for i in range(velocity.shape[0]):
+        speed = velocity[i, axis]
+        phi[i] = limit - abs(speed)
+        h[i] = limit * limit - speed * speed
+        gradient[i, 3 + axis] = -2.0 * speed
 
 
 class AxisSpeed(Constraint):
@@ -20,51 +77,66 @@ class AxisSpeed(Constraint):
     """
 
     unit: ClassVar[str] = "m/s"
+    kernels: ClassVar[RowKernels | None] = RowKernels(
+        broken=_broken, uncertain=_uncertain, slack=_slack, support=_support, amplitude=_amplitude,
+        allowed_speed=_allowed_speed,
+    )  # fmt: skip
 
     vel_limit: PositiveSpeed = DEFAULTS.vel_limit
     alpha_linear: float = 0.1
     alpha_cubic: float = 0.01
     bias: float = -1e-3
 
-    @property
+    @classmethod
     @abstractmethod
+    def axis_index(cls) -> int:
+        """Return the index of the axis: 0 radial, 1 along track, 2 cross track."""
+
+    @property
     def axis(self) -> int:
-        """Index of the axis: 0 radial, 1 along track, 2 cross track."""
+        """Index of the axis."""
+        return self.axis_index()
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
         """Return the constraint for a task's parameters."""
         return cls(vel_limit=parameters.vel_limit)
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    @classmethod
+    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> AxisSpeedNumbers:
+        """Return the largest speed along the axis."""
+        limit = float(parameters.vel_limit) if cls.registered_name in chosen else math.inf
+        return AxisSpeedNumbers(limit, cls.axis_index(), float(parameters.n))
+
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m/s], h [m^2/s^2] and the derivatives of h."""
-        out = Evaluation.zeros(len(state))
-        compiled("kernels").axis_speed(state.velocity, self.axis, self.vel_limit, out.phi, out.h, out.gradient)
+        out = ConstraintValues.zeros(len(state))
+        _values(state.velocity, self.axis, self.vel_limit, out.phi, out.h, out.gradient)
         return out
 
 
 class RadialSpeed(AxisSpeed, name="x_vel"):
     """Bound the radial speed; see `AxisSpeed`."""
 
-    @property
-    def axis(self) -> int:
-        """The radial axis."""
+    @classmethod
+    def axis_index(cls) -> int:
+        """Return the index of the radial axis."""
         return 0
 
 
 class AlongTrackSpeed(AxisSpeed, name="y_vel"):
     """Bound the along-track speed; see `AxisSpeed`."""
 
-    @property
-    def axis(self) -> int:
-        """The along-track axis."""
+    @classmethod
+    def axis_index(cls) -> int:
+        """Return the index of the along-track axis."""
         return 1
 
 
 class CrossTrackSpeed(AxisSpeed, name="z_vel"):
     """Bound the cross-track speed; see `AxisSpeed`."""
 
-    @property
-    def axis(self) -> int:
-        """The cross-track axis."""
+    @classmethod
+    def axis_index(cls) -> int:
+        """Return the index of the cross-track axis."""
         return 2

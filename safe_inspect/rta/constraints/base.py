@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.rows import RowKernels
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import FloatArray
 
@@ -58,7 +57,7 @@ class RelativeState:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
+class ConstraintValues:
     """A constraint's quantities for R states.
 
     Attributes:
@@ -74,7 +73,7 @@ class Evaluation:
     rate: FloatArray
 
     @classmethod
-    def zeros(cls, rows: int) -> Evaluation:
+    def zeros(cls, rows: int) -> ConstraintValues:
         """Return an evaluation to be written into."""
         return cls(np.zeros(rows), np.zeros(rows), np.zeros((rows, 6)), np.zeros(rows))
 
@@ -113,6 +112,7 @@ class Constraint(Plugin):
     Class attributes:
         unit: Unit of phi.
         pair: True where the state is that of one deputy relative to another, instead of to the chief.
+        kernels: What the certifying filters ask of a constraint of the inspection task, in place of a half-space.
 
     Attributes:
         alpha_linear: Linear coefficient of alpha [1/s].
@@ -124,19 +124,35 @@ class Constraint(Plugin):
     unit: ClassVar[str] = "-"
     pair: ClassVar[bool] = False
     half_space: ClassVar[HalfSpace | None] = None
+    kernels: ClassVar[RowKernels | None] = None
 
     alpha_linear: float = 0.01
     alpha_cubic: float = 0.001
     bias: float = 0.0
 
     @abstractmethod
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return all four quantities of every row at once."""
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
         """Return the constraint for a task's parameters; one that takes none of them is built from its defaults."""
         return cls()
+
+    @classmethod
+    def counts(cls, chosen: Set[str]) -> bool:
+        """Return whether the `kernels` have a say when the constraints of those names are chosen."""
+        return cls.kernels is not None and cls.registered_name in chosen
+
+    @classmethod
+    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> tuple[Any, ...]:
+        """Return the numbers that the `kernels` take as p.
+
+        Args:
+            parameters: The task's parameters.
+            chosen: Names of the constraints that count. With the numbers of one that does not, nothing is refused.
+        """
+        return ()
 
     def half_space_parameters(self) -> tuple[float, ...]:
         """Return the numbers that `half_space` takes as p."""
@@ -165,12 +181,3 @@ class Constraint(Plugin):
     def alpha(self, h: FloatArray) -> FloatArray:
         """Return alpha_linear h + alpha_cubic h^3, element by element."""
         return h * (self.alpha_linear + self.alpha_cubic * (h * h))
-
-
-@cache
-def compiled(module: str) -> Any:
-    """Return a module of compiled rows of this package, imported when it is first called.
-
-    Reading and checking a configuration imports the constraints; it need not wait for the compiler.
-    """
-    return importlib.import_module(f"safe_inspect.rta.constraints.{module}")

@@ -2,12 +2,61 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+import math
+from collections.abc import Set
+from typing import Any, ClassVar, NamedTuple, Self
 
-from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
-from safe_inspect.rta.constraints.fields import PositiveAcceleration
+from safe_inspect.compiling import njit
+from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
+from safe_inspect.rta.constraints.range_limit import range_limit
+from safe_inspect.rta.constraints.rows import INLINED, Margins, Node, RowKernels, direction, lowest
+from safe_inspect.rta.fields import PositiveAcceleration
+from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
+
+
+class CollisionNumbers(NamedTuple):
+    """Least ranges [m], minus infinity where there is none: at every moment, and of closed motions."""
+
+    near: float
+    closed_near: float
+
+
+@njit(**INLINED)
+def _broken(p: CollisionNumbers, at: Any, margins: Margins) -> bool:
+    return bool(at.range < p.near + margins.length)
+
+
+@njit(**INLINED)
+def _uncertain(p: CollisionNumbers, cell: Any, margins: Margins) -> bool:
+    return bool(cell.size <= 0.0 or lowest(cell.near_a, cell.near_b, cell.dip) < p.near + margins.length)
+
+
+@njit(**INLINED)
+def _closed_broken(p: CollisionNumbers, at: Any, margins: Margins) -> bool:
+    return bool(at.range < p.closed_near + margins.length)
+
+
+@njit(**INLINED)
+def _closed_uncertain(p: CollisionNumbers, cell: Any, margins: Margins) -> bool:
+    return bool(cell.size <= 0.0 or lowest(cell.near_a, cell.near_b, cell.dip) < p.closed_near + margins.length)
+
+
+@njit(**INLINED)
+def _slack(p: CollisionNumbers, at: Node) -> float:
+    return at.range - p.closed_near
+
+
+@njit(**INLINED)
+def _gap(p: CollisionNumbers, at: Node) -> float:
+    return at.range - p.near
+
+
+@njit(**INLINED)
+def _support(p: CollisionNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
+    d[0], d[1], d[2] = direction(at.state[0], at.state[1], at.state[2])
+    return p.near + margins.length
 
 
 class ChiefCollision(Constraint, name="chief_collision"):
@@ -25,6 +74,10 @@ class ChiefCollision(Constraint, name="chief_collision"):
     """
 
     unit: ClassVar[str] = "m"
+    kernels: ClassVar[RowKernels | None] = RowKernels(
+        broken=_broken, uncertain=_uncertain, slack=_slack, support=_support, gap=_gap,
+        closed_broken=_closed_broken, closed_uncertain=_closed_uncertain, cost=1,
+    )  # fmt: skip
 
     collision_radius: PositiveLength = DEFAULTS.collision_radius
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration
@@ -34,11 +87,24 @@ class ChiefCollision(Constraint, name="chief_collision"):
         """Return the constraint for a task's parameters."""
         return cls(collision_radius=parameters.collision_radius, max_acceleration=parameters.max_acceleration)
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    @classmethod
+    def counts(cls, chosen: Set[str]) -> bool:
+        """Return whether the least range has a say: a plan that comes too near breaks passive safety too."""
+        return "chief_collision" in chosen or "PSM" in chosen
+
+    @classmethod
+    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> CollisionNumbers:
+        """Return the least ranges."""
+        near, passing = (
+            float(parameters.collision_radius) if name in chosen else -math.inf for name in ("chief_collision", "PSM")
+        )
+        return CollisionNumbers(near, max(near, passing))
+
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""
-        out = Evaluation.zeros(len(state))
-        compiled("kernels").range_limit(
-            state.position, state.velocity, self.collision_radius, self.max_acceleration, 1.0,
+        out = ConstraintValues.zeros(len(state))
+        range_limit(
+            (state.position, state.velocity), self.collision_radius, self.max_acceleration, 1.0,
             out.phi, out.h, out.gradient,
         )  # fmt: skip
         return out

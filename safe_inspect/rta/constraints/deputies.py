@@ -11,12 +11,12 @@ import math
 from functools import cached_property
 from typing import ClassVar, Self
 
-from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState
+from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.chief_collision import ChiefCollision
-from safe_inspect.rta.constraints.fields import FieldOfView, PositiveAcceleration
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
 from safe_inspect.rta.constraints.passive_safety import PassivelySafeManoeuvre
 from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.rta.fields import ConeAngle, PositiveAcceleration
 from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLength
 
 #: Two deputies collide when their centres are closer than twice this [m].
@@ -46,7 +46,7 @@ class DeputyCollision(Constraint, name="deputy_collision"):
     def _pair(self) -> ChiefCollision:
         return ChiefCollision(collision_radius=2.0 * self.deputy_radius, max_acceleration=2.0 * self.max_acceleration)
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""
         return self._pair.evaluate(state)
 
@@ -77,7 +77,7 @@ class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
         radius = 2.0 * self.deputy_radius
         return PassivelySafeManoeuvre(collision_radius=radius, mean_motion=self.mean_motion, horizon=self.horizon)
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m] and the derivatives of h."""
         return self._pair.evaluate(state)
 
@@ -94,7 +94,7 @@ class DeputySunKeepOut(Constraint, name="deputy_sun"):
     unit: ClassVar[str] = "rad"
     pair: ClassVar[bool] = True
 
-    fov: FieldOfView = math.pi / 3.0
+    fov: ConeAngle = math.pi / 3.0
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration
     mean_motion: PositiveAngularRate = DEFAULTS.n
     alpha_linear: float = 0.001
@@ -112,6 +112,6 @@ class DeputySunKeepOut(Constraint, name="deputy_sun"):
             fov=self.fov, max_acceleration=2.0 * self.max_acceleration, mean_motion=self.mean_motion
         )  # fmt: skip
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [rad], h [m/s] and the derivatives of h."""
         return self._pair.evaluate(state)

@@ -2,12 +2,57 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+import math
+from collections.abc import Set
+from typing import Any, ClassVar, NamedTuple, Self
 
-from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
-from safe_inspect.rta.constraints.fields import PositiveAcceleration
+from safe_inspect.compiling import njit
+from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
+from safe_inspect.rta.constraints.range_limit import range_limit
+from safe_inspect.rta.constraints.rows import INLINED, Margins, Node, RowKernels, direction, lowest
+from safe_inspect.rta.fields import PositiveAcceleration
+from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
+
+#: Beyond this part of v / (2 n), v the largest along-track speed, closed motions are too fast: the way leads inside.
+_CLOSABLE = 0.9
+
+
+class MaximumRangeNumbers(NamedTuple):
+    """Largest range [m], or infinity; and the range within which the way back leads [m]."""
+
+    far: float
+    inside: float
+
+
+@njit(**INLINED)
+def _broken(p: MaximumRangeNumbers, at: Any, margins: Margins) -> bool:
+    return bool(at.range > p.far - margins.length)
+
+
+@njit(**INLINED)
+def _uncertain(p: MaximumRangeNumbers, cell: Any, margins: Margins) -> bool:
+    if not cell.farthest > p.far - margins.length:
+        return False
+    return bool(lowest(-cell.a.range, -cell.b.range, cell.bend) < margins.length - p.far)
+
+
+@njit(**INLINED)
+def _slack(p: MaximumRangeNumbers, at: Node) -> float:
+    return p.far - at.range
+
+
+@njit(**INLINED)
+def _gap(p: MaximumRangeNumbers, at: Node) -> float:
+    return p.inside - at.range
+
+
+@njit(**INLINED)
+def _support(p: MaximumRangeNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
+    ex, ey, ez = direction(at.state[0], at.state[1], at.state[2])
+    d[0], d[1], d[2] = -ex, -ey, -ez
+    return margins.length - p.far
 
 
 class MaximumRange(Constraint, name="r_max"):
@@ -22,6 +67,10 @@ class MaximumRange(Constraint, name="r_max"):
     """
 
     unit: ClassVar[str] = "m"
+    kernels: ClassVar[RowKernels | None] = RowKernels(
+        broken=_broken, uncertain=_uncertain, slack=_slack, support=_support, gap=_gap,
+        closed_broken=_broken, closed_uncertain=_uncertain,
+    )  # fmt: skip
 
     r_max: PositiveLength = DEFAULTS.r_max
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration
@@ -32,11 +81,18 @@ class MaximumRange(Constraint, name="r_max"):
         """Return the constraint for a task's parameters."""
         return cls(r_max=parameters.r_max, max_acceleration=parameters.max_acceleration)
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    @classmethod
+    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> MaximumRangeNumbers:
+        """Return the largest range, and that of the closed motions that the speed along track allows."""
+        far = float(parameters.r_max) if "r_max" in chosen else math.inf
+        fastest = float(parameters.vel_limit) if "y_vel" in chosen else math.inf
+        return MaximumRangeNumbers(far, min(far, _CLOSABLE * fastest / (2.0 * float(parameters.n))))
+
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""
-        out = Evaluation.zeros(len(state))
-        compiled("kernels").range_limit(
-            state.position, state.velocity, self.r_max, self.max_acceleration, -1.0,
+        out = ConstraintValues.zeros(len(state))
+        range_limit(
+            (state.position, state.velocity), self.r_max, self.max_acceleration, -1.0,
             out.phi, out.h, out.gradient,
         )  # fmt: skip
         return out

@@ -9,13 +9,15 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from safe_inspect.errors import did_you_mean
-from safe_inspect.rta.constraints.fields import FieldOfView, PositiveForce, PositiveSpeed
+from safe_inspect.rta.fields import ConeAngle
 from safe_inspect.units import (
     NonNegativeSpeed,
     PositiveAngularRate,
     PositiveDuration,
+    PositiveForce,
     PositiveLength,
     PositiveMass,
+    PositiveSpeed,
 )
 
 
@@ -69,7 +71,7 @@ class TaskParameters(BaseModel):
     r_max: PositiveLength = 800.0
     u_max: PositiveForce = 1.0
     m: PositiveMass = 12.0
-    fov: FieldOfView = math.pi / 3.0
+    fov: ConeAngle = math.pi / 3.0
     vel_limit: PositiveSpeed = 1.0
     psm_horizon: PositiveDuration = 100.0
 

@@ -2,11 +2,51 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Self
 
-from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.coasting import closest_time, coast, grid
+from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
+from safe_inspect.rta.constraints.range_limit import LENGTH_FLOOR
+from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLength
+
+
+@njit
+def _across(vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+    """Return a unit vector across the velocity; +x where the velocity is zero."""
+    in_plane, whole = math.sqrt(vx * vx + vy * vy), math.sqrt(vx * vx + vy * vy + vz * vz)
+    if not in_plane > 1e-9 * whole:
+        return 1.0, 0.0, 0.0
+    return -vy / in_plane, vx / in_plane, 0.0
+
+
+@njit
+def _values(
+    position: FloatArray, velocity: FloatArray, table: FloatArray, n: float, radius: float,
+    phi: FloatArray, h: FloatArray, gradient: FloatArray,
+) -> None:  # fmt: skip
+    """Write the least coasting range less the radius, and its gradient by the envelope theorem."""
+    for i in range(position.shape[0]):
+        p, v = position[i], velocity[i]
+        t = closest_time(p, v, table, n)
+        s, c = math.sin(n * t), math.cos(n * t)
+        x, y, z, vx, vy, vz, square, _, _ = coast(p, v, t, s, c, n)
+        distance = math.sqrt(square)
+        if distance < LENGTH_FLOOR:
+            ex, ey, ez = _across(vx, vy, vz)
+        else:
+            ex, ey, ez = x / distance, y / distance, z / distance
+        phi[i] = distance - radius
+        h[i] = distance - radius
+        gradient[i, 0] = (4.0 - 3.0 * c) * ex + 6.0 * (s - n * t) * ey
+        gradient[i, 1] = ey
+        gradient[i, 2] = c * ez
+        gradient[i, 3] = (s * ex - 2.0 * (1.0 - c) * ey) / n
+        gradient[i, 4] = (2.0 * (1.0 - c) * ex + 4.0 * s * ey) / n - 3.0 * t * ey
+        gradient[i, 5] = s * ez / n
 
 
 class PassivelySafeManoeuvre(Constraint, name="PSM"):
@@ -41,12 +81,11 @@ class PassivelySafeManoeuvre(Constraint, name="PSM"):
             collision_radius=parameters.collision_radius, mean_motion=parameters.n, horizon=parameters.psm_horizon
         )
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m] and the derivatives of h."""
-        out = Evaluation.zeros(len(state))
-        coasting = compiled("coasting")
-        coasting.passive_safety(
-            state.position, state.velocity, coasting.grid(self.mean_motion, self.horizon), self.mean_motion,
+        out = ConstraintValues.zeros(len(state))
+        _values(
+            state.position, state.velocity, grid(self.mean_motion, self.horizon), self.mean_motion,
             self.collision_radius, out.phi, out.h, out.gradient,
         )  # fmt: skip
         return out

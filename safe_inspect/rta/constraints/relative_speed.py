@@ -2,14 +2,82 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+import math
+from collections.abc import Set
+from typing import Any, ClassVar, NamedTuple, Self
 
 from pydantic import Field
 
-from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
-from safe_inspect.rta.constraints.fields import SpeedSlope
+from safe_inspect.compiling import njit
+from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
+from safe_inspect.rta.constraints.rows import INLINED, Margins, Node, RowKernels, direction, lowest
+from safe_inspect.rta.fields import SpeedSlope
+from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeLength, NonNegativeSpeed
+
+
+class RelativeSpeedNumbers(NamedTuple):
+    """Speed limit v0 [m/s], infinite where there is none, at the range d0 [m], its slope v1 and mean motion n [1/s]."""
+
+    v0: float
+    d0: float
+    v1: float
+    n: float
+
+
+@njit(**INLINED)
+def _broken(p: RelativeSpeedNumbers, at: Any, margins: Margins) -> bool:
+    return bool(at.speed > p.v0 + p.v1 * (at.range - p.d0) - margins.speed)
+
+
+@njit(**INLINED)
+def _uncertain(p: RelativeSpeedNumbers, cell: Any, margins: Margins) -> bool:
+    a, b = p.v1 * cell.near_a - cell.a.speed, p.v1 * cell.near_b - cell.b.speed
+    return bool(p.v0 - p.v1 * p.d0 + lowest(a, b, p.v1 * cell.dip + cell.slack) < margins.speed)
+
+
+@njit(**INLINED)
+def _slack(p: RelativeSpeedNumbers, at: Node) -> float:
+    return (p.v0 + p.v1 * (at.range - p.d0) - at.speed) / p.n
+
+
+@njit(**INLINED)
+def _support(p: RelativeSpeedNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
+    x = at.state
+    ex, ey, ez = direction(x[0], x[1], x[2])
+    vx, vy, vz = direction(x[3], x[4], x[5])
+    d[0], d[1], d[2] = p.v1 * ex, p.v1 * ey, p.v1 * ez
+    d[3], d[4], d[5] = -vx, -vy, -vz
+    return p.v1 * p.d0 - p.v0 + margins.speed
+
+
+@njit(**INLINED)
+def _allowed_speed(p: RelativeSpeedNumbers, at: Node) -> float:
+    return p.v0 + p.v1 * (at.range - p.d0)
+
+
+@njit
+def _values(
+    state: tuple[FloatArray, FloatArray], v0: float, v0_distance: float, v1: float, smoothing: float,
+    phi: FloatArray, h: FloatArray, gradient: FloatArray,
+) -> None:  # fmt: skip
+    """Write phi, h and the gradient of h of every row."""
+    position, velocity = state
+    for i in range(position.shape[0]):
+        x, y, z = position[i]
+        vx, vy, vz = velocity[i]
+        r2 = x * x + y * y + z * z
+        s2 = vx * vx + vy * vy + vz * vz
+        distance, speed = math.sqrt(r2 + smoothing), math.sqrt(s2 + smoothing)
+        phi[i] = v0 + v1 * (math.sqrt(r2) - v0_distance) - math.sqrt(s2)
+        h[i] = v0 + v1 * (distance - v0_distance) - speed
+        gradient[i, 0] = v1 * x / distance
+        gradient[i, 1] = v1 * y / distance
+        gradient[i, 2] = v1 * z / distance
+        gradient[i, 3] = -vx / speed
+        gradient[i, 4] = -vy / speed
+        gradient[i, 5] = -vz / speed
 
 
 class RelativeSpeedLimit(Constraint, name="rel_vel"):
@@ -27,6 +95,10 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
     """
 
     unit: ClassVar[str] = "m/s"
+    kernels: ClassVar[RowKernels | None] = RowKernels(
+        broken=_broken, uncertain=_uncertain, slack=_slack, support=_support, allowed_speed=_allowed_speed,
+        closed_broken=_broken, closed_uncertain=_uncertain, cost=1,
+    )  # fmt: skip
 
     v0: NonNegativeSpeed = DEFAULTS.v0
     v0_distance: NonNegativeLength = DEFAULTS.speed_distance
@@ -41,11 +113,17 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
         """Return the constraint for a task's parameters."""
         return cls(v0=parameters.v0, v0_distance=parameters.speed_distance, v1=parameters.v1)
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    @classmethod
+    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> RelativeSpeedNumbers:
+        """Return the line of the speed limit."""
+        v0 = float(parameters.v0) if "rel_vel" in chosen else math.inf
+        return RelativeSpeedNumbers(v0, float(parameters.speed_distance), parameters.v1, float(parameters.n))
+
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m/s], h [m/s] and the derivatives of h."""
-        out = Evaluation.zeros(len(state))
-        compiled("kernels").relative_speed(
-            state.position, state.velocity, self.v0, self.v0_distance, self.v1, self.smoothing,
+        out = ConstraintValues.zeros(len(state))
+        _values(
+            (state.position, state.velocity), self.v0, self.v0_distance, self.v1, self.smoothing,
             out.phi, out.h, out.gradient,
         )  # fmt: skip
         return out

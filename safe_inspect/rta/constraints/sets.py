@@ -11,10 +11,8 @@ from safe_inspect.errors import RegistryError
 from safe_inspect.plugins.functor import SCHEMA_KIND, build, describe
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rta.constraints.base import Constraint
+from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-
-#: The constraints of the inspection task with one deputy.
-NAMES = ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel")
 
 
 def constraint_set(

@@ -3,12 +3,61 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Set
 from typing import ClassVar, Self
 
-from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState, compiled
-from safe_inspect.rta.constraints.fields import FieldOfView, PositiveAcceleration
+from safe_inspect.compiling import njit
+from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
+from safe_inspect.rta.constraints.range_limit import LENGTH_FLOOR, braking_speed
+from safe_inspect.rta.constraints.rows import RowKernels
+from safe_inspect.rta.constraints.sun_rows import SUN_KERNELS, SunNumbers
+from safe_inspect.rta.fields import ConeAngle, PositiveAcceleration
+from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveAngularRate
+
+
+@njit
+def _values(
+    state: tuple[FloatArray, FloatArray, FloatArray], half_angle: float, acceleration: float, n: float,
+    phi: FloatArray, h: FloatArray, gradient: FloatArray, rate: FloatArray,
+) -> None:  # fmt: skip
+    """Write phi, h, the gradient and the rate of h of every row.
+
+    All is written in the right-handed axes (c, k, z): c points away from the sun, k lies in the orbital plane.
+    There the frame's angular velocity is (0, 0, -n), and w x (a, b, .) = (n b, -n a, 0).
+    """
+    position, velocity, sun_angle = state
+    cos_b, sin_b = math.cos(half_angle), math.sin(half_angle)
+    for i in range(position.shape[0]):
+        cos_s, sin_s = math.cos(sun_angle[i]), math.sin(sun_angle[i])
+        x, y, z = position[i]
+        vx, vy, vz = velocity[i]
+        pc, pk = sin_s * y - cos_s * x, -sin_s * x - cos_s * y
+        vc, vk = sin_s * vy - cos_s * vx, -sin_s * vx - cos_s * vy
+        off_axis = math.sqrt(pk * pk + z * z)
+        ek, ez, turning = 0.0, 1.0, 0.0
+        if not off_axis < LENGTH_FLOOR:
+            ek, ez, turning = pk / off_axis, z / off_axis, cos_b / off_axis
+        # the outward normal of the cone beside the position, and the distance along it
+        nc, nk, nz = -sin_b, cos_b * ek, cos_b * ez
+        gap = cos_b * off_axis - sin_b * pc
+        # the velocity relative to the turning cone
+        uc, uk = vc - n * pk, vk + n * pc
+        around = turning * (ek * vz - ez * uk)
+        root, slope = braking_speed(gap, acceleration)
+        phi[i] = math.atan2(off_axis, pc) - half_angle
+        h[i] = root + nc * uc + nk * uk + nz * vz
+        gc = slope * nc + n * nk
+        gk = slope * nk - around * ez - n * nc
+        gradient[i, 0] = -cos_s * gc - sin_s * gk
+        gradient[i, 1] = sin_s * gc - cos_s * gk
+        gradient[i, 2] = slope * nz + around * ek
+        gradient[i, 3] = -cos_s * nc - sin_s * nk
+        gradient[i, 4] = sin_s * nc - cos_s * nk
+        gradient[i, 5] = nz
+        # turning the position, the velocity and the sun together changes nothing
+        rate[i] = -n * (gc * pk - gk * pc + nc * vk - nk * vc)
 
 
 class SunKeepOut(Constraint, name="sun"):
@@ -41,8 +90,9 @@ class SunKeepOut(Constraint, name="sun"):
     """
 
     unit: ClassVar[str] = "rad"
+    kernels: ClassVar[RowKernels | None] = SUN_KERNELS
 
-    fov: FieldOfView = math.pi / 3.0
+    fov: ConeAngle = math.pi / 3.0
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration
     mean_motion: PositiveAngularRate = DEFAULTS.n
     alpha_linear: float = 0.001
@@ -54,11 +104,17 @@ class SunKeepOut(Constraint, name="sun"):
         """Return the constraint for a task's parameters."""
         return cls(fov=parameters.fov, max_acceleration=parameters.max_acceleration, mean_motion=parameters.n)
 
-    def evaluate(self, state: RelativeState) -> Evaluation:
+    @classmethod
+    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> SunNumbers:
+        """Return the cone's half angle."""
+        half = 0.5 * parameters.fov
+        return SunNumbers("sun" in chosen, math.cos(half), math.sin(half), float(parameters.n))
+
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [rad], h [m/s] and the derivatives of h."""
-        out = Evaluation.zeros(len(state))
-        compiled("kernels").sun_cone(
-            state.position, state.velocity, state.sun_angle, 0.5 * self.fov, self.max_acceleration, self.mean_motion,
+        out = ConstraintValues.zeros(len(state))
+        _values(
+            (state.position, state.velocity, state.sun_angle), 0.5 * self.fov, self.max_acceleration, self.mean_motion,
             out.phi, out.h, out.gradient, out.rate,
         )  # fmt: skip
         return out

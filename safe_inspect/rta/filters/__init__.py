@@ -1,7 +1,7 @@
 """Filters of the run-time assurance: from a desired control to one that keeps the constraints."""
 
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.base import FilterResult, SafetyFilter
+from safe_inspect.rta.filters.base import SafetyFilter
 from safe_inspect.rta.filters.continuous import ContinuousFilter
 from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
 from safe_inspect.rta.filters.team.decentralised import DecentralisedFilter
@@ -12,7 +12,6 @@ __all__ = [
     "BackupFilter",
     "ContinuousFilter",
     "DecentralisedFilter",
-    "FilterResult",
     "QPSolution",
     "SafetyFilter",
     "SimplexFilter",

@@ -5,48 +5,21 @@ from __future__ import annotations
 import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import NAMES, constraint_set
+from safe_inspect.rta.constraints.sets import constraint_set
 from safe_inspect.simulators.arrays import for_kernel
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.types import BoolArray, FloatArray
 
 #: A control that differs from the desired one by more than this counts as an intervention [N].
-INTERVENTION = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class FilterResult:
-    """What a filter did to R desired controls.
-
-    Attributes:
-        control: The admissible control [N], Hill frame, shape (R, 3).
-        intervening: True where |control - desired| > 0.01 N, shape (R,).
-        infeasible: True where the filter can promise nothing, shape (R,): no control meets all conditions of the
-            continuous filter; no backup plan is known to the others.
-        backup: True where a backup shaped the control, shape (R,).
-        active: Bits of the constraints that refused the desired control, bit j for the j-th name, shape (R,).
-        phi: The constraints' plain safety quantities before the hold, in the order of the names, shape (R, C).
-        names: The names of the constraints, C of them.
-    """
-
-    control: FloatArray
-    intervening: BoolArray
-    infeasible: BoolArray
-    backup: BoolArray
-    active: IntArray
-    phi: FloatArray
-    names: tuple[str, ...]
-
-    def active_names(self, row: int) -> tuple[str, ...]:
-        """Return the names of the constraints that refused a row's desired control."""
-        return tuple(name for j, name in enumerate(self.names) if self.active[row] >> j & 1)
+INTERVENTION_THRESHOLD = 0.01
 
 
 class SafetyFilter(ABC):
@@ -90,10 +63,10 @@ class SafetyFilter(ABC):
 
     def phi(self, state: RelativeState) -> FloatArray:
         """Return the plain safety quantity of every constraint, >= 0 where safe, shape (R, C)."""
-        return columns([constraint.phi(state) for constraint in self.constraints.values()], len(state))
+        return as_columns([constraint.phi(state) for constraint in self.constraints.values()], len(state))
 
 
-def columns(parts: list[FloatArray], rows: int) -> FloatArray:
+def as_columns(parts: list[FloatArray], rows: int) -> FloatArray:
     """Return arrays of shape (R,) as the columns of one, shape (R, C)."""
     return np.stack(parts, axis=1) if parts else np.empty((rows, 0))
 
@@ -118,9 +91,9 @@ def checked(state: RelativeState, desired: FloatArray) -> FloatArray:
 
 
 def differs(control: FloatArray, desired: FloatArray) -> BoolArray:
-    """Return the rows that a filter changed by more than `INTERVENTION`, shape (R,)."""
+    """Return the rows that a filter changed by more than `INTERVENTION_THRESHOLD`, shape (R,)."""
     away = control - desired
-    changed: BoolArray = away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2 > INTERVENTION**2
+    changed: BoolArray = away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2 > INTERVENTION_THRESHOLD**2
     return changed
 
 

@@ -7,12 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from safe_inspect.rta.constraints.base import Constraint, Evaluation, RelativeState
+from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
+from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.probes import responds_to_thrust
-from safe_inspect.rta.constraints.sets import NAMES
-from safe_inspect.rta.filters.base import FilterResult, SafetyFilter, checked, columns, differs
+from safe_inspect.rta.filters.base import SafetyFilter, as_columns, checked, differs
+from safe_inspect.rta.filters.probes import responds_to_thrust
 from safe_inspect.rta.numerics.qp import solve_qp
+from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import FloatArray, IntArray
 
 #: Outside the safe set alpha is this many times as strong ...
@@ -85,11 +86,11 @@ class ContinuousFilter(SafetyFilter):
             infeasible=~solution.feasible,
             backup=np.zeros(len(state), np.bool_),
             active=active,
-            phi=columns([evaluation.phi for evaluation in evaluations], len(state)),
+            phi=as_columns([evaluation.phi for evaluation in evaluations], len(state)),
             names=self.names,
         )
 
-    def conditions(self, state: RelativeState, evaluations: list[Evaluation]) -> tuple[FloatArray, FloatArray]:
+    def conditions(self, state: RelativeState, evaluations: list[ConstraintValues]) -> tuple[FloatArray, FloatArray]:
         """Return the half-spaces rows . u >= bounds of the constraints [N], shapes (R, C, 3) and (R, C).
 
         The normals have unit length, but where a condition does not depend on the control.

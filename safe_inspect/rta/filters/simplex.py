@@ -11,10 +11,11 @@ import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.base import FilterResult, checked, differs
+from safe_inspect.rta.filters.base import checked, differs
+from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
 #: An ellipse whose angle about the chief leads or lags the sun cone's axis by this much stays out of a cone of 60 deg:

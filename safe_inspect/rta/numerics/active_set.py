@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.types import FloatArray
 
 #: A half-space counts as met within this distance.
-TOLERANCE = 1e-10
+_TOLERANCE = 1e-10
 #: A normal whose part outside the active ones is shorter than this, squared, depends on them.
 _DEPENDENT = 1e-14
 _STEPS = 20
@@ -56,7 +56,7 @@ def qp_workspace(variables: int) -> QPWorkspace:
     )  # fmt: skip
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def _split(p: QPWorkspace, active: int) -> float:
     """Write the part of the normal outside the active ones and its coefficients; return that part's square."""
     size = p.normal.shape[0]
@@ -83,7 +83,7 @@ def _split(p: QPWorkspace, active: int) -> float:
     return square
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def _append(p: QPWorkspace, active: int, square: float) -> None:
     """Make the normal an active one, after `_split`."""
     length = math.sqrt(square)
@@ -95,7 +95,7 @@ def _append(p: QPWorkspace, active: int, square: float) -> None:
     p.upper[active, active] = length
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def _remove(p: QPWorkspace, active: int, which: int) -> None:
     """Drop an active normal and build the basis anew; the normal that is being added is kept in place."""
     size = p.normal.shape[0]
@@ -122,7 +122,7 @@ def _remove(p: QPWorkspace, active: int, which: int) -> None:
             p.basis[j, k] = p.step[k] / length
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def nearest_joint(
     rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, out: FloatArray, p: QPWorkspace
 ) -> bool:  # fmt: skip
@@ -135,7 +135,7 @@ def nearest_joint(
         limit: Bound of each component.
         target: The point to be near to, shape (V,).
         out: Receives the point, shape (V,).
-        p: Room.
+        p: Workspace.
 
     Returns:
         False, and no meaning in `out`, where there is no such point.
@@ -145,17 +145,17 @@ def nearest_joint(
         out[k] = target[k]
     active = 0
     for _ in range(_STEPS * size):
-        short, pick = -TOLERANCE, -1
+        short, pick = -_TOLERANCE, -1
         for k in range(size):
-            room = limit - abs(out[k])
-            if room < short:
-                short, pick = room, 2 * k + (1 if out[k] > 0.0 else 0)
+            spare = limit - abs(out[k])
+            if spare < short:
+                short, pick = spare, 2 * k + (1 if out[k] > 0.0 else 0)
         for i in range(count):
-            room = -bounds[i]
+            spare = -bounds[i]
             for k in range(size):
-                room += rows[i, k] * out[k]
-            if room < short:
-                short, pick = room, 2 * size + i
+                spare += rows[i, k] * out[k]
+            if spare < short:
+                short, pick = spare, 2 * size + i
         if pick < 0:
             for k in range(size):
                 out[k] = min(max(out[k], -limit), limit)

@@ -9,14 +9,15 @@ start, and tells an empty polyhedron from the empty interval of the last line.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.types import BoolArray, FloatArray
 
 #: A half-space counts as met within this distance.
-TOLERANCE = 1e-11
+_TOLERANCE = 1e-11
 #: Planes whose unit normals differ by less than this are parallel.
 PARALLEL = 1e-10
 #: A row shorter than this does not depend on the control.
@@ -24,7 +25,22 @@ SHORTEST = 1e-12
 _HALVINGS = 60
 
 
+class ProjectionWorkspace(NamedTuple):
+    """Arrays that `nearest` overwrites: normals (M + 6, 3), offsets (M + 6,), lengths of the rows (M,), a point."""
+
+    a: FloatArray
+    c: FloatArray
+    size: FloatArray
+    point: FloatArray
+
+
 @njit(error_model="numpy")
+def projection_workspace(most: int) -> ProjectionWorkspace:
+    """Return a workspace for up to `most` half-spaces beside the box."""
+    return ProjectionWorkspace(np.empty((most + 6, 3)), np.empty(most + 6), np.empty(most), np.empty(3))
+
+
+@njit(**BORROWING)
 def _on_line(a: FloatArray, c: FloatArray, i: int, j: int, target: FloatArray, out: FloatArray) -> bool:
     """Minimise the distance to `target`, a point of plane i, on the line of planes i and j, under the rows before j."""
     dot = a[j, 0] * a[i, 0] + a[j, 1] * a[i, 1] + a[j, 2] * a[i, 2]
@@ -40,22 +56,22 @@ def _on_line(a: FloatArray, c: FloatArray, i: int, j: int, target: FloatArray, o
     low, high = -np.inf, np.inf
     for k in range(j):
         slope = a[k, 0] * dx + a[k, 1] * dy + a[k, 2] * dz
-        room = a[k, 0] * ox + a[k, 1] * oy + a[k, 2] * oz - c[k]
+        spare = a[k, 0] * ox + a[k, 1] * oy + a[k, 2] * oz - c[k]
         if abs(slope) < PARALLEL:
-            if room < -TOLERANCE:
+            if spare < -_TOLERANCE:
                 return False
         elif slope > 0.0:
-            low = max(low, -room / slope)
+            low = max(low, -spare / slope)
         else:
-            high = min(high, -room / slope)
-    if low > high + TOLERANCE:
+            high = min(high, -spare / slope)
+    if low > high + _TOLERANCE:
         return False
     step = min(max(0.0, low), high)
     out[0], out[1], out[2] = ox + step * dx, oy + step * dy, oz + step * dz
     return True
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def _on_plane(a: FloatArray, c: FloatArray, i: int, target: FloatArray, out: FloatArray, work: FloatArray) -> bool:
     """Minimise the distance to `target` on plane i, under the rows before it."""
     short = c[i] - (a[i, 0] * target[0] + a[i, 1] * target[1] + a[i, 2] * target[2])
@@ -63,14 +79,14 @@ def _on_plane(a: FloatArray, c: FloatArray, i: int, target: FloatArray, out: Flo
         work[axis] = target[axis] + short * a[i, axis]
         out[axis] = work[axis]
     for j in range(i):
-        if a[j, 0] * out[0] + a[j, 1] * out[1] + a[j, 2] * out[2] < c[j] - TOLERANCE and not _on_line(
+        if a[j, 0] * out[0] + a[j, 1] * out[1] + a[j, 2] * out[2] < c[j] - _TOLERANCE and not _on_line(
             a, c, i, j, work, out
         ):
             return False
     return True
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def project(a: FloatArray, c: FloatArray, rows: int, target: FloatArray, out: FloatArray, work: FloatArray) -> bool:
     """Write the point nearest to `target` with a u >= c; False, and no meaning in `out`, where there is none.
 
@@ -80,19 +96,19 @@ def project(a: FloatArray, c: FloatArray, rows: int, target: FloatArray, out: Fl
         rows: How many of them count.
         target: The point to be near to, shape (3,).
         out: Receives the nearest point, shape (3,).
-        work: Room for one point, shape (3,).
+        work: Workspace, shape (3,).
     """
     out[0], out[1], out[2] = target[0], target[1], target[2]
     for i in range(rows):
-        if a[i, 0] * out[0] + a[i, 1] * out[1] + a[i, 2] * out[2] < c[i] - TOLERANCE and not _on_plane(
+        if a[i, 0] * out[0] + a[i, 1] * out[1] + a[i, 2] * out[2] < c[i] - _TOLERANCE and not _on_plane(
             a, c, i, target, out, work
         ):
             return False
     return True
 
 
-@njit(error_model="numpy")
-def box(a: FloatArray, c: FloatArray, limit: float) -> None:
+@njit(**BORROWING)
+def write_box(a: FloatArray, c: FloatArray, limit: float) -> None:
     """Write |u_i| <= limit into the first six half-spaces."""
     for axis in range(3):
         for side in range(2):
@@ -102,10 +118,10 @@ def box(a: FloatArray, c: FloatArray, limit: float) -> None:
             c[row] = -limit
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def nearest(
     rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, settle: bool,
-    out: FloatArray, missed: BoolArray, a: FloatArray, c: FloatArray, size: FloatArray, work: FloatArray,
+    out: FloatArray, missed: BoolArray, p: ProjectionWorkspace,
 ) -> bool:  # fmt: skip
     """Write the control nearest to `target` with rows u >= bounds in the box, else the least-violating one.
 
@@ -118,32 +134,30 @@ def nearest(
         settle: True: where not all rows can be met, find the least-violating control; False: `out` has no meaning then.
         out: Receives the control, shape (3,).
         missed: Receives the rows that are broken, shape (M,).
-        a: Room for M + 6 normals.
-        c: Room for M + 6 offsets.
-        size: Room for the M lengths of the rows.
-        work: Room for one point.
+        p: Workspace.
 
     Returns:
         True where all rows can be met.
     """
-    box(a, c, limit)
+    a, c, size = p.a, p.c, p.size
+    write_box(a, c, limit)
     used, met = 6, True
     for i in range(count):
         missed[i] = False
         length = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)
         if length < SHORTEST:
-            missed[i] = bounds[i] > TOLERANCE
+            missed[i] = bounds[i] > _TOLERANCE
             met = met and not missed[i]
             continue
         a[used, 0], a[used, 1], a[used, 2] = rows[i, 0] / length, rows[i, 1] / length, rows[i, 2] / length
         c[used] = bounds[i] / length
         size[used - 6] = length
         used += 1
-    if not project(a, c, used, target, out, work):
+    if not project(a, c, used, target, out, p.point):
         met = False
         if not settle:
             return False
-        _least_violating(a, c, used, size, limit, target, out, work)
+        _least_violating(used, limit, target, out, p)
     if not met:
         for i in range(count):
             short = bounds[i] - (rows[i, 0] * out[0] + rows[i, 1] * out[1] + rows[i, 2] * out[2])
@@ -153,12 +167,12 @@ def nearest(
     return met
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def _least_violating(
-    a: FloatArray, c: FloatArray, used: int, size: FloatArray, limit: float,
-    target: FloatArray, out: FloatArray, work: FloatArray,
+    used: int, limit: float, target: FloatArray, out: FloatArray, p: ProjectionWorkspace
 ) -> None:  # fmt: skip
     """Bisect for the smallest violation that is enough for every row, then take the control nearest to the target."""
+    a, c, size, work = p.a, p.c, p.size, p.point
     high = 0.0
     for i in range(6, used):
         inside = 0.0
@@ -189,8 +203,6 @@ def solve_rows(
 ) -> None:  # fmt: skip
     """Solve one problem for each row of the batch; see `safe_inspect.rta.numerics.qp`."""
     count = rows.shape[1]
-    a, c, size, work = np.empty((count + 6, 3)), np.empty(count + 6), np.empty(count), np.empty(3)
+    p = projection_workspace(count)
     for i in range(desired.shape[0]):
-        feasible[i] = nearest(
-            rows[i], bounds[i], count, limit, desired[i], True, control[i], missed[i], a, c, size, work
-        )  # fmt: skip
+        feasible[i] = nearest(rows[i], bounds[i], count, limit, desired[i], True, control[i], missed[i], p)

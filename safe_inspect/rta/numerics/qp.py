@@ -28,13 +28,13 @@ class QPSolution:
 def solve_qp(desired: FloatArray, rows: FloatArray, bounds: FloatArray, limit: float) -> QPSolution:
     """Minimise |u - desired|^2 subject to rows . u >= bounds and |u_i| <= limit, for every problem of a batch.
 
-    Where no control meets every row, the answer is the least-violating admissible one: among the controls of the box
+    Where no control meets every row, the result is the least-violating admissible one: among the controls of the box
     that minimise the largest violation max_j (bounds_j - rows_j . u), in the units in which the rows are given, it is
     the one nearest to the desired control. A row shorter than 1e-12 does not depend on the control: it is met or
     violated whatever the control, and has no part in the choice.
 
     The method is exact (Seidel's incremental projection); half-spaces are met within 1e-11 of their distance. A
-    problem's answer depends on that problem alone.
+    problem's result depends on that problem alone.
 
     Args:
         desired: Desired controls, shape (R, 3).

@@ -30,7 +30,7 @@ class Initializer(Plugin):
         """Return the named states, each with R rows."""
 
 
-def _polar(radius: FloatArray, azimuth: FloatArray, elevation: FloatArray) -> FloatArray:
+def polar(radius: FloatArray, azimuth: FloatArray, elevation: FloatArray) -> FloatArray:
     """Return radius [cos(az) cos(el), sin(az) cos(el), sin(el)], shape (R, 3)."""
     horizontal = radius * np.cos(elevation)
     return np.stack((horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), radius * np.sin(elevation)), axis=-1)
@@ -59,8 +59,8 @@ class CWH3DRadialWithSunInitializer(Initializer):
     def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
         """Return the states of the drawn polar values."""
         return {
-            "position": _polar(values["radius"], values["azimuth_angle"], values["elevation_angle"]),
-            "velocity": _polar(values["vel_mag"], values["vel_azimuth_angle"], values["vel_elevation_angle"]),
+            "position": polar(values["radius"], values["azimuth_angle"], values["elevation_angle"]),
+            "velocity": polar(values["vel_mag"], values["vel_azimuth_angle"], values["vel_elevation_angle"]),
             "sun_angle": values["sun_angle"],
         }
 

@@ -1,4 +1,4 @@
-"""How an episode begins: reset parameters, the deputies' initialisers, the other bodies and the sun."""
+"""Initial states: reset parameters, the deputies' initialisers, the other bodies and the sun."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class EnvironmentDraw(NamedTuple):
 
 @dataclass(frozen=True)
 class ResetPlan:
-    """How every episode begins.
+    """What initial states are drawn from.
 
     A reset parameter that gives the states of a body is drawn for each deputy that takes it: the first has the draw
     itself, the others draws of their own, in which only what is the environment's (such as the sun's angle) stays. A
@@ -61,7 +61,7 @@ class ResetPlan:
         deputies: Initial state of each deputy, by platform.
         entities: Initial state of each other body, by name.
         environment: What is drawn for components, such as ``sun_angle``.
-        separation: Smallest distance of two deputies at the beginning [m].
+        separation: Smallest distance of two deputies in an initial state [m].
         tests: Further tests of the states of a deputy against those of the deputies before it.
     """
 
@@ -73,7 +73,7 @@ class ResetPlan:
     tests: tuple[TeamTest, ...] = ()
 
     def draw(self, streams: Streams) -> tuple[dict[str, dict[str, FloatArray]], dict[str, Value]]:
-        """Draw the beginning of R episodes.
+        """Draw the initial states of R episodes.
 
         Returns:
             The states of every body by name; and the reset parameters with what the components draw, by name.
@@ -145,8 +145,8 @@ class ResetPlan:
         if near.any():
             names = list(self.deputies)
             raise InitialStateError(
-                f"{names[index]} begins closer than {self.separation:g} m to {' or '.join(names[:index])} in "
-                f"{int(near.sum())} of {len(near)} environments; give each deputy a beginning of its own"
+                f"{names[index]} starts closer than {self.separation:g} m to {' or '.join(names[:index])} in "
+                f"{int(near.sum())} of {len(near)} environments; give each deputy an initial state of its own"
             )
 
 

@@ -78,9 +78,9 @@ class DeltaVScale:
             return
         due: BoolArray = self._steps >= schedule.steps_until_update
         mean = self._sum / np.maximum(self._episodes, 1)
-        told = due & (self._episodes > 0)
+        adapts = due & (self._episodes > 0)
         low, high = schedule.fractions
-        direction = (told & (mean >= high)).astype(np.float64) - (told & (mean <= low))
+        direction = (adapts & (mean >= high)).astype(np.float64) - (adapts & (mean <= low))
         np.clip(self.scale + direction * schedule.change, *schedule.bounds, out=self.scale)
         for counter in (self._steps, self._sum, self._episodes):
             counter[due] = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -29,12 +29,15 @@ class FuelPriceSchedule(Component):
         delta_v_scale_step: Change of the scale at an update.
         inspected_points_update_bounds: The scale moves back when the mean inspected fraction at the end of an
             episode is at most the first, and on when it is at least the second.
+        delta_v_updater_criteria: What moves the scale: ``count``, the inspected fraction of the points, or ``score``,
+            the summed weight of the inspected points.
     """
 
     steps_until_update: int = Field(default=1500, ge=1)
     delta_v_scale_bounds: tuple[float, float] = (-0.1, -0.001)
     delta_v_scale_step: float = -0.00005
     inspected_points_update_bounds: tuple[float, float] = (0.8, 0.9)
+    delta_v_updater_criteria: Literal["count", "score"] = "count"
 
     @model_validator(mode="after")
     def _consistent(self) -> FuelPriceSchedule:
@@ -51,7 +54,7 @@ class FuelPriceSchedule(Component):
             steps_until_update=self.steps_until_update,
             fractions=self.inspected_points_update_bounds,
         )
-        return _RunningSchedule(schedule, world, num_envs)
+        return _RunningSchedule(schedule, world, num_envs, self.delta_v_updater_criteria == "score")
 
 
 def check_interval(field: str, low: float, high: float) -> None:
@@ -67,8 +70,8 @@ def check_interval(field: str, low: float, high: float) -> None:
 class _RunningSchedule(RunningComponent):
     arrays = {_SCALE: ArraySpec(())}  # noqa: RUF012 - never written
 
-    def __init__(self, schedule: DeltaVSchedule, world: World, num_envs: int) -> None:
-        self._schedule, self._num_envs = schedule, num_envs
+    def __init__(self, schedule: DeltaVSchedule, world: World, num_envs: int, by_score: bool) -> None:
+        self._schedule, self._num_envs, self._by_score = schedule, num_envs, by_score
         self._points = next(iter(world.offers.world.get("points", {}).values()), None)
         self._scale = DeltaVScale(schedule, num_envs)
 
@@ -81,7 +84,9 @@ class _RunningSchedule(RunningComponent):
 
     def end(self, state: State, rows: IntArray) -> None:
         if self._points is not None:
-            self._scale.end_episodes(rows, state.points[self._points.entity].team_count[rows] / self._points.num_points)
+            points = state.points[self._points.entity]
+            found = points.team_score[rows] if self._by_score else points.team_count[rows] / self._points.num_points
+            self._scale.end_episodes(rows, found)
 
     def restart(self) -> None:
         self._scale = DeltaVScale(self._schedule, self._num_envs)

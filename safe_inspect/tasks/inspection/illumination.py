@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from safe_inspect.geometry.light import Light, binary_light, phong_light
+from safe_inspect.geometry.light import Colour, Light, binary_light, phong_light
 from safe_inspect.units import Length, NonNegativeLength, PositiveAngularRate
-
-Colour = tuple[float, float, float]
 
 
 class LightProperties(BaseModel):

@@ -9,20 +9,24 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from safe_inspect.geometry.inspection_kernels import Scores, inspect_body
 from safe_inspect.geometry.light import full_light
-from safe_inspect.geometry.looking import inspect_body
 from safe_inspect.geometry.sphere import sphere_points
+from safe_inspect.geometry.visibility import Credit
 from safe_inspect.simulators.component import Component, RunningComponent
+from safe_inspect.simulators.offers import OfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points_model import PointsModel
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsOf
-from safe_inspect.types import AnyArray, BoolArray
+from safe_inspect.types import AnyArray, ArraySpec, BoolArray
 from safe_inspect.units import Angle, PositiveLength
 
 #: The reset parameters that give the priority vector.
 _AZIMUTH, _ELEVATION = "priority_vector_azimuth_angle", "priority_vector_elevation_angle"
+#: The array of the priority vector.
+PRIORITY = "priority_vector"
 
 
 class SpherePoints(BaseModel):
@@ -44,7 +48,8 @@ class SpherePoints(BaseModel):
 class InspectionPoints(Component):
     """Points on bodies, inspected for good once a deputy's camera sees them lit, credited to the first in agent order.
 
-    Arrays: ``state.points[body]``, see `PointsModel.arrays`. Views offer ``points(body)``, a `PointsView`.
+    Arrays: ``state.points[body]``, see `PointsModel.arrays`, and ``priority_vector`` [-], shape (N, 3), zeros where
+    there is none. Views offer ``points(body)``, a `PointsView`.
     The component ``Sun`` stands before it. Where a reset gives a priority vector, the points are weighted by their
     angle from the direction opposite to it.
 
@@ -52,6 +57,7 @@ class InspectionPoints(Component):
         inspection_points_map: Points by the body that carries them.
         illumination_params: The sun's light; None: every point is lit at all times.
         field_of_view: Full angle of the camera's cone about the line to the body's centre [rad].
+        report_score: Whether infos and tables have the summed weight of the inspected points too.
     """
 
     parameters: ClassVar[Mapping[str, str]] = {_AZIMUTH: "rad", _ELEVATION: "rad"}
@@ -59,6 +65,7 @@ class InspectionPoints(Component):
     inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
     illumination_params: IlluminationParams | None = IlluminationParams()
     field_of_view: Angle = math.pi
+    report_score: bool = False
 
     @field_validator("field_of_view")
     @classmethod
@@ -83,7 +90,7 @@ class InspectionPoints(Component):
             )
             for name, points in self.inspection_points_map.items()
         }
-        return _RunningPoints(models, world.num_deputies, self.field_of_view)
+        return _RunningPoints(models, world.num_deputies, self.field_of_view, self.report_score)
 
 
 def check_field_of_view(angle: float) -> float:
@@ -98,11 +105,22 @@ def check_field_of_view(angle: float) -> float:
 
 
 class _RunningPoints(RunningComponent):
-    def __init__(self, models: Mapping[str, PointsModel], num_deputies: int, field_of_view: float) -> None:
-        self._models, self._num_deputies = models, num_deputies
+    figures = {  # noqa: RUF012 - never written
+        "inspected_count": ("inspected points", "points"),
+        "inspected_fraction": ("inspected fraction", "-"),
+        "own_inspected_count": ("inspected first", "points"),
+        "inspected_score": ("score", "-"),
+        "own_inspected_score": ("score of those", "-"),
+    }
+
+    def __init__(
+        self, models: Mapping[str, PointsModel], num_deputies: int, field_of_view: float, report_score: bool
+    ) -> None:
+        self._models, self._num_deputies, self._report_score = models, num_deputies, report_score
         self._cos_half_fov = -1.0 if field_of_view >= math.pi else math.cos(field_of_view / 2.0)
         self._active = np.ones((0, num_deputies), dtype=np.bool_)
         self.arrays = {name: spec for model in models.values() for name, spec in model.arrays(num_deputies).items()}
+        self.arrays[PRIORITY] = ArraySpec((3,))
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
         self._weigh(state, values)
@@ -115,7 +133,7 @@ class _RunningPoints(RunningComponent):
         return {"points": self._models}
 
     def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {"points": PointsOf}
+        return {"points": PointsOf, PRIORITY: OfView(PRIORITY)}
 
     def of_step(self) -> Mapping[str, Callable[[Any], Any]]:
         return {"new_points": NewPoints}
@@ -126,11 +144,20 @@ class _RunningPoints(RunningComponent):
             points = view.state.points[model.entity]
             found["inspected_count"] = found.get("inspected_count", 0) + view.per_environment(points.team_count)
             found["own_inspected_count"] = found.get("own_inspected_count", 0) + view.per_agent(points.own_count)
+            if self._report_score:  # of several bodies: the mean
+                share = 1.0 / len(self._models)
+                team, own = view.per_environment(points.team_score), view.per_agent(points.own_score)
+                found["inspected_score"] = found.get("inspected_score", 0.0) + share * team
+                found["own_inspected_score"] = found.get("own_inspected_score", 0.0) + share * own
         return self._with_fraction(found)
 
     def team_info(self, team: Any) -> dict[str, AnyArray]:
         counts = [team.state.points[model.entity].team_count for model in self._models.values()]
-        return self._with_fraction({"inspected_count": sum(counts[1:], counts[0].copy())} if counts else {})
+        found = {"inspected_count": sum(counts[1:], counts[0].copy())} if counts else {}
+        if self._report_score and counts:
+            scores = [team.state.points[model.entity].team_score for model in self._models.values()]
+            found["inspected_score"] = sum(scores[1:], scores[0].copy()) / len(scores)
+        return self._with_fraction(found)
 
     def shared_state(self, team: Any) -> tuple[AnyArray, ...]:
         return tuple(team.state.points[model.entity].inspector >= 0 for model in self._models.values())
@@ -144,20 +171,20 @@ class _RunningPoints(RunningComponent):
         if len(self._active) < state.num_envs:
             self._active = np.ones((state.num_envs, self._num_deputies), dtype=np.bool_)
         for model in self._models.values():
-            points = state.points[model.entity]
-            inspect_body(
-                state.position,
-                model.body,
-                state["sun_direction"],
-                model.points,
-                model.radius,
-                self._cos_half_fov,
-                model.light,
-                self._active[: state.num_envs],
-                points.inspector,
-                points.team_count,
-                points.own_count,
-            )
+            call, arguments = state.bound.get(("inspect", model.entity)) or self._bind(state, model)
+            call(*arguments)
+
+    def _bind(self, state: State, model: PointsModel) -> tuple[Any, tuple[Any, ...]]:
+        points = state.points[model.entity]
+        credit = Credit(points.inspector, points.team_count, points.own_count)
+        scores = Scores(points.weights, points.team_score, points.own_score)
+        active = self._active[: state.num_envs]
+        sun = state["sun_direction"]
+        found = state.bound["inspect", model.entity] = (
+            inspect_body.dispatcher,
+            (state.position, model.body, sun, model.surface, self._cos_half_fov, active, credit, scores),
+        )
+        return found
 
     def _weigh(self, state: State, values: Mapping[str, Any]) -> None:
         """Weigh the points by their angle from the direction opposite to the priority vector, if there is one."""
@@ -169,6 +196,7 @@ class _RunningPoints(RunningComponent):
         priority = np.stack(
             (np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)), axis=-1
         )
+        state[PRIORITY][...] = priority
         for model in self._models.values():
             normals = model.points / model.radius
             cosine = -(priority[:, None, 0] * normals[:, 0] + priority[:, None, 1] * normals[:, 1])

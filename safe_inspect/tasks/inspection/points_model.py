@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from safe_inspect.geometry.light import Light
-from safe_inspect.geometry.visibility import lit, lit_and_uninspected
+from safe_inspect.geometry.visibility import Surface, lit, lit_and_uninspected
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 
 
@@ -30,6 +31,11 @@ class PointsModel:
     radius: float
     light: Light
 
+    @cached_property
+    def surface(self) -> Surface:
+        """Points, radius and light in the form that the compiled kernels take."""
+        return Surface(self.points, self.radius, self.light)
+
     @property
     def num_points(self) -> int:
         """Number of points, P."""
@@ -42,12 +48,16 @@ class PointsModel:
         ``team_count``: points inspected by all deputies, shape (N,).
         ``own_count``: points first inspected by each deputy, shape (N, D).
         ``weights``: weight of each point, each row sums to 1, shape (N, P).
+        ``team_score``: summed weight of the points inspected by all deputies, shape (N,).
+        ``own_score``: summed weight of the points first inspected by each deputy, shape (N, D).
         """
         count = self.num_points
         specs = {
             "inspector": ArraySpec((count,), np.int8, -1),
             "team_count": ArraySpec((), np.int64),
             "own_count": ArraySpec((num_deputies,), np.int64),
+            "team_score": ArraySpec(()),
+            "own_score": ArraySpec((num_deputies,)),
             "weights": ArraySpec((count,), np.float64, 1.0 / count, constant=True),
         }
         return {f"points/{self.entity}/{name}": spec for name, spec in specs.items()}

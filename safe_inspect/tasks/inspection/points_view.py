@@ -58,10 +58,16 @@ class PointsView:
         """Weight of each point, rows sum to 1, shape (R, P)."""
         return self._view.per_environment(self._state.weights)
 
-    @cached_property
+    @property
     def inspected_weight(self) -> FloatArray:
-        """Summed weight of the inspected points, 0 to 1, shape (R,)."""
-        return read_only(np.asarray(np.where(self.inspected, self.weights, 0.0).sum(axis=-1)))
+        """Summed weight of the points that the team has inspected, 0 to 1, shape (R,)."""
+        return self._view.per_environment(self._state.team_score)
+
+    def score_of(self, platform: str | None = None) -> FloatArray:
+        """Return the summed weight of the points first inspected by one deputy (the own by default), shape (R,)."""
+        if platform is None:
+            return self._view.per_agent(self._state.own_score)
+        return self._view.per_environment(self._state.own_score[:, self._view.world.bodies[platform]])
 
     @cached_property
     def lit(self) -> BoolArray:

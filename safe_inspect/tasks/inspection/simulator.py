@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 from pydantic import Field, model_validator
 
@@ -33,6 +34,8 @@ class InspectionSimulator(Simulator):
         delta_v_scale_step: Change of the scale at an update.
         inspected_points_update_bounds: The scale moves back when the mean inspected fraction at the end of an
             episode is at most the first, and on when it is at least the second.
+        delta_v_updater_criteria: What moves the scale: ``count``, the inspected fraction of the points, or ``score``,
+            the summed weight of the inspected points, which infos and tables then have too.
     """
 
     inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
@@ -43,6 +46,7 @@ class InspectionSimulator(Simulator):
     delta_v_scale_bounds: tuple[float, float] = (-0.1, -0.001)
     delta_v_scale_step: float = -0.00005
     inspected_points_update_bounds: tuple[float, float] = (0.8, 0.9)
+    delta_v_updater_criteria: Literal["count", "score"] = "count"
 
     @model_validator(mode="after")
     def _consistent(self) -> InspectionSimulator:
@@ -60,11 +64,13 @@ class InspectionSimulator(Simulator):
                 inspection_points_map=self.inspection_points_map,
                 illumination_params=light,
                 field_of_view=self.field_of_view,
+                report_score=self.delta_v_updater_criteria == "score",
             ),
             FuelPriceSchedule(
                 steps_until_update=self.steps_until_update,
                 delta_v_scale_bounds=self.delta_v_scale_bounds,
                 delta_v_scale_step=self.delta_v_scale_step,
                 inspected_points_update_bounds=self.inspected_points_update_bounds,
+                delta_v_updater_criteria=self.delta_v_updater_criteria,
             ),
         )

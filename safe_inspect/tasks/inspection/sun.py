@@ -44,6 +44,7 @@ class Sun(Component):
 
 class _RunningSun(RunningComponent):
     arrays = {"sun_angle": ArraySpec(()), "sun_direction": ArraySpec((3,))}  # noqa: RUF012 - never written
+    recorded = ("sun_angle",)
 
     def __init__(self, rate: float, step_size: float) -> None:
         self._rate, self._turn = rate, rate * step_size
@@ -53,7 +54,11 @@ class _RunningSun(RunningComponent):
         turn_sun(0.0, state["sun_angle"], state["sun_direction"])
 
     def step(self, state: State, running: BoolArray) -> None:
-        turn_sun(self._turn, state["sun_angle"], state["sun_direction"])
+        bound = state.bound.get("sun")
+        if bound is None:
+            arguments = self._turn, state["sun_angle"], state["sun_direction"]
+            bound = state.bound["sun"] = turn_sun.dispatcher, arguments
+        bound[0](*bound[1])
 
     def of_world(self) -> Mapping[str, Any]:
         return {"sun_rate": self._rate}

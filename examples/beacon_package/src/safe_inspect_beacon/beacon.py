@@ -33,6 +33,8 @@ class MovingBeacon(Component):
 
 class _RunningBeacon(RunningComponent):
     arrays = {"beacon_angle": ArraySpec(()), "beacon_position": ArraySpec((3,))}  # noqa: RUF012 - never written
+    recorded = ("beacon_angle",)
+    figures = {"beacon_distance": ("beacon distance", "m")}  # noqa: RUF012 - never written
 
     def __init__(self, radius, turn):
         self._radius, self._turn = radius, turn

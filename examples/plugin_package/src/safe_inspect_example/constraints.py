@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from safe_inspect.rta.constraints import ConstraintParameters, Evaluation
+from safe_inspect.rta.constraints import ConstraintParameters, ConstraintValues
 from safe_inspect.rta.constraints.base import Constraint
 from safe_inspect.units import quantity
 
@@ -45,7 +45,7 @@ class Wall(Constraint):
         """Return phi [m], h [m/s] and the derivatives of h."""
         n = np.array(self.normal)
         phi = self.offset - (state.position * n).sum(axis=1)
-        out = Evaluation.zeros(len(state))
+        out = ConstraintValues.zeros(len(state))
         out.phi[:] = phi
         out.h[:] = np.sign(phi) * np.sqrt(2.0 * self.max_acceleration * np.abs(phi)) - (state.velocity * n).sum(axis=1)
         slope = self.max_acceleration / np.sqrt(2.0 * self.max_acceleration * np.maximum(np.abs(phi), _FLOOR))

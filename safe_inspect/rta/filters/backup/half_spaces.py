@@ -1,9 +1,9 @@
 """Constraints that are given by a half-space at each state, compiled; `Constraint.half_space` documents them.
 
 The filter certifies such a constraint over a cell of an arc by the half-space d.x >= need at the cell's middle. All of
-it is safe, and f = d.x along the motion is certified from its values at the cell's ends as in `arcs`, with the same
-bounds of its second derivative. So no bound of the constraint itself is asked for, and any number of them, of any
-package, run in the machine code of this one: kernels are called by address.
+it is safe, and f = d.x along the motion is certified from its values at the cell's ends as in `constraints.rows`, with
+the same bounds of its second derivative. So no bound of the constraint itself is asked for, and any number of them, of
+any package, run in the machine code of this one: kernels are called by address.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.base import HalfSpace
-from safe_inspect.rta.filters.backup.arcs import SAFE, acceleration_at, lowest
-from safe_inspect.rta.filters.backup.model import FINEST, FURTHER, INNER, ORBIT_CELLS, Model
+from safe_inspect.rta.constraints.rows import INNER, ArcCell, Margins, lowest
+from safe_inspect.rta.filters.backup.model import FINEST, FURTHER, ORBIT_CELLS, FilterModel
+from safe_inspect.rta.filters.backup.sequences import SAFE
 
 #: Numba's helpers for machine code, which have no types.
 cgutils: Any = numba.core.cgutils
@@ -71,7 +72,7 @@ def _call(context: Any, table: Any, j: Any, x: Any) -> Any:
 
 
 @njit(**INNER)
-def half_space(m: Model, code: int, x: RowState) -> _Half:
+def half_space(m: FilterModel, code: int, x: RowState) -> _Half:
     """Return the direction d and the need of a further constraint at a state, d.x >= need where it is met.
 
     The part of d for positions has unit length, or where d has no such part that for velocities.
@@ -96,14 +97,14 @@ def sizes(h: _Half) -> tuple[float, float]:
 
 
 @njit(**INNER)
-def needed(h: _Half, length: float, speed: float) -> float:
+def needed(h: _Half, margins: Margins) -> float:
     """Return the need with margins of positions [m] and velocities [m/s]."""
     position, velocity = sizes(h)
-    return h[6] + position * length + velocity * speed
+    return h[6] + position * margins.length + velocity * margins.speed
 
 
 @njit(**INNER)
-def further_slack(m: Model, code: int, x: RowState) -> float:
+def further_slack(m: FilterModel, code: int, x: RowState) -> float:
     """Return how far a further constraint is from broken, in metres; speeds count as the range of a motion so fast."""
     h = half_space(m, code, x)
     position, velocity = sizes(h)
@@ -111,29 +112,22 @@ def further_slack(m: Model, code: int, x: RowState) -> float:
 
 
 @njit(**INNER)
-def further_broken(m: Model, x: RowState, length: float, speed: float) -> int:
+def further_broken(m: FilterModel, x: RowState, margins: Margins) -> int:
     """Return the code of a further constraint that is not met at a state with those margins; SAFE if all are."""
     for code in range(FURTHER, FURTHER + m.further):
         h = half_space(m, code, x)
-        if not along(h, x) >= needed(h, length, speed):
+        if not along(h, x) >= needed(h, margins):
             return code
     return SAFE
 
 
 @njit(**INNER)
-def further_uncertain(
-    m: Model, a: RowState, b: RowState, w: tuple[float, float, float], span: float, length: float, speed: float
-) -> int:
-    """Return the code of a further constraint that a cell's ends cannot certify; SAFE if all are. See `uncertain`."""
-    ax, ay, az = acceleration_at(m.n, a, w)
-    bx, by, bz = acceleration_at(m.n, b, w)
-    fastest = math.sqrt(
-        max(a[3] * a[3] + a[4] * a[4] + a[5] * a[5], b[3] * b[3] + b[4] * b[4] + b[5] * b[5])
-    )  # fmt: skip
-    hardest = math.sqrt(max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz))
-    eighth = 0.125 * span * span
-    k = m.n * m.n * eighth
-    s = (fastest + hardest / m.n) / (1.0 - 9.0 * k)
+def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
+    """Return the code of a further constraint that a cell's ends cannot certify; SAFE if all are."""
+    a, b = cell.a.state, cell.b.state
+    ax, ay, az = cell.acceleration_a
+    bx, by, bz = cell.acceleration_b
+    eighth, k, reach = cell.eighth, cell.k, cell.reach
     middle = (
         0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]),
         0.5 * (a[3] + b[3]), 0.5 * (a[4] + b[4]), 0.5 * (a[5] + b[5]),
@@ -142,14 +136,14 @@ def further_uncertain(
         h = half_space(m, code, middle)
         position, velocity = sizes(h)
         curve = max(h[0] * ax + h[1] * ay + h[2] * az, h[0] * bx + h[1] * by + h[2] * bz)
-        dip = max(0.0, eighth * curve + 6.0 * k * k * s * position / m.n + 3.0 * k * s * velocity)
-        if not lowest(along(h, a), along(h, b), dip) >= needed(h, length, speed):
+        dip = max(0.0, eighth * curve + 6.0 * k * k * reach * position / m.n + 3.0 * k * reach * velocity)
+        if not lowest(along(h, a), along(h, b), dip) >= needed(h, margins):
             return code
     return SAFE
 
 
 @njit(**INNER)
-def further_closed_motion(m: Model, x: RowState, length: float, speed: float) -> int:
+def further_closed_motion(m: FilterModel, x: RowState, margins: Margins) -> int:
     """Return a further constraint that the drift-free motion from x breaks within an orbit, or SAFE.
 
     With the bounds of `closed_motion`: in the angle of the orbit the second derivative of the position is
@@ -165,7 +159,7 @@ def further_closed_motion(m: Model, x: RowState, length: float, speed: float) ->
             angle = end * (2.0 * math.pi / FINEST)
             b = closed_motion_state(m.n, x, math.cos(angle), math.sin(angle))
             h = half_space(m, code, b)
-            if not along(h, b) >= needed(h, length, speed):
+            if not along(h, b) >= needed(h, margins):
                 return code
             middle = (
                 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]),
@@ -176,7 +170,7 @@ def further_closed_motion(m: Model, x: RowState, length: float, speed: float) ->
             k = 0.125 * ((end - place) * (2.0 * math.pi / FINEST)) ** 2
             lower = min(h[0] * a[0] + h[1] * a[1] + h[2] * a[2], h[0] * b[0] + h[1] * b[1] + h[2] * b[2])
             dip = max(0.0, k * (h[1] * centre - lower) + k * rho * (k * position + m.n * velocity))
-            if lowest(along(h, a), along(h, b), dip) >= needed(h, length, speed):
+            if lowest(along(h, a), along(h, b), dip) >= needed(h, margins):
                 a, place, span = b, end, min(2 * span, FINEST // ORBIT_CELLS)
             elif span > 1:
                 span //= 2

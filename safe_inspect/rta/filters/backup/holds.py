@@ -4,65 +4,66 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.backup.arcs import SAFE, broken_at, held, turned, uncertain
+from safe_inspect.rta.constraints.certified import PSM
+from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle, node
+from safe_inspect.rta.filters.backup.arcs import arc_cell, held, turned
 from safe_inspect.rta.filters.backup.half_spaces import further_broken, further_uncertain
-from safe_inspect.rta.filters.backup.model import HOLD_PIECES, PSM, Model
+from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
+from safe_inspect.rta.filters.backup.sequences import SAFE, broken_at, uncertain
 from safe_inspect.types import FloatArray, IntArray
 
 _MOST_CELLS = 2000
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def hold(
-    m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, length: float, speed: float,
-    work: IntArray, where: IntArray,
+    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, margins: Margins, work: IntArray, where: IntArray
 ) -> int:  # fmt: skip
     """Return a constraint that the hold of u from x may break, or SAFE.
 
     Args:
         m: The task.
-        x: The state at the beginning.
+        x: The initial state.
         sun: Cosine and sine of the sun angle there.
         u: The thrust [N], shape (3,).
-        length: Margin of the ranges and the sun cone [m].
-        speed: Margin of the speeds [m/s].
-        work: Room, shape (64, 4).
+        margins: Margins of the constraints.
+        work: Workspace, shape (64, 4).
         where: Receives the piece of the hold, and the entry of the coasting table, where it may be broken.
     """
     where[1] = 0
     w = (u[0] / m.mass, u[1] / m.mass, u[2] / m.mass)
-    a, sun_a, time, top = x, sun, 0, 0
+    a, time, top = node(x, sun), 0, 0
     work[0, 0] = HOLD_PIECES
     while top >= 0:
         end = work[top, 0]
-        b, sun_b = held(m, x, u, end), turned(sun, m.hold_sun[end, 0], m.hold_sun[end, 1])
+        b = node(held(m, x, u, end), turned(sun, m.hold_sun[end, 0], m.hold_sun[end, 1]))
         where[0] = end
-        code = broken_at(m, m.near, b, sun_b, length, speed)
+        code = broken_at(m.constraints, b, margins)
         if code == SAFE and m.further:
-            code = further_broken(m, b, length, speed)
+            code = further_broken(m, b.state, margins)
         if code != SAFE:
-            return code
-        span = (end - time) * (m.dt / HOLD_PIECES)
-        code = uncertain(m, m.near, a, b, sun_a, sun_b, w, span, length, speed)
+            return int(code)
+        cell = arc_cell(m.n, a, b, w, (end - time) * (m.dt / HOLD_PIECES))
+        code = uncertain(m.constraints, cell, margins)
         if code == SAFE and m.further:
-            code = further_uncertain(m, a, b, w, span, length, speed)
+            code = further_uncertain(m, cell, margins)
         if code == SAFE:
-            a, sun_a, time = b, sun_b, end
+            a, time = b, end
             top -= 1
             continue
         if end - time <= 1:
-            return code
+            return int(code)
         top += 1
         work[top, 0] = time + (end - time) // 2
-    if m.near_psm > 0.0 and not _coasting(m, x, u, length, work, where):
+    if m.near_psm > 0.0 and not _coasting(m, x, u, margins.length, work, where):
         return PSM
     return SAFE
 
 
-@njit(error_model="numpy")
-def coasted(m: Model, x: RowState, u: FloatArray, k: int, j: int) -> tuple[float, float, float]:
+@njit(**INNER)
+def coasted(m: FilterModel, x: RowState, u: FloatArray, k: int, j: int) -> tuple[float, float, float]:
     """Return the position after the thrust u for k / 256 of a hold and coasting to entry j of the horizon [m]."""
     b, phi = held(m, x, u, k), m.coast[j]
     return (
@@ -72,15 +73,15 @@ def coasted(m: Model, x: RowState, u: FloatArray, k: int, j: int) -> tuple[float
     )
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _remains(dip: float, one: float, other: float) -> float:
     """Return what remains of a dip below a chord that rises by something between the two numbers; see `lowest`."""
     rise = min(abs(one), abs(other)) if one * other > 0.0 else 0.0
     return 0.0 if rise >= 4.0 * dip else dip * (1.0 - 0.25 * rise / dip) ** 2
 
 
-@njit(error_model="numpy")
-def _coasting(m: Model, x: RowState, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
+@njit(**INNER)
+def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
     """Is the range above the radius for every moment of the hold and every moment of coasting from it?
 
     The position is a smooth function P(t, s) of the thrust's time t and the coasting time s. On a rectangle e.P is

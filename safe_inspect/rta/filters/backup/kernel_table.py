@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.rta.constraints.base import Constraint
-from safe_inspect.rta.filters.backup.model import Model
+from safe_inspect.rta.filters.backup.model import FilterModel
 from safe_inspect.rta.filters.base import compiled
 from safe_inspect.types import FloatArray, IntArray
 
@@ -30,7 +30,7 @@ class KernelTable:
         """Leave out of pickles the addresses, which hold in one process only."""
         return {**self.__dict__, "_table": None, "_parameters": []}
 
-    def into(self, model: Model) -> Model:
+    def into(self, model: FilterModel) -> FilterModel:
         """Return a model with the constraints of this table, which must outlive it.
 
         Raises:

@@ -9,19 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
+from safe_inspect.rta.constraints.certified import CERTIFIED, NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.types import FloatArray
 
-#: The constraints that the backup filter has bounds of its own for; the index of a name is its code in compiled rows.
-KNOWN = NAMES
-COLLISION, REL_VEL, SUN, R_MAX, PSM, X_VEL, Y_VEL, Z_VEL = range(8)
 #: Code of the first further constraint; see `half_spaces`.
-FURTHER = len(KNOWN)
+FURTHER = len(CERTIFIED)
 #: Bit of what keeps pairs of deputies apart; their passive safety has the next. The bits of codes end before it.
 PAIR_BIT = 60
-#: Options of compiled functions that only compiled ones call: without a wrapper for Python they compile sooner.
-INNER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 #: Finest pieces of a hold.
 HOLD_PIECES = 256
 #: Cells into which an orbit is cut before any refinement.
@@ -34,7 +29,7 @@ _COAST_ANGLE = 0.2
 _COAST_PIECES = 64
 
 
-class Model(NamedTuple):
+class FilterModel(NamedTuple):
     """Numbers (SI) and tables of one task.
 
     Attributes:
@@ -42,16 +37,9 @@ class Model(NamedTuple):
         mass: Mass [kg].
         u_max: Largest thrust of each axis [N].
         dt: Length of a hold [s].
-        near: Collision radius [m]; minus infinity where the range has no lower bound.
+        constraints: The numbers of each constraint of `CERTIFIED`; see `Constraint.row_numbers`.
+        active: The bits of those that count, and of all further ones.
         near_psm: Radius that coasting must miss [m]; minus infinity where coasting is not bounded.
-        v0: Speed limit at `d0` [m/s]; infinite where there is none.
-        d0: Range of the speed limit `v0` [m].
-        v1: Slope of the speed limit [1/s].
-        cos_b: Cosine of the sun cone's half angle.
-        sin_b: Sine of the sun cone's half angle.
-        sun: True where the sun cone is forbidden.
-        far: Largest range [m], or infinity.
-        limit: Largest speed of each axis [m/s], or infinity, shape (3,).
         stretch: Largest gains of coasting over the horizon: position to position, velocity to position [s],
             velocity to velocity of accelerations [-] and of jerks [1/s], shape (4,).
         hold_phi: Transition matrices to the times k dt / 256, shape (257, 6, 6).
@@ -71,16 +59,9 @@ class Model(NamedTuple):
     mass: float
     u_max: float
     dt: float
-    near: float
+    constraints: tuple[Any, ...]
+    active: int
     near_psm: float
-    v0: float
-    d0: float
-    v1: float
-    cos_b: float
-    sin_b: float
-    sun: bool
-    far: float
-    limit: FloatArray
     stretch: FloatArray
     hold_phi: FloatArray
     hold_gamma: FloatArray
@@ -94,12 +75,12 @@ class Model(NamedTuple):
     kernels: int
 
 
-def build_model(parameters: ConstraintParameters, names: Iterable[str] = KNOWN) -> Model:
+def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) -> FilterModel:
     """Return the numbers and tables of a task.
 
     Args:
         parameters: The task's parameters.
-        names: The constraints that count, of `KNOWN`.
+        names: The constraints that count, of `CERTIFIED`.
     """
     chosen = set(names)
     p = parameters
@@ -116,14 +97,11 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = KNOWN) 
     gamma = holds[-1][1]
     closing = np.array(gamma[3:], dtype=np.float64)
     closing[1] += 2.0 * n * gamma[0]  # the drift v_y + 2 n x after the hold
-    return Model(
+    return FilterModel(
         n=n, mass=float(p.m), u_max=float(p.u_max), dt=dt,
-        near=float(p.collision_radius) if "chief_collision" in chosen else -math.inf,
+        constraints=tuple(constraint.row_numbers(p, chosen) for constraint in CERTIFIED),
+        active=(-1 << FURTHER) | sum(1 << code for code, known in enumerate(CERTIFIED) if known.counts(chosen)),
         near_psm=float(p.collision_radius) if "PSM" in chosen else -math.inf,
-        v0=float(p.v0) if "rel_vel" in chosen else math.inf, d0=p.speed_distance, v1=p.v1,
-        cos_b=math.cos(0.5 * p.fov), sin_b=math.sin(0.5 * p.fov), sun="sun" in chosen,
-        far=float(p.r_max) if "r_max" in chosen else math.inf,
-        limit=np.array([p.vel_limit if f"{axis}_vel" in chosen else math.inf for axis in "xyz"], dtype=np.float64),
         stretch=stretch,
         hold_phi=np.stack([phi for phi, _ in holds]), hold_gamma=np.stack([gamma for _, gamma in holds]),
         hold_sun=np.stack((np.cos(turns), np.sin(turns)), axis=-1),

@@ -11,24 +11,14 @@ import math
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.backup.arcs import held, sun_gap, turned
-from safe_inspect.rta.filters.backup.cuts import MOST
+from safe_inspect.rta.constraints.certified import COLLISION
+from safe_inspect.rta.constraints.rows import INNER, Node, SunAngle, node
+from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.half_spaces import further_slack
-from safe_inspect.rta.filters.backup.model import (
-    COLLISION,
-    FINE_NODES,
-    FURTHER,
-    HOLD_PIECES,
-    INNER,
-    ORBIT_CELLS,
-    PSM,
-    R_MAX,
-    REL_VEL,
-    SUN,
-    X_VEL,
-    Model,
-)
+from safe_inspect.rta.filters.backup.model import FINE_NODES, FURTHER, HOLD_PIECES, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.filters.backup.plans import ORDER, QUICK, plan_thrust
+from safe_inspect.rta.filters.backup.sequences import least_slack, slack_of
+from safe_inspect.rta.filters.backup.workspace import Workspace
 from safe_inspect.types import FloatArray
 
 #: What a newton of thrust to spare counts beside distances [m].
@@ -38,57 +28,38 @@ _STEP = 1e-4
 
 
 @njit(**INNER)
-def _slack(m: Model, x: RowState, sun: tuple[float, float], code: int) -> float:
+def _slack(m: FilterModel, at: Node, code: int) -> float:
     """Return how far a constraint is from broken, in metres; speeds count as the range of a motion that fast."""
-    if code == SUN:
-        return float(sun_gap(m, x, sun))
     if code >= FURTHER:
-        return float(further_slack(m, code, x))
-    r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    if code == COLLISION:
-        return r - max(m.near, m.near_psm)
-    if code == R_MAX:
-        return m.far - r
-    if code == REL_VEL:
-        v = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
-        return (m.v0 + m.v1 * (r - m.d0) - v) / m.n
-    return float((m.limit[code - X_VEL] - abs(x[3 + code - X_VEL])) / m.n)
+        return float(further_slack(m, code, at.state))
+    return float(slack_of(m.constraints, code, at))
 
 
 @njit(**INNER)
-def _excess(m: Model, w: FloatArray) -> float:
+def _excess(m: FilterModel, w: FloatArray) -> float:
     """Return the slack of the thrusters, in metres, for a plan's thrust."""
     return float(_METRES_PER_NEWTON * (m.u_max - max(abs(w[0]), max(abs(w[1]), abs(w[2])))))
 
 
 @njit(**INNER)
-def _least_slack(m: Model, x: RowState, sun: tuple[float, float]) -> tuple[float, int]:
+def _least_slack(m: FilterModel, at: Node) -> tuple[float, int]:
     """Return the least slack of all constraints [m], and whose it is."""
-    r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    v = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
-    least, which = r - max(m.near, m.near_psm), COLLISION
-    value = (m.v0 + m.v1 * (r - m.d0) - v) / m.n
-    if value < least:
-        least, which = value, REL_VEL
-    if m.far - r < least:
-        least, which = m.far - r, R_MAX
-    for axis in range(3):
-        value = (m.limit[axis] - abs(x[3 + axis])) / m.n
-        if value < least:
-            least, which = value, X_VEL + axis
-    if m.sun:
-        value = sun_gap(m, x, sun)
-        if value < least:
-            least, which = value, SUN
+    least, which = least_slack(m.constraints, at)
     for code in range(FURTHER, FURTHER + m.further):
-        value = further_slack(m, code, x)
+        value = further_slack(m, code, at.state)
         if value < least:
             least, which = value, code
     return least, which
 
 
 @njit(**INNER)
-def _best_plan(m: Model, after: RowState, start: tuple[float, float], w: FloatArray) -> tuple[int, int]:
+def _orbit_node(n: float, begin: RowState, start: SunAngle, cos: float, sin: float) -> Node:
+    """Return the node of a plan's closed motion after the angle of that cosine and sine."""
+    return node(closed_motion_state(n, begin, cos, sin), turned(start, cos, sin))
+
+
+@njit(**INNER)
+def _best_plan(m: FilterModel, after: RowState, start: SunAngle, w: FloatArray) -> tuple[int, int]:
     """Return the plan with the largest least slack over the nodes of its orbit, and the constraint where that is."""
     best, best_plan, best_code = -math.inf, 0, COLLISION
     for rank in range(QUICK):
@@ -101,7 +72,7 @@ def _best_plan(m: Model, after: RowState, start: tuple[float, float], w: FloatAr
         for place in range(ORBIT_CELLS):
             node = 5 * place % ORBIT_CELLS
             cos, sin = m.orbit[node, 0], m.orbit[node, 1]
-            value, code = _least_slack(m, closed_motion_state(m.n, begin, cos, sin), turned(start, cos, sin))
+            value, code = _least_slack(m, _orbit_node(m.n, begin, start, cos, sin))
             if value < tightest:
                 tightest, which = value, code
             if value < least:
@@ -115,14 +86,14 @@ def _best_plan(m: Model, after: RowState, start: tuple[float, float], w: FloatAr
 
 @njit(**INNER)
 def cut_recovery(
-    m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, margin: float, w: FloatArray,
-    rows: FloatArray, bounds: FloatArray, count: int,
+    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, margin: float, s: Workspace, count: int
 ) -> tuple[int, int]:  # fmt: skip
     """Append half-spaces that make the best plan after a hold safe where it is not; return count and code.
 
     The slacks at the nodes of the plan's orbit, and that of the thrusters, are made linear in the control by
     differences.
     """
+    w = s.w
     sun_b = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     start = turned(sun_b, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     after = held(m, x, u, HOLD_PIECES)
@@ -146,23 +117,24 @@ def cut_recovery(
     plan_thrust(m, after, plan, w)
     b2, over2 = held(m, after, w, HOLD_PIECES), _excess(m, w)
     if over < margin:
-        count = _add_linear(over, over0, over1, over2, margin, u, rows, bounds, count)
+        count = _add_linear((over, over0, over1, over2), margin, u, s, count)
     for code in range(FURTHER + m.further):
-        if code == PSM or (code == SUN and not m.sun):
+        if not m.active >> code & 1:
             continue
         previous, falling = math.inf, False
         for place in range(FINE_NODES + 1):
             cos, sin = m.fine[place % FINE_NODES, 0], m.fine[place % FINE_NODES, 1]
-            here = _slack(m, closed_motion_state(m.n, b, cos, sin), turned(start, cos, sin), code)
+            here = _slack(m, _orbit_node(m.n, b, start, cos, sin), code)
             # only the nodes at which the slack is least count
             if falling and here >= previous and previous < margin:
                 cos, sin = m.fine[place - 1, 0], m.fine[place - 1, 1]
-                turn = turned(start, cos, sin)
-                count = _add_linear(
-                    previous, _slack(m, closed_motion_state(m.n, b0, cos, sin), turn, code),
-                    _slack(m, closed_motion_state(m.n, b1, cos, sin), turn, code),
-                    _slack(m, closed_motion_state(m.n, b2, cos, sin), turn, code), margin, u, rows, bounds, count,
-                )  # fmt: skip
+                slacks = (
+                    previous,
+                    _slack(m, _orbit_node(m.n, b0, start, cos, sin), code),
+                    _slack(m, _orbit_node(m.n, b1, start, cos, sin), code),
+                    _slack(m, _orbit_node(m.n, b2, start, cos, sin), code),
+                )
+                count = _add_linear(slacks, margin, u, s, count)
             falling = here < previous
             previous = here
     return count, which
@@ -170,12 +142,14 @@ def cut_recovery(
 
 @njit(**INNER)
 def _add_linear(
-    here: float, s0: float, s1: float, s2: float, margin: float, u: FloatArray,
-    rows: FloatArray, bounds: FloatArray, count: int,
+    slacks: tuple[float, float, float, float], margin: float, u: FloatArray, s: Workspace, count: int
 ) -> int:  # fmt: skip
     """Append slack >= margin, given the slack at u and after a small step along each axis; return the new count."""
-    if count >= MOST:
+    if count >= s.bounds.shape[0]:
         return count
-    rows[count, 0], rows[count, 1], rows[count, 2] = (s0 - here) / _STEP, (s1 - here) / _STEP, (s2 - here) / _STEP
-    bounds[count] = margin - here + rows[count, 0] * u[0] + rows[count, 1] * u[1] + rows[count, 2] * u[2]
+    here, rows = slacks[0], s.rows
+    rows[count, 0], rows[count, 1], rows[count, 2] = (
+        (slacks[1] - here) / _STEP, (slacks[2] - here) / _STEP, (slacks[3] - here) / _STEP
+    )  # fmt: skip
+    s.bounds[count] = margin - here + rows[count, 0] * u[0] + rows[count, 1] * u[1] + rows[count, 2] * u[2]
     return count + 1

@@ -10,11 +10,14 @@ import math
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
+from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
+from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import HOLD_PIECES, INNER, Model
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
+from safe_inspect.rta.filters.backup.sequences import SAFE
+from safe_inspect.rta.filters.backup.workspace import Workspace
+from safe_inspect.types import FloatArray
 
 NO_PLAN = -1
 #: Radial and cross-track speeds of a plan in units of n r; the radial one is counted from that of the centred ellipse.
@@ -37,12 +40,12 @@ ORDER = (
 
 
 @njit(**INNER)
-def plan_thrust(m: Model, x: RowState, index: int, u: FloatArray) -> bool:
+def plan_thrust(m: FilterModel, x: RowState, index: int, u: FloatArray) -> bool:
     """Write the thrust of a plan from x; False where it exceeds the thrusters.
 
     Args:
         m: The task.
-        x: The state at the beginning.
+        x: The initial state.
         index: The plan, 0 to PLANS - 1.
         u: Receives the thrust [N], shape (3,).
     """
@@ -62,22 +65,20 @@ def plan_thrust(m: Model, x: RowState, index: int, u: FloatArray) -> bool:
 
 @njit(**INNER)
 def try_plan(
-    m: Model, x: RowState, sun: tuple[float, float], index: int, length: float, speed: float,
-    u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
+    m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, u: FloatArray, s: Workspace
 ) -> bool:  # fmt: skip
     """Write the thrust of a plan from x; True where it is admissible and safe in the hold and ever after."""
     if not plan_thrust(m, x, index, u):
         return False
     after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
-    if closed_motion(m, after, later, length, speed, work) != SAFE:
+    if closed_motion(m, after, later, margins, s.work) != SAFE:
         return False
-    return bool(hold(m, x, sun, u, length, speed, cells, where) == SAFE)
+    return bool(hold(m, x, sun, u, margins, s.cells, s.at) == SAFE)
 
 
 @njit(**INNER)
 def find_plan(
-    m: Model, x: RowState, sun: tuple[float, float], length: float, speed: float, first: int, most: int,
-    u: FloatArray, work: FloatArray, cells: IntArray, where: IntArray,
+    m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, first: int, most: int, u: FloatArray, s: Workspace
 ) -> int:  # fmt: skip
     """Write the thrust of a safe plan and return its index; NO_PLAN where there is none.
 
@@ -85,19 +86,16 @@ def find_plan(
         m: The task.
         x: The state.
         sun: Cosine and sine of the sun angle.
-        length: Margin of the ranges and the sun cone [m].
-        speed: Margin of the speeds [m/s].
+        margins: Margins of the constraints.
         first: A plan to try before the others, or NO_PLAN.
         most: How many plans of `ORDER` to try: PLANS for a search that finds a plan where there is one.
         u: Receives the thrust [N], shape (3,).
-        work: Room for `closed_motion`.
-        cells: Room for `hold`.
-        where: Room for `hold`.
+        s: Workspace.
     """
-    if first != NO_PLAN and try_plan(m, x, sun, first, length, speed, u, work, cells, where):
+    if first != NO_PLAN and try_plan(m, x, sun, first, margins, u, s):
         return first
     for place in range(most):
         index = ORDER[place]
-        if index != first and try_plan(m, x, sun, index, length, speed, u, work, cells, where):
+        if index != first and try_plan(m, x, sun, index, margins, u, s):
             return index
     return NO_PLAN

@@ -6,53 +6,53 @@ import math
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.backup.arcs import held, sun_gap, turned
+from safe_inspect.rta.constraints.certified import PSM
+from safe_inspect.rta.constraints.rows import INNER, Margins, Node, SunAngle, node
+from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.cuts import add, cut_near, support
 from safe_inspect.rta.filters.backup.half_spaces import further_slack
-from safe_inspect.rta.filters.backup.model import COLLISION, FURTHER, HOLD_PIECES, INNER, PSM, R_MAX, SUN, Model
-from safe_inspect.rta.filters.backup.scratch import Scratch, plain
+from safe_inspect.rta.filters.backup.model import FURTHER, HOLD_PIECES, FilterModel
+from safe_inspect.rta.filters.backup.sequences import bits_of, gap_of, least_allowed_speed, turn_of
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
 
 #: How far inside the limits the way back leads [m].
 INSIDE = 5.0
-#: Beyond this part of v / (2 n), v the largest along-track speed, closed motions are too fast: the way leads inside.
-_CLOSABLE = 0.9
 _ROUNDS = 5
 #: Speed to spare [m/s].
-_SPARE = 1e-5
+_SPARE = Margins(0.0, 1e-5)
+_NO_MARGINS = Margins(0.0, 0.0)
 #: What is broken by less than this [m], [m/s] counts as met.
 _MET = 1e-6
+#: Bits of the constraints that are distances, which are to grow, and of those that turn with the sun.
+_DISTANCES, _TURNING = bits_of("gap"), bits_of("turn")
 
 
 @njit(**INNER)
-def _allowed(m: Model, x: RowState) -> float:
+def _allowed(m: FilterModel, at: Node) -> float:
     """Return half of the speed that is allowed at a position [m/s]."""
-    r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    slowest = min(m.limit[0], min(m.limit[1], m.limit[2]))
-    return float(0.5 * max(0.0, min(slowest, min(m.v0 + m.v1 * (r - m.d0), m.u_max / m.mass * m.dt))))
+    return float(0.5 * max(0.0, min(least_allowed_speed(m.constraints, at)[0], m.u_max / m.mass * m.dt)))
 
 
 @njit(**INNER)
-def _to_rate(m: Model, code: int, sun: tuple[float, float], d: FloatArray) -> None:
-    """Replace a direction of positions by that of its rate of change; the sun cone's normal turns with the sun."""
+def _to_rate(m: FilterModel, code: int, sun: SunAngle, d: FloatArray) -> None:
+    """Replace a direction of positions by that of its rate of change."""
     for j in range(3):
         d[3 + j], d[j] = d[j], 0.0
-    if code == SUN:
-        ca, sa = sun
-        along, across = sa * d[4] - ca * d[3], -sa * d[3] - ca * d[4]
-        d[0], d[1] = m.n * (along * sa - across * ca), m.n * (along * ca + across * sa)
+    if _TURNING >> code & 1:
+        turn_of(m.constraints, code, sun, d)
 
 
 @njit(**INNER)
-def _ask(m: Model, need: float, b: RowState, u: FloatArray, s: Scratch, count: int) -> tuple[int, bool]:
+def _ask(m: FilterModel, need: float, b: RowState, u: FloatArray, s: Workspace, count: int) -> tuple[int, bool]:
     """Append d.state >= need for the direction in `s.d` unless u meets it; return the count and whether it was."""
     short = need
     for j in range(6):
         short -= s.d[j] * b[j]
     if not short > _MET:
         return count, False
-    return add(m, s.d, need, b, u, HOLD_PIECES, s.rows, s.bounds, count), True
+    return add(m, need, b, u, HOLD_PIECES, s, count), True
 
 
 @njit(**INNER)
@@ -61,7 +61,7 @@ def _bounds_speeds(d: FloatArray) -> bool:
 
 
 @njit(**INNER)
-def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatArray, s: Scratch) -> int:
+def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, s: Workspace) -> int:
     """Write the least-violating control of the way back, and of such the smallest; return the bits of what shapes it.
 
     Asked of the state after the hold: the speeds within their limits, each distance that is less than `INSIDE` (from
@@ -69,44 +69,40 @@ def return_control(m: Model, x: RowState, sun: tuple[float, float], out: FloatAr
     negative; coasting on must miss the chief. The half-spaces have unit normals, so violations are in newtons. Each
     round adds those that the last control breaks. The desired control has no say.
     """
-    k, count, bits = HOLD_PIECES, plain(0), 0
-    rate = _allowed(m, x)
+    k, count, bits = HOLD_PIECES, as_int(0), 0
+    now = node(x, sun)
+    rate = _allowed(m, now)
     sun_b = turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
-    r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    far = min(m.far, _CLOSABLE * m.limit[1] / (2.0 * m.n))
     for axis in range(3):
         s.trial[axis], out[axis] = 0.0, 0.0
     for _ in range(_ROUNDS):
         b, before = held(m, x, out, k), count
+        end = node(b, sun_b)
         for code in range(FURTHER + m.further):
-            if code == PSM or (code == SUN and not m.sun) or (code == R_MAX and not math.isfinite(m.far)):
+            if not m.active >> code & 1:
                 continue
-            need = support(m, code, b, sun_b, 0.0, _SPARE, s.d)
-            if code in (COLLISION, SUN, R_MAX) or (code >= FURTHER and not _bounds_speeds(s.d)):
-                if code >= FURTHER:
-                    gap = further_slack(m, code, x)
-                else:
-                    gap = r - m.near if code == COLLISION else (far - r if code == R_MAX else sun_gap(m, x, sun))
+            need = support(m, code, end, _SPARE, s.d)
+            if _DISTANCES >> code & 1 or (code >= FURTHER and not _bounds_speeds(s.d)):
+                gap = further_slack(m, code, x) if code >= FURTHER else gap_of(m.constraints, code, now)
+                asked = False
                 if gap < INSIDE:
                     count, asked = _ask(m, need if gap >= 0.0 else -math.inf, b, out, s, count)
                     _to_rate(m, code, sun_b, s.d)
                     count, more = _ask(m, rate, b, out, s, count)
                     asked = asked or more
-                else:
-                    asked = False
             else:
                 count, asked = _ask(m, need, b, out, s, count)
             if asked:
                 bits |= 1 << code
-        if r > m.near_psm:
+        if now.range > m.near_psm:
             psm = count
-            count = cut_near(m, x, out, False, False, 0.0, s.d, s.rows, s.bounds, count)
+            count = cut_near(m, x, out, False, False, _NO_MARGINS, s, count)
             if count > psm:
                 bits |= 1 << PSM
         if count == before:
             break
         _to_unit(s.rows, s.bounds, count)
-        nearest(s.rows, s.bounds, count, m.u_max, s.trial, True, s.proposal, s.missed, s.a, s.c, s.size, s.w)
+        nearest(s.rows, s.bounds, count, m.u_max, s.trial, True, s.proposal, s.missed, s.projection)
         for axis in range(3):
             out[axis] = s.proposal[axis]
     return bits

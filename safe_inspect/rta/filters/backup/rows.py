@@ -6,30 +6,34 @@ import math
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
-from safe_inspect.rta.filters.backup.cuts import MOST, cut_broken, cut_hold
+from safe_inspect.rta.constraints.certified import COLLISION, PSM
+from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle, scaled
+from safe_inspect.rta.filters.backup.arcs import held, turned
+from safe_inspect.rta.filters.backup.cuts import Refusal, cut_broken, cut_hold
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import COLLISION, HOLD_PIECES, PSM, Model
+from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
 from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, QUICK, STAY, find_plan
 from safe_inspect.rta.filters.backup.returning import return_control
-from safe_inspect.rta.filters.backup.scratch import Scratch, plain, scratch
+from safe_inspect.rta.filters.backup.sequences import SAFE
+from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, workspace
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Where a row's control comes from: it is the desired one, the nearest safe one that cutting planes lead to, one
 #: between the backup and that, or the way back from a state without a backup.
 DESIRED, NEAREST, BACKUP, RETURN = range(4)
-#: Margins that a control must leave to be taken [m], [m/s]; a backup is still one with half of them.
-LENGTH_MARGIN, SPEED_MARGIN = 1e-3, 1e-5
-_NEAR = 1 << COLLISION | 1 << PSM
+#: Margins that a control must leave to be taken; a backup is still one with half of them.
+MARGINS = Margins(1e-3, 1e-5)
+#: Bits of what keeps off the chief.
+NEAR_BITS = 1 << COLLISION | 1 << PSM
 #: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
 _EXTRA = 2.0
 _ROUNDS = 6
 #: Rounds that may end in a state without a plan.
 _RECOVERIES = 2
 #: Slack that a plan is asked for at the nodes of its orbit [m], for what lies between them.
-_NODE_MARGIN = 0.05
+NODE_MARGIN = 0.05
 _POLISH = 4
 #: A proposal that moves less than this [N] has settled.
 _STILL = 1e-7
@@ -40,52 +44,47 @@ _FEW = 6
 _FINE = 2e-3
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _verified(
-    m: Model, x: RowState, sun: tuple[float, float], u: FloatArray, first: int, most: int, s: Scratch
+    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, first: int, most: int, s: Workspace
 ) -> tuple[int, int]:  # fmt: skip
     """Return the constraint that refuses the hold of u, or SAFE, and a plan for the state after it, or NO_PLAN."""
-    code = hold(m, x, sun, u, LENGTH_MARGIN, SPEED_MARGIN, s.cells, s.where)
+    code = hold(m, x, sun, u, MARGINS, s.cells, s.where)
     if code != SAFE:
         return code, NO_PLAN
     after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
-    s.at[0], s.at[1] = s.where[0], s.where[1]
-    return SAFE, find_plan(m, after, later, LENGTH_MARGIN, SPEED_MARGIN, first, most, s.w, s.work, s.cells, s.at)
+    return SAFE, find_plan(m, after, later, MARGINS, first, most, s.w, s)
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _cut(
-    m: Model, x: RowState, sun: tuple[float, float], desired: FloatArray, own_side: bool, u: FloatArray, s: Scratch
+    m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, own_side: bool, u: FloatArray, s: Workspace
 ) -> tuple[int, bool]:  # fmt: skip
     """Look for a verified control by cutting planes; return the bits of the refusals and whether u is one.
 
     Each round adds half-spaces for what the last proposal breaks and proposes the control of the programme.
     """
-    length, speed = _EXTRA * LENGTH_MARGIN, _EXTRA * SPEED_MARGIN
-    count, bits, plan, unrecovered = plain(0), plain(0), plain(NO_PLAN), 0
+    margins = scaled(MARGINS, _EXTRA)
+    count, bits, plan, unrecovered = as_int(0), as_int(0), as_int(NO_PLAN), 0
     for axis in range(3):
         u[axis] = desired[axis]
     for attempt in range(_ROUNDS):
-        code, plan = _verified(m, x, sun, u, plan, plain(PLANS) if attempt == 0 else plain(QUICK), s)
+        code, plan = _verified(m, x, sun, u, plan, as_int(PLANS) if attempt == 0 else as_int(QUICK), s)
         if plan != NO_PLAN:
             return bits, True
         broken = 0
         if code != SAFE:
-            count = cut_hold(
-                m, x, sun, u, code, s.where[0], own_side, length, speed, s.d, s.rows, s.bounds, count
-            )  # fmt: skip
-            count, broken = cut_broken(m, x, sun, u, own_side, length, speed, s.d, s.rows, s.bounds, count)
+            count = cut_hold(m, x, sun, u, Refusal(code, s.where[0]), own_side, margins, s, count)
+            count, broken = cut_broken(m, x, sun, u, own_side, margins, s, count)
         else:
             unrecovered += 1
             if unrecovered > _RECOVERIES:
                 return bits, False
-            count, code = cut_recovery(m, x, sun, u, _NODE_MARGIN, s.w, s.rows, s.bounds, count)
+            count, code = cut_recovery(m, x, sun, u, NODE_MARGIN, s, count)
         if attempt == 0:
             bits = broken | 1 << code
         for _ in range(_POLISH):
-            if not nearest(
-                s.rows, s.bounds, count, m.u_max, desired, False, s.proposal, s.missed, s.a, s.c, s.size, s.w
-            ):  # fmt: skip
+            if not nearest(s.rows, s.bounds, count, m.u_max, desired, False, s.proposal, s.missed, s.projection):
                 return bits, False
             moved = math.sqrt(_squared(s.proposal, u))
             for axis in range(3):
@@ -93,26 +92,26 @@ def _cut(
             if moved < _STILL:
                 break
             before = count
-            count, _ = cut_broken(m, x, sun, u, own_side, 0.75 * length, 0.75 * speed, s.d, s.rows, s.bounds, count)
+            count, _ = cut_broken(m, x, sun, u, own_side, scaled(margins, 0.75), s, count)
             if count == before:
                 break
     return bits, False
 
 
-@njit(error_model="numpy")
-def _between(m: Model, x: RowState, sun: tuple[float, float], desired: FloatArray, u: FloatArray, s: Scratch) -> None:
+@njit(**INNER)
+def _between(m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace) -> None:
     """Write into u a verified control on the segment from the backup to u, as near to the desired as it finds."""
     for axis in range(3):
         s.best[axis], s.proposal[axis] = s.backup[axis], s.backup[axis]
     size = math.sqrt(_squared(u, s.proposal))
-    low, high, plan = 0.0, 1.0, plain(STAY)
+    low, high, plan = 0.0, 1.0, as_int(STAY)
     for _ in range(_HALVINGS):
         if size * (high - low) < _FINE:
             break
         middle = 0.5 * (low + high)
         for axis in range(3):
             s.trial[axis] = s.proposal[axis] + middle * (u[axis] - s.proposal[axis])
-        _, found = _verified(m, x, sun, s.trial, plan, plain(_FEW), s)
+        _, found = _verified(m, x, sun, s.trial, plan, as_int(_FEW), s)
         if found != NO_PLAN and _squared(s.trial, desired) < _squared(s.best, desired):
             low, plan = middle, found
             for axis in range(3):
@@ -123,18 +122,18 @@ def _between(m: Model, x: RowState, sun: tuple[float, float], desired: FloatArra
         u[axis] = s.best[axis]
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _squared(a: FloatArray, b: FloatArray) -> float:
     return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 @njit(error_model="numpy")
 def filter_rows(
-    m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
+    m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
     control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
     """Write each row's control, the bits of the constraints that refused the desired one, and where it comes from."""
-    s = scratch(MOST)
+    s = workspace(MAX_HALF_SPACES)
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -147,7 +146,7 @@ def filter_rows(
             bits, done = _cut(m, x, sun, s.desired, side == 1, control[i], s)
             if side == 0:
                 refused[i] = bits
-            if done or not bits & _NEAR:
+            if done or not bits & NEAR_BITS:
                 break
         stage[i] = NEAREST if refused[i] else DESIRED
         if done:
@@ -155,11 +154,8 @@ def filter_rows(
         stage[i] = BACKUP
         # what was taken with the whole margins is still safe with half of them, whatever the rounding since
         for half in range(2):
-            share = 1.0 - 0.5 * half
-            plan = find_plan(
-                m, x, sun, share * LENGTH_MARGIN, share * SPEED_MARGIN, plain(NO_PLAN), plain(PLANS),
-                s.backup, s.work, s.cells, s.where,
-            )  # fmt: skip
+            margins = scaled(MARGINS, 1.0 - 0.5 * half)
+            plan = find_plan(m, x, sun, margins, as_int(NO_PLAN), as_int(PLANS), s.backup, s)
             if plan != NO_PLAN:
                 break
         if plan != NO_PLAN:
@@ -171,10 +167,11 @@ def filter_rows(
 
 @njit(error_model="numpy")
 def admissible_rows(
-    m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, control: FloatArray, out: BoolArray
+    m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray,
+    control: FloatArray, out: BoolArray,
 ) -> None:  # fmt: skip
     """Write whether each row's control is within the thrusters, safe over the hold, and leaves a backup plan."""
-    s = scratch(1)
+    s = workspace(1)
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -182,26 +179,24 @@ def admissible_rows(
         u = control[i]
         if max(abs(u[0]), max(abs(u[1]), abs(u[2]))) <= m.u_max:
             sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-            out[i] = _verified(m, x, sun, u, plain(NO_PLAN), plain(PLANS), s)[1] != NO_PLAN
+            out[i] = _verified(m, x, sun, u, as_int(NO_PLAN), as_int(PLANS), s)[1] != NO_PLAN
         else:
             out[i] = False
 
 
 @njit(error_model="numpy")
 def recoverable_rows(
-    m: Model, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, out: BoolArray, control: FloatArray
+    m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray,
+    out: BoolArray, control: FloatArray,
 ) -> None:  # fmt: skip
     """Write whether each row has a backup plan, and its thrust (zero where there is none)."""
-    s = scratch(1)
+    s = workspace(1)
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        plan = find_plan(
-            m, x, sun, LENGTH_MARGIN, SPEED_MARGIN, plain(NO_PLAN), plain(PLANS),
-            control[i], s.work, s.cells, s.where,
-        )  # fmt: skip
+        plan = find_plan(m, x, sun, MARGINS, as_int(NO_PLAN), as_int(PLANS), control[i], s)
         out[i] = plan != NO_PLAN
         if not out[i]:
             for axis in range(3):

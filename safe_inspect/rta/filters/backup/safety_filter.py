@@ -9,19 +9,12 @@ import numpy as np
 
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.rta.filters.backup.kernel_table import KernelTable
-from safe_inspect.rta.filters.backup.model import (
-    COLLISION,
-    FURTHER,
-    KNOWN,
-    PAIR_BIT,
-    PSM,
-    Model,
-    build_model,
-)
-from safe_inspect.rta.filters.base import FilterResult, SafetyFilter, checked, compiled, differs
+from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
+from safe_inspect.rta.filters.base import SafetyFilter, checked, compiled, differs
+from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: A hold turns the orbit by at most this angle [rad]; the bounds between grid points need it to be small.
@@ -42,9 +35,10 @@ class BackupFilter(SafetyFilter):
 
     Beside the eight constraints of the inspection task it keeps every one that defines `Constraint.half_space`.
 
-    "At every moment" is certified, not sampled: see `arcs`, `holds` and `closed_motion`. The filter needs no memory:
-    the plan is found again from the state. It holds for an exact model; the margins that every control must leave
-    (1 mm, 0.01 mm/s, halved for a backup) absorb rounding, not disturbances.
+    "At every moment" is certified, not sampled: see `arcs`, `holds` and `closed_motion`, and what the
+    constraints bring, `RowKernels`. The filter needs no memory: the plan is found again from the state. It holds for an
+    exact model; the margins that every control must leave (1 mm, 0.01 mm/s, halved for a backup) absorb rounding, not
+    disturbances.
 
     From a state without a plan, inside the safe set or outside it, the way back is flown, the desired control has no
     say, and the row is marked infeasible. Of the admissible controls the way back is the smallest that minimises the
@@ -68,18 +62,18 @@ class BackupFilter(SafetyFilter):
         codes: dict[int, int] = {}
         further: list[Constraint] = []
         for j, (name, constraint) in enumerate(self.constraints.items()):
-            if constraint.registered_name in KNOWN:
-                codes[KNOWN.index(constraint.registered_name)] = j
+            if constraint.registered_name in NAMES:
+                codes[NAMES.index(constraint.registered_name)] = j
             elif type(constraint).half_space is not None:
                 codes[FURTHER + len(further)] = j
                 further.append(constraint)
             else:
                 raise ValueError(
-                    f"the backup filter cannot keep {name!r}; {did_you_mean(name, KNOWN)} (other constraints define "
+                    f"the backup filter cannot keep {name!r}; {did_you_mean(name, NAMES)} (other constraints define "
                     f"`half_space` for this filter, or are for the continuous filter alone)"
                 )
         if len(further) > _MOST_FURTHER:
-            raise ValueError(f"the backup filter keeps at most {_MOST_FURTHER} constraints beside {', '.join(KNOWN)}")
+            raise ValueError(f"the backup filter keeps at most {_MOST_FURTHER} constraints beside {', '.join(NAMES)}")
         if self.parameters.n * self.parameters.step_size > _LARGEST_TURN:
             raise ValueError(
                 f"a hold of {self.parameters.step_size} s is too long a part of the orbit: "
@@ -89,10 +83,10 @@ class BackupFilter(SafetyFilter):
             codes[COLLISION] = codes[PSM]  # a plan that comes too near breaks passive safety then
         self._codes = codes
         self.further = KernelTable(further)
-        self._tables = build_model(self.parameters, (KNOWN[code] for code in codes if code < FURTHER))
+        self._tables = build_model(self.parameters, (NAMES[code] for code in codes if code < FURTHER))
 
     @property
-    def _model(self) -> Model:
+    def _model(self) -> FilterModel:
         """The numbers and tables of the task, with the further constraints."""
         return self.further.into(self._tables)
 

@@ -11,22 +11,25 @@ import math
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
-from safe_inspect.rta.filters.backup.cuts import cut_broken, cut_hold
-from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, INNER, PAIR_BIT, Model
+from safe_inspect.rta.constraints.certified import COLLISION
+from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
+from safe_inspect.rta.filters.backup.arcs import held, turned
+from safe_inspect.rta.filters.backup.cuts import Refusal, cut_broken, cut_hold
+from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, PAIR_BIT, FilterModel
 from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust
-from safe_inspect.rta.filters.backup.scratch import Scratch, plain
-from safe_inspect.rta.filters.team.plans import Sun, farthest_plans, minus, state_of
-from safe_inspect.rta.filters.team.scratch import Team, TeamModel
-from safe_inspect.types import FloatArray
+from safe_inspect.rta.filters.backup.rows import NODE_MARGIN
+from safe_inspect.rta.filters.backup.sequences import SAFE
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
+from safe_inspect.rta.filters.team.plans import farthest_plans, minus, state_of
+from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
 
 #: Step of the differences [N].
 _STEP = 1e-4
 
 
 @njit(**INNER)
-def _spread(new: int, i: int, j: int, count: int, t: Team, s: Scratch) -> int:
+def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
     """Append the half-spaces in `s.rows` to the programme: of the thrust of i, or if j >= 0 of that of i minus j."""
     for r in range(new):
         first, second = s.rows[r], not t.fixed[i]
@@ -49,16 +52,16 @@ def _spread(new: int, i: int, j: int, count: int, t: Team, s: Scratch) -> int:
 
 
 @njit(**INNER)
-def _thrust(i: int, j: int, t: Team) -> FloatArray:
-    """Return the last proposal's thrust of a deputy, less that of another if j >= 0."""
+def _write_thrust(i: int, j: int, t: TeamWorkspace) -> None:
+    """Write the last proposal's thrust of a deputy, less that of another if j >= 0, into `t.u`."""
     for axis in range(3):
         t.u[axis] = t.control[3 * i + axis] - (t.control[3 * j + axis] if j >= 0 else 0.0)
-    return t.u
 
 
 @njit(**INNER)
 def cut_holds(
-    g: TeamModel, sun: Sun, own_side: bool, length: float, speed: float, bits: bool, count: int, t: Team, s: Scratch
+    g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, bits: bool, count: int,
+    t: TeamWorkspace, s: Workspace,
 ) -> int:  # fmt: skip
     """Append half-spaces for every deputy and pair whose hold of the last proposal was refused; return the count.
 
@@ -66,36 +69,33 @@ def cut_holds(
         g: The task.
         sun: Cosine and sine of the sun angle.
         own_side: Whether to stay on this side of the chief, instead of passing beside it; of other deputies, always.
-        length: Margin of the ranges and the sun cone [m].
-        speed: Margin of the speeds [m/s].
+        margins: Margins of the constraints.
         bits: Whether to note what refused the hold in `t.bits`.
         count: How many half-spaces there are.
-        t: Room, after `tested`.
-        s: Room.
+        t: Workspace, after `tested`.
+        s: Workspace.
     """
-    deputies, p = t.x.shape[0], 0
+    deputies, u, p = t.x.shape[0], t.u, 0
     for i in range(deputies):
         if t.code[i] != SAFE:
-            x, u = state_of(t.x, i), _thrust(i, plain(-1), t)
-            new = cut_hold(
-                g.one, x, sun, u, t.code[i], t.at[i], own_side, length, speed, s.d, s.rows, s.bounds, plain(0)
-            )  # fmt: skip
-            new, broken = cut_broken(g.one, x, sun, u, own_side, length, speed, s.d, s.rows, s.bounds, new)
-            count = _spread(new, i, plain(-1), count, t, s)
+            _write_thrust(i, as_int(-1), t)
+            x = state_of(t.x, i)
+            new = cut_hold(g.one, x, sun, u, Refusal(t.code[i], t.at[i]), own_side, margins, s, as_int(0))
+            new, broken = cut_broken(g.one, x, sun, u, own_side, margins, s, new)
+            count = _spread(new, i, as_int(-1), count, t, s)
             if bits:
                 t.bits[i] |= broken | 1 << t.code[i]
     if g.pairs:
         for i in range(deputies):
             for j in range(i + 1, deputies):
                 if t.pair_code[p] != SAFE:
-                    x, u = minus(state_of(t.x, i), state_of(t.x, j)), _thrust(i, j, t)
-                    new = cut_hold(
-                        g.pair, x, sun, u, t.pair_code[p], t.pair_at[p], True, length, speed,
-                        s.d, s.rows, s.bounds, plain(0),
-                    )  # fmt: skip
+                    _write_thrust(i, j, t)
+                    x = minus(state_of(t.x, i), state_of(t.x, j))
+                    refusal = Refusal(t.pair_code[p], t.pair_at[p])
+                    new = cut_hold(g.pair, x, sun, u, refusal, True, margins, s, as_int(0))
                     count = _spread(new, i, j, count, t, s)
                     if bits:
-                        bit = 1 << (PAIR_BIT if t.pair_code[p] == 0 else PAIR_BIT + 1)
+                        bit = 1 << (PAIR_BIT if t.pair_code[p] == COLLISION else PAIR_BIT + 1)
                         t.bits[i] |= bit
                         t.bits[j] |= bit
                 p += 1
@@ -104,31 +104,28 @@ def cut_holds(
 
 @njit(**INNER)
 def cut_ends(
-    g: TeamModel, sun: Sun, own_side: bool, length: float, speed: float, count: int, t: Team, s: Scratch
+    g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, count: int, t: TeamWorkspace, s: Workspace
 ) -> int:  # fmt: skip
     """Append half-spaces for all that the last proposal breaks at the end of its hold; return the count."""
-    deputies = t.x.shape[0]
+    deputies, u = t.x.shape[0], t.u
     for i in range(deputies):
         if not t.fixed[i]:
-            u = _thrust(i, plain(-1), t)
-            new, _ = cut_broken(
-                g.one, state_of(t.x, i), sun, u, own_side, length, speed, s.d, s.rows, s.bounds, plain(0)
-            )  # fmt: skip
-            count = _spread(new, i, plain(-1), count, t, s)
+            _write_thrust(i, as_int(-1), t)
+            new, _ = cut_broken(g.one, state_of(t.x, i), sun, u, own_side, margins, s, as_int(0))
+            count = _spread(new, i, as_int(-1), count, t, s)
     if g.pairs:
         for i in range(deputies):
             for j in range(i + 1, deputies):
                 if not (t.fixed[i] and t.fixed[j]):
-                    rel, u = minus(state_of(t.x, i), state_of(t.x, j)), _thrust(i, j, t)
-                    new, _ = cut_broken(
-                        g.pair, rel, sun, u, True, length, speed, s.d, s.rows, s.bounds, plain(0)
-                    )  # fmt: skip
+                    _write_thrust(i, j, t)
+                    rel = minus(state_of(t.x, i), state_of(t.x, j))
+                    new, _ = cut_broken(g.pair, rel, sun, u, True, margins, s, as_int(0))
                     count = _spread(new, i, j, count, t, s)
     return count
 
 
 @njit(**INNER)
-def _shifted_end(m: Model, i: int, axis: int, t: Team, s: Scratch) -> RowState:
+def _shifted_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspace) -> RowState:
     """Return the state after the hold of a deputy's last proposal, stepped along an axis, and of its plan."""
     for k in range(3):
         t.u[k] = t.control[3 * i + k]
@@ -144,17 +141,14 @@ def _shifted_end(m: Model, i: int, axis: int, t: Team, s: Scratch) -> RowState:
 
 
 @njit(**INNER)
-def _cut_pair_plans(g: TeamModel, i: int, j: int, margin: float, count: int, t: Team, s: Scratch) -> int:
+def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
     """Append half-spaces that make the plans of a pair pass each other, at the nodes of an orbit where they do not."""
     m, n = g.one, g.one.n
-    reach = max(g.pair.near, g.pair.near_psm) + margin
-    a, b = _shifted_end(m, i, plain(-1), t, s), _shifted_end(m, j, plain(-1), t, s)
-    a0, a1, a2 = (
-        _shifted_end(m, i, plain(0), t, s), _shifted_end(m, i, plain(1), t, s), _shifted_end(m, i, plain(2), t, s)
-    )  # fmt: skip
-    b0, b1, b2 = (
-        _shifted_end(m, j, plain(0), t, s), _shifted_end(m, j, plain(1), t, s), _shifted_end(m, j, plain(2), t, s)
-    )  # fmt: skip
+    reach = g.pair.constraints[COLLISION].closed_near + NODE_MARGIN
+    a, b = _shifted_end(m, i, as_int(-1), t, s), _shifted_end(m, j, as_int(-1), t, s)
+    a0, a1 = _shifted_end(m, i, as_int(0), t, s), _shifted_end(m, i, as_int(1), t, s)
+    b0, b1 = _shifted_end(m, j, as_int(0), t, s), _shifted_end(m, j, as_int(1), t, s)
+    a2, b2 = _shifted_end(m, i, as_int(2), t, s), _shifted_end(m, j, as_int(2), t, s)
     rel = minus(a, b)
     previous, falling = math.inf, False
     for place in range(FINE_NODES + 1):
@@ -193,8 +187,8 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, margin: float, count: int, t: 
 
 @njit(**INNER)
 def cut_plans(
-    g: TeamModel, sun: Sun, stuck: int, alone: bool, margin: float, length: float, speed: float,
-    bits: bool, count: int, t: Team, s: Scratch,
+    g: TeamModel, sun: SunAngle, stuck: int, alone: bool, margins: Margins, bits: bool, count: int, t: TeamWorkspace,
+    s: Workspace,
 ) -> int:  # fmt: skip
     """Append half-spaces for the joint plan that the last proposal leaves no room for; return the count.
 
@@ -204,26 +198,24 @@ def cut_plans(
         stuck: The deputy that found no plan.
         alone: Whether it has none even alone: then its own constraints are made linear, else the distances of the
             pairs, on the plans that lie farthest apart.
-        margin: Slack that is asked for at the nodes of the orbits [m].
-        length: Margin of the plans [m].
-        speed: Margin of the plans [m/s].
+        margins: Margins of the plans.
         bits: Whether to note what refused the hold in `t.bits`.
         count: How many half-spaces there are.
-        t: Room, after `tested`.
-        s: Room.
+        t: Workspace, after `tested`.
+        s: Workspace.
     """
     if alone:
-        u = _thrust(stuck, plain(-1), t)
-        new, code = cut_recovery(g.one, state_of(t.x, stuck), sun, u, margin, s.w, s.rows, s.bounds, plain(0))
+        _write_thrust(stuck, as_int(-1), t)
+        new, code = cut_recovery(g.one, state_of(t.x, stuck), sun, t.u, NODE_MARGIN, s, as_int(0))
         if bits:
             t.bits[stuck] |= 1 << code
-        return int(_spread(new, stuck, plain(-1), count, t, s))
+        return int(_spread(new, stuck, as_int(-1), count, t, s))
     later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
     if bits:
         t.bits[stuck] |= 1 << PAIR_BIT
-    farthest_plans(g, t.after, later, length, speed, plain(QUICK), t, s)
+    farthest_plans(g, t.after, later, margins, as_int(QUICK), t, s)
     for i in range(t.x.shape[0]):
         for j in range(i + 1, t.x.shape[0]):
             if t.plan[i] != NO_PLAN and t.plan[j] != NO_PLAN and not (t.fixed[i] and t.fixed[j]):
-                count = _cut_pair_plans(g, i, j, margin, count, t, s)
+                count = _cut_pair_plans(g, i, j, count, t, s)
     return count

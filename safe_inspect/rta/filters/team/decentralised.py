@@ -10,8 +10,9 @@ import numpy as np
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.filters.base import FilterResult, checked, columns, differs
+from safe_inspect.rta.filters.base import as_columns, checked, differs
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
 
@@ -73,7 +74,7 @@ class DecentralisedFilter:
             infeasible=result.infeasible,
             backup=result.backup,
             active=np.ascontiguousarray(result.active[:, 0]),
-            phi=columns(list(self.phi(state, others_position, others_velocity).values()), len(state)),
+            phi=as_columns(list(self.phi(state, others_position, others_velocity).values()), len(state)),
             names=self.names,
         )
 

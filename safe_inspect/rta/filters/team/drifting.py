@@ -3,18 +3,18 @@
 The relative motion is a centre that moves along y at a constant rate plus an oscillation o with the orbit's period. In
 the angle tau = n t of the orbit its second derivative is -o, and every derivative of o is at most
 rho = sqrt(4 A^2 + B^2) long, A and B the amplitudes in x and z. So a cell of the path is certified by its ends as in
-`arcs`, and the speed, at most |drift| + rho, tells how far ahead nothing can come near. When the centre has gone past
-the other by more than the amplitude of the motion along y, the two are apart for ever after.
+`constraints.rows`, and the speed, at most |drift| + rho, tells how far on nothing can come near. When the centre has
+gone past the other by more than the amplitude of the motion along y, the two are apart for ever after.
 """
 
 from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.backup.arcs import lowest
+from safe_inspect.rta.constraints.rows import lowest
 
 #: Orbits for which a pair is certified that neither drifts away nor has no drift at all.
 ORBITS = 4
@@ -22,13 +22,13 @@ _CELL = math.pi / 8.0
 _FINEST = _CELL / 1024.0
 
 
-@njit(error_model="numpy")
+@njit(**BORROWING)
 def apart(n: float, x: RowState, reach: float) -> bool:
     """Return whether the range of a coasting relative motion stays at least `reach`: see `ORBITS` for how long.
 
     Args:
         n: Mean motion [rad/s].
-        x: The relative state at the beginning.
+        x: The initial relative state.
         reach: Least range [m].
     """
     u, v, w = x[3] / n, x[4] / n, x[5] / n
@@ -47,9 +47,9 @@ def apart(n: float, x: RowState, reach: float) -> bool:
             return True
         if angle > ORBITS * 2.0 * math.pi or not fastest > 0.0:
             return True
-        ahead = (r - reach) / fastest
-        if ahead >= span:
-            angle += ahead
+        clear = (r - reach) / fastest
+        if clear >= span:
+            angle += clear
             a = coasting_position(n, x, angle, math.cos(angle), math.sin(angle))
             continue
         while True:

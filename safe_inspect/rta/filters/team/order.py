@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from safe_inspect.compiling import njit
-from safe_inspect.rta.filters.backup.model import INNER
+from safe_inspect.rta.constraints.rows import INNER
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS
-from safe_inspect.rta.filters.team.scratch import Team
+from safe_inspect.rta.filters.team.workspace import TeamWorkspace
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
@@ -23,11 +23,11 @@ def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
 @njit(**INNER)
 def enter(
     position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
-    limit: float, t: Team,
+    limit: float, t: TeamWorkspace,
 ) -> None:  # fmt: skip
     """Put an environment's deputies into the order of the filter: those that coast first, then by range.
 
-    So the answer does not depend on the order of the deputies, unless two are equally far to the last bit.
+    So the result does not depend on the order of the deputies, unless two are equally far to the last bit.
     """
     for place in range(position.shape[0]):
         t.order[place] = place

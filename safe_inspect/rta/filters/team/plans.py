@@ -11,20 +11,24 @@ import math
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.filters.backup.arcs import SAFE, held, turned
+from safe_inspect.rta.constraints.certified import COLLISION
+from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
+from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, INNER, Model
+from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, FilterModel
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, ORDER, PLANS, try_plan
-from safe_inspect.rta.filters.backup.scratch import Scratch
+from safe_inspect.rta.filters.backup.sequences import SAFE
+from safe_inspect.rta.filters.backup.workspace import Workspace
 from safe_inspect.rta.filters.team.drifting import apart
-from safe_inspect.rta.filters.team.scratch import Team, TeamModel
+from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.types import FloatArray
 
-Sun = tuple[float, float]
+#: A deputy and its plan.
+Choice = tuple[int, int]
 #: What a test of a joint control says.
 PASSED, UNSAFE_HOLD, NO_JOINT_PLAN = range(3)
-#: All deputies have a plan; else the number of the one that has none is told.
+#: All deputies have a plan; else the number of the one that has none.
 FOUND = -1
 _UNKNOWN, _GOOD, _BAD = range(3)
 #: Every so many of the fine nodes of an orbit, the distances of pairs are compared.
@@ -44,7 +48,7 @@ def minus(a: RowState, b: RowState) -> RowState:
 
 
 @njit(**INNER)
-def fly(m: Model, x: FloatArray, control: FloatArray, after: FloatArray, t: Team) -> None:
+def advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: FloatArray, t: TeamWorkspace) -> None:
     """Write the states after a joint control, shape (D, 6)."""
     for i in range(x.shape[0]):
         for axis in range(3):
@@ -55,7 +59,7 @@ def fly(m: Model, x: FloatArray, control: FloatArray, after: FloatArray, t: Team
 
 
 @njit(**INNER)
-def begin_plans(m: Model, x: FloatArray, t: Team) -> None:
+def reset_plans(m: FilterModel, x: FloatArray, t: TeamWorkspace) -> None:
     """Forget what is known of the plans; those that coast have the plan 0, which is to coast."""
     t.met[:] = _UNKNOWN
     for i in range(x.shape[0]):
@@ -73,13 +77,13 @@ def begin_plans(m: Model, x: FloatArray, t: Team) -> None:
 
 @njit(**INNER)
 def alone_safe(
-    m: Model, x: FloatArray, sun: Sun, i: int, plan: int, length: float, speed: float, t: Team, s: Scratch
+    m: FilterModel, x: FloatArray, sun: SunAngle, i: int, plan: int, margins: Margins, t: TeamWorkspace, s: Workspace
 ) -> bool:  # fmt: skip
     """Is a plan of a deputy safe without regard to the others? What is found is remembered."""
     if t.known[i, plan] == _UNKNOWN:
         u = t.thrust[i, plan]
         t.known[i, plan] = _BAD
-        if try_plan(m, state_of(x, i), sun, plan, length, speed, u, s.work, s.cells, s.where):
+        if try_plan(m, state_of(x, i), sun, plan, margins, u, s):
             t.known[i, plan] = _GOOD
             end = held(m, state_of(x, i), u, HOLD_PIECES)
             for k in range(6):
@@ -89,30 +93,30 @@ def alone_safe(
 
 @njit(**INNER)
 def _pair_safe(
-    g: TeamModel, x: FloatArray, sun: Sun, i: int, plan: int, j: int, other: int, length: float, speed: float,
-    t: Team, s: Scratch,
+    g: TeamModel, x: FloatArray, sun: SunAngle, first: Choice, second: Choice, margins: Margins, t: TeamWorkspace,
+    s: Workspace,
 ) -> bool:  # fmt: skip
     """Do two deputies stay apart in their plans' holds and ever after?"""
-    q = g.pair
+    q, (i, plan), (j, other) = g.pair, first, second
     after = minus(state_of(t.end[i], plan), state_of(t.end[j], other))
     if t.fixed[i] or t.fixed[j]:
-        if not apart(q.n, after, max(q.near, q.near_psm) + length):
+        if not apart(q.n, after, q.constraints[COLLISION].closed_near + margins.length):
             return False
-    elif closed_motion(q, after, sun, length, speed, s.work) != SAFE:
+    elif closed_motion(q, after, sun, margins, s.work) != SAFE:
         return False
     for axis in range(3):
         t.u[axis] = t.thrust[i, plan, axis] - t.thrust[j, other, axis]
     rel = minus(state_of(x, i), state_of(x, j))
-    return bool(hold(q, rel, sun, t.u, length, speed, s.cells, s.where) == SAFE)
+    return bool(hold(q, rel, sun, t.u, margins, s.cells, s.where) == SAFE)
 
 
 @njit(**INNER)
 def _fits(
-    g: TeamModel, x: FloatArray, sun: Sun, place: int, plan: int, length: float, speed: float, t: Team, s: Scratch
+    g: TeamModel, x: FloatArray, sun: SunAngle, place: int, plan: int, margins: Margins, t: TeamWorkspace, s: Workspace
 ) -> bool:  # fmt: skip
     """Is a plan of the deputy at a place of the line safe, and apart from those before it?"""
     i = t.line[place]
-    if not alone_safe(g.one, x, sun, i, plan, length, speed, t, s):
+    if not alone_safe(g.one, x, sun, i, plan, margins, t, s):
         return False
     if g.pairs:
         for k in range(place):
@@ -121,7 +125,7 @@ def _fits(
             first, second = (plan, t.plan[j]) if i < j else (t.plan[j], plan)
             p = a * (2 * x.shape[0] - a - 1) // 2 + b - a - 1
             if t.met[p, first, second] == _UNKNOWN:
-                good = _pair_safe(g, x, sun, a, first, b, second, length, speed, t, s)
+                good = _pair_safe(g, x, sun, (a, first), (b, second), margins, t, s)
                 t.met[p, first, second] = _GOOD if good else _BAD
             if t.met[p, first, second] == _BAD:
                 return False
@@ -130,7 +134,7 @@ def _fits(
 
 @njit(**INNER)
 def joint_plan(
-    g: TeamModel, x: FloatArray, sun: Sun, length: float, speed: float, most: int, turns: int, t: Team, s: Scratch
+    g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, turns: int, t: TeamWorkspace, s: Workspace
 ) -> tuple[int, bool]:  # fmt: skip
     """Look for a joint plan from states x, the hints first; write it into `t.plan`.
 
@@ -141,7 +145,7 @@ def joint_plan(
         The deputy that found no plan, or FOUND, and whether it had none even alone.
     """
     deputies = x.shape[0]
-    begin_plans(g.one, x, t)
+    reset_plans(g.one, x, t)
     head = 0
     while head < deputies and t.fixed[head]:
         head += 1
@@ -150,11 +154,11 @@ def joint_plan(
         stuck = FOUND
         for place in range(head, deputies):
             i, chosen = t.line[place], NO_PLAN
-            if t.hint[i] != NO_PLAN and _fits(g, x, sun, place, t.hint[i], length, speed, t, s):
+            if t.hint[i] != NO_PLAN and _fits(g, x, sun, place, t.hint[i], margins, t, s):
                 chosen = t.hint[i]
             else:
                 for rank in range(most):
-                    if _fits(g, x, sun, place, ORDER[rank], length, speed, t, s):
+                    if _fits(g, x, sun, place, ORDER[rank], margins, t, s):
                         chosen = ORDER[rank]
                         break
             t.plan[i] = chosen
@@ -177,8 +181,8 @@ def joint_plan(
 
 @njit(**INNER)
 def tested(
-    g: TeamModel, sun: Sun, control: FloatArray, length: float, speed: float, most: int, turns: int, whole: bool,
-    t: Team, s: Scratch,
+    g: TeamModel, sun: SunAngle, control: FloatArray, margins: Margins, most: int, turns: int, whole: bool,
+    t: TeamWorkspace, s: Workspace,
 ) -> tuple[int, int, bool]:  # fmt: skip
     """Test a joint control exactly: its hold, for each deputy and each pair, and a joint plan after it.
 
@@ -186,13 +190,12 @@ def tested(
         g: The task.
         sun: Cosine and sine of the sun angle.
         control: The thrusts [N], shape (3 D,).
-        length: Margin of the ranges and the sun cone [m].
-        speed: Margin of the speeds [m/s].
+        margins: Margins of the constraints.
         most: How many plans of each deputy to try.
         turns: How often deputies may choose anew.
         whole: True: write what is wrong with every deputy and pair; False: stop at the first.
-        t: Room; the joint plan is written into `t.plan`.
-        s: Room.
+        t: Workspace; the joint plan is written into `t.plan`.
+        s: Workspace.
 
     Returns:
         PASSED, UNSAFE_HOLD or NO_JOINT_PLAN; for the last, what `joint_plan` returns.
@@ -204,7 +207,7 @@ def tested(
         if not t.fixed[i]:
             for axis in range(3):
                 t.u[axis] = control[3 * i + axis]
-            t.code[i] = hold(g.one, state_of(t.x, i), sun, t.u, length, speed, s.cells, s.where)
+            t.code[i] = hold(g.one, state_of(t.x, i), sun, t.u, margins, s.cells, s.where)
             t.at[i] = s.where[0]
         if t.code[i] != SAFE:
             broken = True
@@ -218,7 +221,7 @@ def tested(
                     for axis in range(3):
                         t.u[axis] = control[3 * i + axis] - control[3 * j + axis]
                     rel = minus(state_of(t.x, i), state_of(t.x, j))
-                    t.pair_code[p] = hold(g.pair, rel, sun, t.u, length, speed, s.cells, s.where)
+                    t.pair_code[p] = hold(g.pair, rel, sun, t.u, margins, s.cells, s.where)
                     t.pair_at[p] = s.where[0]
                 if t.pair_code[p] != SAFE:
                     broken = True
@@ -227,14 +230,14 @@ def tested(
                 p += 1
     if broken:
         return UNSAFE_HOLD, FOUND, False
-    fly(g.one, t.x, control, t.after, t)
+    advance_team(g.one, t.x, control, t.after, t)
     later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
-    stuck, alone = joint_plan(g, t.after, later, length, speed, most, turns, t, s)
+    stuck, alone = joint_plan(g, t.after, later, margins, most, turns, t, s)
     return (PASSED if stuck == FOUND else NO_JOINT_PLAN), stuck, alone
 
 
 @njit(**INNER)
-def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: Team) -> float:
+def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: TeamWorkspace) -> float:
     """Return the least distance of a deputy's plan from those of the others, over one orbit, unless less than best."""
     least = math.inf
     for j in range(t.x.shape[0]):
@@ -252,7 +255,7 @@ def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: Team) -> float
 
 @njit(**INNER)
 def farthest_plans(
-    g: TeamModel, x: FloatArray, sun: Sun, length: float, speed: float, most: int, t: Team, s: Scratch
+    g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, t: TeamWorkspace, s: Workspace
 ) -> None:  # fmt: skip
     """Write into `t.plan` plans that are safe alone and as far apart as they can be chosen one by one.
 
@@ -269,7 +272,7 @@ def farthest_plans(
                 continue
             for rank in range(most):
                 plan = ORDER[rank]
-                if alone_safe(g.one, x, sun, i, plan, length, speed, t, s):
+                if alone_safe(g.one, x, sun, i, plan, margins, t, s):
                     least = _least_apart(g, i, plan, best, t)
                     if least > best:
                         best, chosen = least, plan

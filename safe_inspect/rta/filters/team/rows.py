@@ -5,36 +5,35 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import njit
-from safe_inspect.rta.filters.backup.cuts import MOST
-from safe_inspect.rta.filters.backup.model import COLLISION, PSM
+from safe_inspect.rta.constraints.rows import INNER, SunAngle, scaled
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, QUICK, STAY
 from safe_inspect.rta.filters.backup.returning import return_control
 from safe_inspect.rta.filters.backup.rows import (
     BACKUP,
     DESIRED,
-    LENGTH_MARGIN,
+    MARGINS,
+    NEAR_BITS,
     NEAREST,
     RETURN,
-    SPEED_MARGIN,
 )
-from safe_inspect.rta.filters.backup.scratch import Scratch, plain, scratch
+from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, workspace
 from safe_inspect.rta.filters.team.cuts import cut_ends, cut_holds, cut_plans
 from safe_inspect.rta.filters.team.order import enter
 from safe_inspect.rta.filters.team.plans import (
     FOUND,
     PASSED,
     UNSAFE_HOLD,
-    Sun,
     farthest_plans,
     joint_plan,
     state_of,
     tested,
 )
-from safe_inspect.rta.filters.team.scratch import Team, TeamModel, team_room
+from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace, team_workspace
 from safe_inspect.rta.numerics.active_set import nearest_joint
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-_NEAR = 1 << COLLISION | 1 << PSM
+#: Positions (N, D, 3), velocities (N, D, 3) and sun angles (N,).
+TeamArrays = tuple[FloatArray, FloatArray, FloatArray]
 #: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
 _EXTRA = 2.0
 _ROUNDS = 6
@@ -42,8 +41,6 @@ _ROUNDS = 6
 _TURNS = 2
 #: Rounds that may end in states without a joint plan.
 _RECOVERIES = 2
-#: Slack that a plan is asked for at the nodes of its orbit [m], for what lies between them.
-_NODE_MARGIN = 0.05
 _POLISH = 4
 #: A proposal that moves less than this [N] has settled.
 _STILL = 1e-7
@@ -54,7 +51,7 @@ _FEW = 6
 _FINE = 2e-3
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _squared(a: FloatArray, b: FloatArray) -> float:
     total = 0.0
     for k in range(a.shape[0]):
@@ -62,62 +59,60 @@ def _squared(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _copy(source: FloatArray, target: FloatArray) -> None:
     for k in range(source.shape[0]):
         target[k] = source[k]
 
 
-@njit(error_model="numpy")
+@njit(**INNER)
 def _keep(source: IntArray, target: IntArray) -> None:
     for k in range(source.shape[0]):
         target[k] = source[k]
 
 
-@njit(error_model="numpy")
-def _cut(g: TeamModel, sun: Sun, own_side: bool, t: Team, s: Scratch) -> bool:
+@njit(**INNER)
+def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Workspace) -> bool:
     """Look for a joint control by cutting planes; True where `t.control` is one and `t.plan` its plan.
 
     Each round adds half-spaces for all that the last proposal breaks and proposes the control of the programme.
     """
-    length, speed = _EXTRA * LENGTH_MARGIN, _EXTRA * SPEED_MARGIN
-    count, unrecovered = plain(0), 0
+    margins = scaled(MARGINS, _EXTRA)
+    count, unrecovered = as_int(0), 0
     _copy(t.desired, t.control)
     for attempt in range(_ROUNDS):
-        most = plain(PLANS) if attempt == 0 else plain(QUICK)
-        verdict, stuck, alone = tested(g, sun, t.control, LENGTH_MARGIN, SPEED_MARGIN, most, plain(_TURNS), True, t, s)
+        most = as_int(PLANS) if attempt == 0 else as_int(QUICK)
+        verdict, stuck, alone = tested(g, sun, t.control, MARGINS, most, as_int(_TURNS), True, t, s)
         if verdict == PASSED:
             return True
         first = attempt == 0 and not own_side
         if verdict == UNSAFE_HOLD:
-            count = cut_holds(g, sun, own_side, length, speed, first, count, t, s)
+            count = cut_holds(g, sun, own_side, margins, first, count, t, s)
         else:
             unrecovered += 1
             if unrecovered > _RECOVERIES:
                 return False
-            count = cut_plans(
-                g, sun, stuck, alone, _NODE_MARGIN, LENGTH_MARGIN, SPEED_MARGIN, first, count, t, s
-            )  # fmt: skip
+            count = cut_plans(g, sun, stuck, alone, MARGINS, first, count, t, s)
         for _ in range(_POLISH):
-            if not nearest_joint(t.rows, t.bounds, count, g.one.u_max, t.desired, t.trial, t.room):
+            if not nearest_joint(t.rows, t.bounds, count, g.one.u_max, t.desired, t.trial, t.qp):
                 return False
             moved = math.sqrt(_squared(t.trial, t.control))
             _copy(t.trial, t.control)
             if moved < _STILL:
                 break
             before = count
-            count = cut_ends(g, sun, own_side, 0.75 * length, 0.75 * speed, count, t, s)
+            count = cut_ends(g, sun, own_side, scaled(margins, 0.75), count, t, s)
             if count == before:
                 break
     return False
 
 
-@njit(error_model="numpy")
-def _better(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
+@njit(**INNER)
+def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
     """Take `t.trial` as the best control if it is nearer to the desired one and passes the test."""
     if not _squared(t.trial, t.desired) < _squared(t.best, t.desired):
         return False
-    if tested(g, sun, t.trial, LENGTH_MARGIN, SPEED_MARGIN, plain(_FEW), plain(_TURNS), False, t, s)[0] != PASSED:
+    if tested(g, sun, t.trial, MARGINS, as_int(_FEW), as_int(_TURNS), False, t, s)[0] != PASSED:
         return False
     _copy(t.trial, t.best)
     _keep(t.plan, t.kept)
@@ -125,8 +120,8 @@ def _better(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
     return True
 
 
-@njit(error_model="numpy")
-def _between(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
+@njit(**INNER)
+def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> None:
     """Write into `t.best` a tested control between the backup and the last proposal, as near to it as it finds.
 
     First all deputies move together, then one after another on from there.
@@ -159,18 +154,16 @@ def _between(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
                 break
 
 
-@njit(error_model="numpy")
-def _backup(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
+@njit(**INNER)
+def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
     """Write the thrust of a joint plan of the present states into `t.backup`; False where there is none.
 
     What was taken with the whole margins is still safe with half of them, whatever the rounding since; the plan that
     is remembered is tried before others, so it is found again.
     """
     for half in range(2):
-        share = 1.0 - 0.5 * half
-        stuck, _ = joint_plan(
-            g, t.x, sun, share * LENGTH_MARGIN, share * SPEED_MARGIN, plain(PLANS), t.x.shape[0] + 2, t, s
-        )  # fmt: skip
+        margins = scaled(MARGINS, 1.0 - 0.5 * half)
+        stuck, _ = joint_plan(g, t.x, sun, margins, as_int(PLANS), t.x.shape[0] + 2, t, s)
         if stuck == FOUND:
             for i in range(t.x.shape[0]):
                 for axis in range(3):
@@ -179,10 +172,10 @@ def _backup(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> bool:
     return False
 
 
-@njit(error_model="numpy")
-def _return(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
+@njit(**INNER)
+def _return(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> None:
     """Write into `t.best` the way back: plans that are safe alone and lie far apart, else that of a single deputy."""
-    farthest_plans(g, t.x, sun, 0.5 * LENGTH_MARGIN, 0.5 * SPEED_MARGIN, plain(PLANS), t, s)
+    farthest_plans(g, t.x, sun, scaled(MARGINS, 0.5), as_int(PLANS), t, s)
     for i in range(t.x.shape[0]):
         if t.plan[i] != NO_PLAN:
             for axis in range(3):
@@ -196,14 +189,15 @@ def _return(g: TeamModel, sun: Sun, t: Team, s: Scratch) -> None:
 
 @njit(error_model="numpy")
 def filter_team_rows(
-    g: TeamModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
-    fixed: BoolArray, memory: IntArray, control: FloatArray, refused: IntArray, stage: IntArray,
+    g: TeamModel, states: TeamArrays, desired: FloatArray, fixed: BoolArray, memory: IntArray,
+    control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
     """Write each environment's controls (N, D, 3), bits of what refused the desired ones (N, D), and stage (N,).
 
     `memory` (N, D) holds the plan of each deputy, counted from 1, or 0; it is replaced by that of the state to come.
     """
-    s, t = scratch(MOST), team_room(position.shape[1])
+    position, velocity, sun_angle = states
+    s, t = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1])
     for row in range(position.shape[0]):
         enter(position[row], velocity[row], desired[row], fixed[row], memory[row], g.one.u_max, t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
@@ -213,7 +207,7 @@ def filter_team_rows(
             any_bits = 0
             for i in range(t.x.shape[0]):
                 any_bits |= t.bits[i]
-            near = any_bits & _NEAR != 0
+            near = any_bits & NEAR_BITS != 0
             if done or not near:
                 break
         if done:
@@ -236,24 +230,25 @@ def filter_team_rows(
 
 @njit(error_model="numpy")
 def team_rows(
-    g: TeamModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, control: FloatArray,
-    fixed: BoolArray, memory: IntArray, plan: bool, out: BoolArray,
+    g: TeamModel, states: TeamArrays, control: FloatArray, fixed: BoolArray, memory: IntArray,
+    plan: bool, out: BoolArray,
 ) -> None:  # fmt: skip
     """Write whether each environment's joint control is admissible, or if `plan`, whether it has a joint plan.
 
     In the latter case the plan's thrust is written into `control`, zero where there is none, and its number into
     `memory`.
     """
-    s, t = scratch(MOST), team_room(position.shape[1])
+    position, velocity, sun_angle = states
+    s, t = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1])
     for row in range(position.shape[0]):
         enter(position[row], velocity[row], control[row], fixed[row], memory[row], g.one.u_max, t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
         if plan:
-            stuck, _ = joint_plan(g, t.x, sun, LENGTH_MARGIN, SPEED_MARGIN, plain(PLANS), t.x.shape[0] + 2, t, s)
+            stuck, _ = joint_plan(g, t.x, sun, MARGINS, as_int(PLANS), t.x.shape[0] + 2, t, s)
             out[row] = stuck == FOUND
         else:
             verdict, _, _ = tested(
-                g, sun, t.desired, LENGTH_MARGIN, SPEED_MARGIN, plain(PLANS), plain(_TURNS), False, t, s
+                g, sun, t.desired, MARGINS, as_int(PLANS), as_int(_TURNS), False, t, s
             )  # fmt: skip
             out[row] = verdict == PASSED
         for place in range(t.x.shape[0]):

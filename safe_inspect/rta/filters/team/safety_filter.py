@@ -10,10 +10,11 @@ import numpy as np
 
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM
 from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS, DeputyCollision, DeputyPassiveSafety
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import NAMES, gives_half_space, name_of
-from safe_inspect.rta.filters.backup.model import FURTHER, KNOWN, PAIR_BIT, PSM, build_model
+from safe_inspect.rta.constraints.sets import gives_half_space, name_of
+from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, build_model
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import compiled
 from safe_inspect.simulators.arrays import for_kernel
@@ -161,7 +162,7 @@ class TeamFilter:
         """
         entries = tuple(names)
         self.names = tuple(map(name_of, entries))
-        known = (*KNOWN, *PAIR_CONSTRAINTS)
+        known = (*NAMES, *PAIR_CONSTRAINTS)
         for name, entry in zip(self.names, entries, strict=True):
             if name not in known and not gives_half_space(entry):
                 raise ValueError(f"the team's filter cannot keep {name!r}; {did_you_mean(name, known)}")
@@ -186,13 +187,13 @@ class TeamFilter:
             }.items() if name in self.names
         }  # fmt: skip
         about = p.model_copy(update={"collision_radius": 2.0 * self.deputy_radius})
-        self._models = build_model(p, [name for name in self.names if name in KNOWN]), build_model(about, chosen)
+        self._models = build_model(p, [name for name in self.names if name in NAMES]), build_model(about, chosen)
         self._pairs = bool(chosen)
-        codes = {name: KNOWN.index(name) for name in self.names if name in KNOWN}
-        codes |= {name: FURTHER + k for k, name in enumerate(name for name in self.alone.names if name not in KNOWN)}
-        codes |= {name: PAIR_BIT + (PAIR_CONSTRAINTS[name] == KNOWN[PSM]) for name in self.pair_constraints}
+        codes = {name: NAMES.index(name) for name in self.names if name in NAMES}
+        codes |= {name: FURTHER + k for k, name in enumerate(name for name in self.alone.names if name not in NAMES)}
+        codes |= {name: PAIR_BIT + (PAIR_CONSTRAINTS[name] == NAMES[PSM]) for name in self.pair_constraints}
         self._codes = {codes[name]: j for j, name in enumerate(self.names)}
-        for narrow, wide in ((0, PSM), (PAIR_BIT, PAIR_BIT + 1)):
+        for narrow, wide in ((COLLISION, PSM), (PAIR_BIT, PAIR_BIT + 1)):
             if narrow not in self._codes and wide in self._codes:
                 self._codes[narrow] = self._codes[wide]  # a plan that comes too near breaks passive safety then
 
@@ -215,7 +216,7 @@ class TeamFilter:
         control, refused, stage = np.empty(shape), np.empty(shape[:2], np.int64), np.empty(shape[0], np.int64)
         rows = compiled("team.rows")
         rows.filter_team_rows(
-            self._model, state.position, state.velocity, state.sun_angle, desired, state.fixed, memory,
+            self._model, (state.position, state.velocity, state.sun_angle), desired, state.fixed, memory,
             control, refused, stage,
         )  # fmt: skip
         active: IntArray = np.zeros(shape[:2], np.int64)
@@ -258,12 +259,12 @@ class TeamFilter:
     @property
     def _model(self) -> Any:
         one, pair = self._models
-        return compiled("team.scratch").TeamModel(self.alone.further.into(one), pair, self._pairs)
+        return compiled("team.workspace").TeamModel(self.alone.further.into(one), pair, self._pairs)
 
     def _rows(self, state: TeamState, control: FloatArray, memory: IntArray, plan: bool) -> BoolArray:
         out = np.empty(len(state), np.bool_)
         compiled("team.rows").team_rows(
-            self._model, state.position, state.velocity, state.sun_angle, control, state.fixed, memory, plan, out
+            self._model, (state.position, state.velocity, state.sun_angle), control, state.fixed, memory, plan, out
         )  # fmt: skip
         return out
 

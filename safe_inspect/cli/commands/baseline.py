@@ -1,0 +1,56 @@
+"""What ``safe-inspect baseline`` does."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.environments.registration import load_spec
+from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.evaluation.baselines.run import OPTIMISER, complete
+from safe_inspect.evaluation.baselines.table import baseline_table
+from safe_inspect.evaluation.policies import BASELINES
+from safe_inspect.evaluation.task import task_of
+from safe_inspect.planning.record import Record
+from safe_inspect.plugins.registry import registry
+from safe_inspect.version import __version__
+
+
+def run_baseline(arguments: argparse.Namespace) -> int:
+    """Fly a baseline, or optimise plans, and print the table."""
+    kind, effort = arguments.kind, arguments.effort
+    known = {OPTIMISER, *BASELINES, *(name for name, _ in registry.items("policy"))}
+    if kind == "optimizer":
+        kind = OPTIMISER
+    if kind not in known and "." not in kind:
+        raise SafeInspectError(f"no baseline {kind!r}; {did_you_mean(kind, known)}")
+    if effort is not None and kind != OPTIMISER:
+        raise SafeInspectError(f"--effort is for the optimiser; leave it out for {kind}")
+    spec = load_spec(arguments.cfg, arguments.overrides)
+    asked = Record(
+        kind=kind,
+        seed=arguments.seed,
+        effort=(effort or "normal") if kind == OPTIMISER else None,
+        task=task_of(spec),
+        about={
+            "safe_inspect": __version__,
+            "configuration_file": str(arguments.cfg),
+            "overrides": list(arguments.overrides),
+        },
+    )
+    bar = EpisodeBar(kind, sys.stderr)
+    try:
+        record = complete(
+            spec, asked, arguments.episodes, path=arguments.output, force=arguments.force, progress=bar.show
+        )
+    except KeyboardInterrupt as stop:
+        if arguments.output is not None:
+            stop.add_note("the same command goes on from there")
+        raise
+    finally:
+        bar.close()
+    print(baseline_table(record))
+    if arguments.output is not None:
+        print(f"the episodes are in {arguments.output}")
+    return 0

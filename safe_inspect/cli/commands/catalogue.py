@@ -1,0 +1,122 @@
+"""What ``safe-inspect list``, ``validate`` and ``schema`` do."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import json
+import re
+import sys
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.config.messages.file_schemas import FILES, model_schema
+from safe_inspect.config.models.learning import check_learning
+from safe_inspect.errors import ConfigError, RegistryError, did_you_mean
+from safe_inspect.experiments.runs.training_run import read_settings
+from safe_inspect.outputs import new_file
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.registry import registry
+from safe_inspect.rendezvous.experiment import is_rendezvous, load_rendezvous
+from safe_inspect.rendezvous.models import RendezvousConfig
+
+#: The model of every kind of file that has a schema.
+_SCHEMAS: dict[str, type[BaseModel]] = {**FILES, "rendezvous": RendezvousConfig}
+
+_FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
+
+
+def run_list(arguments: argparse.Namespace) -> int:
+    """Print the plugins."""
+    print(catalogue(arguments.kind, arguments.name))
+    return 0
+
+
+def run_validate(arguments: argparse.Namespace) -> int:
+    """Check an experiment, or one of a rendezvous."""
+    if is_rendezvous(arguments.cfg):
+        config = load_rendezvous(arguments.cfg, arguments.overrides).config
+        parts = (config.target, config.tumble, config.planner, config.tracker)
+        print(f"{arguments.cfg} is valid: rendezvous, {', '.join(type(part).__name__ for part in parts)}")
+        return 0
+    experiment = load_experiment(arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform)
+    settings = check_learning(experiment, read_settings)
+    for note in settings.notes:
+        print(f"note: {note}", file=sys.stderr)
+    agents = ", ".join(f"{agent.name} on {agent.platform}" for agent in experiment.spec.agents)
+    print(f"{arguments.cfg} is valid: {experiment.algorithm}, {agents}")
+    return 0
+
+
+def run_schema(arguments: argparse.Namespace) -> int:
+    """Print the schema of a kind of file."""
+    if arguments.file not in _SCHEMAS:
+        raise ConfigError(f"no kind of file is called {arguments.file!r}; {did_you_mean(arguments.file, _SCHEMAS)}")
+    text = json.dumps(model_schema(_SCHEMAS[arguments.file]), indent=2, sort_keys=True)
+    if arguments.output is None:
+        print(text)
+        return 0
+    with new_file(arguments.output) as work:
+        work.write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
+def catalogue(kind: str | None = None, name: str | None = None) -> str:
+    """Return the plugins with their fields, defaults and units, one block for each.
+
+    Args:
+        kind: Only this kind.
+        name: Only the plugin of this name.
+
+    Raises:
+        RegistryError: There is no such kind or name.
+    """
+    kinds = registry.kinds()
+    if kind is not None and kind not in kinds:
+        raise RegistryError(f"unknown kind {kind!r}; {did_you_mean(kind, kinds)}")
+    blocks = []
+    names = set()
+    for each in (kind,) if kind else kinds:
+        found = [(label, cls) for label, cls in registry.items(each)]
+        names |= {label for label, _ in found}
+        chosen = [(label, cls) for label, cls in found if name in (None, label)]
+        if chosen:
+            blocks.append(f"{each}\n" + "\n".join(_block(label, cls) for label, cls in chosen))
+    if not blocks:
+        raise RegistryError(f"unknown plugin {name!r}; {did_you_mean(str(name), names)}")
+    return "\n\n".join(blocks)
+
+
+def _block(name: str, cls: type[Plugin]) -> str:
+    summary = (inspect.getdoc(cls) or "").partition("\n")[0]
+    documented = _documented(cls)
+    lines = [f"  {name}  {summary}"]
+    for field, info in cls.model_fields.items():
+        about = documented.get(field, "")
+        lines.append(f"      {field} = {_default(info)}" + (f"  {about}" if about else ""))
+    return "\n".join(lines)
+
+
+def _documented(cls: type[Plugin]) -> dict[str, str]:
+    """Return what the docstrings of a class and its bases say of each field; the class's own word counts first."""
+    texts: dict[str, str] = {}
+    for parent in cls.__mro__:
+        text = (vars(parent).get("__doc__") or "").partition("Attributes:")[2]
+        text = re.split(r"\n\n", text.lstrip("\n"), maxsplit=1)[0]
+        for field, about in _FIELD.findall(inspect.cleandoc("x\n" + text).removeprefix("x\n").replace("\n", "\n    ")):
+            texts.setdefault(field, " ".join(about.split()))
+        for field, about in re.findall(r"^\s+(\w+): (.*(?:\n\s{12,}.*)*)", text, re.MULTILINE):
+            texts.setdefault(field, " ".join(about.split()))
+    return texts
+
+
+def _default(info: Any) -> str:
+    if info.default_factory is not None:
+        return repr(info.default_factory())
+    if info.default is PydanticUndefined:
+        return "required"
+    text = repr(info.default)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,196 @@
+"""What ``safe-inspect evaluate`` and ``safe-inspect compare`` do."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.results.comparison import compare
+from safe_inspect.evaluation.results.folder import (
+    is_evaluation,
+    new_evaluation,
+    read_evaluation,
+    sha256,
+    write_evaluation,
+    write_json,
+)
+from safe_inspect.evaluation.results.reference import read_reference
+from safe_inspect.evaluation.results.results import Evaluation
+from safe_inspect.evaluation.results.tables import evaluation_table, pooled_table
+from safe_inspect.evaluation.rollouts.measuring import check_metrics
+from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.task import default_metrics, price_of, read_metrics, task_of
+from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
+from safe_inspect.experiments.runs.run_folder import git_commit
+from safe_inspect.metrics import BaseMetric
+from safe_inspect.outputs import check_writable
+from safe_inspect.plugins.functor import describe
+from safe_inspect.types import FloatArray
+from safe_inspect.version import __version__
+
+
+def run_evaluate(arguments: argparse.Namespace) -> int:
+    """Fly every source and print its table."""
+    sources = _sources(arguments)
+    if not sources:
+        raise SafeInspectError(
+            "nothing to evaluate: give a checkpoint's folder, an ONNX file, the name of a baseline such as inspector, "
+            "or --policy NAME"
+        )
+    if arguments.record and arguments.output is None:
+        raise OutputError("--record writes trajectories into the folder of the results; give it with --output")
+    arguments.episodes, arguments.seed = arguments.episodes or 100, arguments.seed or 0
+    if arguments.json is not None:
+        check_writable(arguments.json)
+    candidates, metrics, reference = _prepared(arguments, sources, None)
+    found: list[Evaluation] = []
+    try:
+        with ExitStack() as stack:
+            folder = None
+            if arguments.output is not None:
+                folder = stack.enter_context(new_evaluation(arguments.output, force=arguments.force))
+            try:
+                found += [_fly(arguments, candidate, metrics, reference) for candidate in candidates]
+            except KeyboardInterrupt as stop:
+                stop.add_note("nothing is written")
+                raise
+            for item in found if folder is not None else ():
+                assert folder is not None
+                write_evaluation(item, folder if len(found) == 1 else folder / _file_name(item.label))
+    finally:  # a full disk does not lose what was flown
+        _print_tables(found)
+    if arguments.json is not None:
+        content = [{**item.record, "label": item.label, **item.as_dict()} for item in found]
+        write_json(arguments.json, content[0] if len(content) == 1 else content)
+    if arguments.output is not None:
+        print(f"\nresults: {arguments.output}")
+    return 0
+
+
+def _print_tables(found: Sequence[Evaluation]) -> None:
+    """Print the table of each evaluation, and of all together where they are trainings of one recipe."""
+    if found:
+        print("\n\n".join(evaluation_table(item) for item in found))
+    trained = all(item.record["source"]["kind"] != "scripted" for item in found)
+    if len(found) > 1 and trained and len({frozenset(item.team.figures) for item in found}) == 1:
+        print(f"\n{pooled_table(found)}")
+
+
+def run_compare(arguments: argparse.Namespace) -> int:
+    """Print evaluations of the same episodes side by side."""
+    sources = _sources(arguments)
+    if len(sources) < 2:
+        raise SafeInspectError("two or more are compared; give folders of evaluations, or what `evaluate` takes")
+    if arguments.json is not None:
+        check_writable(arguments.json)
+    found = {text: read_evaluation(text) for text in sources if is_evaluation(text)}
+    first = next(iter(found.values()), None)
+    given = first.record if first is not None else {}
+    arguments.episodes = arguments.episodes or given.get("episodes", 100)
+    arguments.seed = given.get("seed", 0) if arguments.seed is None else arguments.seed
+    flown = [text for text in sources if text not in found]
+    if flown:
+        candidates, metrics, reference = _prepared(arguments, flown, first)
+        for text, candidate in zip(flown, candidates, strict=True):
+            found[text] = _fly(arguments, candidate, metrics, reference)
+    labels = [item.label for item in found.values()]
+    chosen = [
+        found[text] if labels.count(found[text].label) == 1 else replace(found[text], label=text) for text in sources
+    ]
+    comparison = compare(chosen)
+    print(comparison)
+    if arguments.json is not None:
+        write_json(arguments.json, comparison.as_dict())
+    return 0
+
+
+def _sources(arguments: argparse.Namespace) -> list[str]:
+    """Return the sources among the words; the others are overrides."""
+    words = [*arguments.words]
+    texts = [word for word in words if "=" not in word or Path(word).exists()]
+    arguments.overrides = [*(word for word in words if word not in texts), *arguments.overrides]
+    texts += [f"{SHIPPED}{name}" for name in arguments.policy]
+    return list(dict.fromkeys(texts))
+
+
+def _prepared(
+    arguments: argparse.Namespace, sources: Sequence[str], model: Evaluation | None
+) -> tuple[list[Candidate], list[BaseMetric], FloatArray | None]:
+    """Check all that can be wrong before an episode is flown; return who flies, what is measured, and the reference."""
+    wanted = Wanted(arguments.cfg, arguments.overrides, arguments.compute_platform, arguments.sampled, arguments.seed)
+    if model is not None and arguments.cfg is None:
+        wanted = replace(wanted, usual=wanted.build(model.record["configuration"], model.label))
+    candidates = open_candidates(sources, wanted)
+    metrics = read_metrics(arguments.metric)
+    own = {metric.label for metric in metrics}
+    for candidate in candidates:
+        check_metrics(candidate.spec, [*metrics, *(m for m in default_metrics(candidate.spec) if m.label not in own)])
+    reference = None
+    for candidate in candidates if arguments.reference is not None else ():
+        task = task_of(candidate.experiment.spec)
+        reference = read_reference(arguments.reference, arguments.seed, arguments.episodes, task)
+    return candidates, metrics, reference
+
+
+def _fly(
+    arguments: argparse.Namespace,
+    candidate: Candidate,
+    metrics: Sequence[BaseMetric],
+    reference: FloatArray | None,
+) -> Evaluation:
+    """Fly the episodes of a candidate."""
+    task = candidate.experiment.spec
+    own = {metric.label for metric in metrics}
+    measured = [*metrics, *(metric for metric in default_metrics(task) if metric.label not in own)]
+    bar = EpisodeBar(candidate.label, sys.stderr)
+    try:
+        episodes = rollout(
+            candidate.spec,
+            candidate.policies,
+            arguments.episodes,
+            arguments.seed,
+            arguments.num_envs,
+            record=arguments.record or 0,
+            metrics=measured,
+            progress=bar.show,
+        )
+    finally:
+        bar.close()
+    return Evaluation.of(candidate.label, episodes, _record(arguments, candidate, measured), reference=reference)
+
+
+def _record(arguments: argparse.Namespace, candidate: Candidate, metrics: Sequence[BaseMetric]) -> Mapping[str, Any]:
+    """Return what an evaluation is."""
+    reference = arguments.reference
+    return {
+        "safe_inspect": __version__,
+        "git_commit": git_commit(),
+        "date": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "command": shlex.join(["safe-inspect", *sys.argv[1:]]),
+        "source": candidate.source,
+        "seed": arguments.seed,
+        "episodes": arguments.episodes,
+        "sampled": arguments.sampled,
+        "recorded": arguments.record or 0,
+        "metrics": [describe(metric) for metric in metrics],
+        "reference": None if reference is None else {"path": str(reference), "sha256": sha256(reference)},
+        "price": price_of(candidate.experiment.spec),
+        "task": task_of(candidate.experiment.spec),
+        "configuration_file": candidate.experiment.source,
+        "overrides": list(arguments.overrides),
+        "configuration": candidate.experiment.resolved,
+    }
+
+
+def _file_name(label: str) -> str:
+    return re.sub(r"[^\w.-]+", "-", label).strip(".-") or "evaluation"

@@ -1,0 +1,40 @@
+"""What ``safe-inspect export`` does."""
+
+from __future__ import annotations
+
+import argparse
+
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.errors import CheckpointError
+from safe_inspect.experiments.export.export import export_policy, policies_in
+from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
+from safe_inspect.experiments.runs.checkpoints import SINGLE
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Write the file and print how far it is from the checkpoint."""
+    if arguments.overrides and arguments.cfg is None:
+        raise CheckpointError("values are replaced in an experiment that is named with --cfg; give it, or no values")
+    experiment = None if arguments.cfg is None else load_experiment(arguments.cfg, arguments.overrides)
+    checkpoint = newest_checkpoint(arguments.checkpoint)
+    names = policies_in(checkpoint)
+    policy = arguments.policy
+    if policy is None:
+        if len(names) > 1:
+            raise CheckpointError(
+                f"{checkpoint}: the checkpoint has the policies {', '.join(names)}; name one with --policy"
+            )
+        policy = names[0]
+    output = arguments.output or ("policy.onnx" if policy == SINGLE else f"{policy}.onnx")
+    done = export_policy(checkpoint, output, policy, experiment)
+    info, found = done.info, done.difference
+    kind = "means" if info.distribution == "gaussian" else "most likely levels"
+    print(f"{done.path}: {info.task}, policy {info.policy}, for {', '.join(info.agents)}")
+    print(f"  {len(info.observation)} readings in SI units to {len(info.action)} commands, the {kind} of the policy")
+    print(
+        f"  largest difference from the checkpoint: {found.action:.1e} of the action's range, over "
+        f"{found.rows - done.flown:,} random and {done.flown:,} flown observations"
+    )
+    if found.undecided:
+        print(f"  {found.undecided:,} of them left out, as two levels are equally likely there")
+    return 0

@@ -1,0 +1,167 @@
+"""What ``safe-inspect draw``, ``film``, ``view`` and ``curves`` do."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from safe_inspect.cli.commands.mission_figures import (
+    draw_mission,
+    is_mission_source,
+    mission_film,
+    print_mission,
+    view_mission,
+)
+from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.results.trajectory_table import read_trajectories
+from safe_inspect.evaluation.rollouts.recording import record_episode
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.experiments.modules.sources import open_source
+from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
+from safe_inspect.figures.curves import curves_figure
+from safe_inspect.figures.drawing import require_matplotlib, save
+from safe_inspect.figures.film import Film
+from safe_inspect.figures.film_files import find_ffmpeg, save_film
+from safe_inspect.figures.page import episode_page, save_page
+from safe_inspect.figures.rendezvous.mission_film import MissionFilm
+from safe_inspect.figures.trajectory_figure import trajectory_figure
+from safe_inspect.outputs import check_writable
+
+_FIGURES = (".png", ".pdf", ".svg")
+
+
+_FILMS = (".gif", ".mp4")
+
+
+_PAGES = (".html", ".htm")
+
+
+def run_draw(arguments: argparse.Namespace) -> int:
+    """Draw one episode, or one mission."""
+    is_mission = _prepare(arguments, "png", _FIGURES, "figure")
+    require_matplotlib()
+    if is_mission:
+        return draw_mission(arguments)
+    episode = _episode(arguments)
+    save(trajectory_figure(episode), arguments.output)
+    return _report(arguments.output, episode)
+
+
+def run_film(arguments: argparse.Namespace) -> int:
+    """Film one episode, or one mission."""
+    is_mission = _prepare(arguments, "gif", _FILMS, "film")
+    require_matplotlib()
+    if arguments.frames < 2 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
+        raise SafeInspectError("a film has at least 2 --frames, a --width of 320 to 3840 pixels and at most 100 --fps")
+    if arguments.output.suffix.lower() == ".mp4":
+        find_ffmpeg()
+    film: Film | MissionFilm
+    if is_mission:
+        film = mission_film(arguments)
+    else:
+        episode = _with_points(arguments)
+        film = Film(episode, arguments.frames, arguments.width, arguments.turn)
+    terminal = sys.stderr.isatty()
+
+    def show(done: int, wanted: int) -> None:
+        print(f"\r{done} of {wanted} pictures", end="" if done < wanted else "\n", file=sys.stderr)
+
+    save_film(film, arguments.output, arguments.fps, show if terminal else None)
+    return (
+        print_mission(arguments, film.record) if isinstance(film, MissionFilm) else _report(arguments.output, episode)
+    )
+
+
+def run_view(arguments: argparse.Namespace) -> int:
+    """Write the page of one episode, or of one mission."""
+    if _prepare(arguments, "html", _PAGES, "page"):
+        return view_mission(arguments)
+    episode = _with_points(arguments)
+    title = arguments.title or f"{Path(arguments.source).name}, episode {episode.slot}"
+    save_page(episode_page(episode, title), arguments.output)
+    return _report(arguments.output, episode)
+
+
+def run_curves(arguments: argparse.Namespace) -> int:
+    """Draw the learning curves of runs."""
+    _check_output(arguments.output, _FIGURES, "figure")
+    recipes = recipes_of(arguments.runs, arguments.label) if arguments.runs else {}
+    if arguments.label and not arguments.runs:
+        raise SafeInspectError("--label names the RUNs; give them, or use --recipe LABEL RUN...")
+    for label, *runs in arguments.recipe:
+        if not runs:
+            raise SafeInspectError(f"--recipe {label}: no RUN follows the label; give the folders of training runs")
+        recipes.setdefault(label, []).extend(path for run in runs for path in one_recipe(run))
+    if not recipes:
+        raise SafeInspectError("no learning curves: give the folders of training runs")
+    save(curves_figure(recipes, arguments.centre, each=arguments.each), arguments.output)
+    shown = ", ".join(f"{label} ({len(paths)})" for label, paths in recipes.items())
+    print(f"{arguments.output}: {shown}")
+    return 0
+
+
+def _episode(arguments: argparse.Namespace) -> Trajectory:
+    """Return the episode that the command line names: flown, or read from a recording."""
+    source = Path(arguments.source).expanduser()
+    if source.suffix == ".parquet" or (source / "trajectories.parquet").is_file():
+        episode = _recorded(arguments, source)
+    else:
+        spec, policies = open_source(arguments.source, arguments.cfg, arguments.overrides)
+        episode = record_episode(spec, policies, arguments.episode, arguments.seed)
+    if arguments.until is None:
+        return episode
+    episode = episode.until(arguments.until)
+    if len(episode.time) < 2:
+        raise SafeInspectError(f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds")
+    return episode
+
+
+def _with_points(arguments: argparse.Namespace) -> Trajectory:
+    """Return the episode that the command line names; films and pages show how points are inspected."""
+    episode = _episode(arguments)
+    if not len(episode.points) or episode.sun_direction is None:
+        raise SafeInspectError(
+            f"{arguments.source}: the task has no inspection points in the light of a sun, which this command shows; "
+            "use `safe-inspect draw`"
+        )
+    return episode
+
+
+def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
+    for given, option in ((arguments.cfg, "--cfg"), (arguments.overrides, "KEY=VALUE"), (arguments.seed, "--seed")):
+        if given:
+            raise SafeInspectError(f"{source}: {option} changes nothing in a recorded episode; leave it out")
+    episodes = {episode.slot: episode for episode in read_trajectories(source)}
+    if arguments.episode not in episodes:
+        last = max(episodes, default=-1)
+        raise SafeInspectError(f"{source}: no episode {arguments.episode} is recorded; the last one is {last}")
+    return episodes[arguments.episode]
+
+
+def _report(path: Path, episode: Trajectory) -> int:
+    points = int((episode.inspected_at < float("inf")).sum())
+    inspected = f"{points} of {len(episode.points)} points, " if len(episode.points) else ""
+    print(
+        f"{path}: episode {episode.slot}, {episode.time[-1] / 60.0:.1f} min, {inspected}"
+        f"delta-v {episode.delta_v[-1].sum():.3f} m/s, {path.stat().st_size / 1000.0:.0f} kB"
+    )
+    return 0
+
+
+def _check_output(path: Path, endings: tuple[str, ...], what: str) -> None:
+    """Refuse a file that cannot be written, before there is anything to write."""
+    if path.suffix.lower() not in endings:
+        raise OutputError(
+            f"{path}: the name of the {what} ends in {', '.join(endings)}; give such a file with --output"
+        )
+    check_writable(path)
+
+
+def _prepare(arguments: argparse.Namespace, ending: str, endings: tuple[str, ...], what: str) -> bool:
+    """Return whether the source is a mission's folder; refuse an output that cannot be written."""
+    flown = is_mission_source(arguments)
+    if arguments.output is None:
+        arguments.output = Path(f"{'mission' if flown else 'episode'}.{ending}")
+    _check_output(arguments.output, endings, what)
+    return flown

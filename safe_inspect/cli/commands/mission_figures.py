@@ -1,0 +1,93 @@
+"""What ``safe-inspect draw``, ``film`` and ``view`` do with the folder of a rendezvous."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.figures.drawing import save
+from safe_inspect.figures.page import save_page
+from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
+from safe_inspect.figures.rendezvous.mission_figure import mission_figure
+from safe_inspect.figures.rendezvous.mission_film import MissionFilm
+from safe_inspect.figures.rendezvous.mission_page import mission_page
+from safe_inspect.figures.rendezvous.mission_panels import outcome_of
+from safe_inspect.rendezvous.campaign.missions import read_missions
+from safe_inspect.rendezvous.campaign.tables import rate_of_success
+from safe_inspect.rendezvous.record import MissionRecord, read_mission
+
+#: What the folder of a mission has, and that of many missions, beside the resolved experiment.
+_MISSION, _MISSIONS = ("events.jsonl", "log.npz"), "missions.parquet"
+
+
+def is_mission_source(arguments: argparse.Namespace) -> bool:
+    """Return whether the command line names the folder of a mission, or of many to draw.
+
+    Raises:
+        SafeInspectError: It names the folder of many missions to film or view, or gives options that a flown mission
+            does not have.
+    """
+    folder = Path(arguments.source).expanduser()
+    if (folder / _MISSIONS).is_file() and arguments.command != "draw":
+        failed = sorted(path.name for path in folder.glob("mission_*") if path.is_dir())
+        hint = f"give one of those that failed, such as {folder / failed[0]}" if failed else "no mission has failed"
+        raise SafeInspectError(f"{folder}: the folder of many missions; {hint}, or fly one with `rendezvous --output`")
+    if not any((folder / name).is_file() for name in (*_MISSION, _MISSIONS)):
+        return False
+    for given, option in (
+        (arguments.cfg, "--cfg"), (arguments.overrides, "KEY=VALUE"), (arguments.seed, "--seed"),
+        (arguments.episode, "--episode"),
+    ):  # fmt: skip
+        if given:
+            raise SafeInspectError(f"{folder}: {option} changes nothing in a flown mission; leave it out")
+    return True
+
+
+def draw_mission(arguments: argparse.Namespace) -> int:
+    """Draw a mission, or the distributions of many."""
+    table = Path(arguments.source).expanduser() / _MISSIONS
+    if table.is_file():
+        return _draw_missions(arguments, table)
+    record = _record(arguments)
+    save(mission_figure(record), arguments.output)
+    return print_mission(arguments, record)
+
+
+def _draw_missions(arguments: argparse.Namespace, table: Path) -> int:
+    if arguments.until is not None:
+        raise SafeInspectError(f"{table.parent}: --until cuts one mission, not many; leave it out")
+    summaries = read_missions(table)
+    save(campaign_figure(summaries), arguments.output)
+    print(f"{arguments.output}: {rate_of_success(summaries)}")
+    return 0
+
+
+def mission_film(arguments: argparse.Namespace) -> MissionFilm:
+    """Return the film of a mission."""
+    return MissionFilm(_record(arguments), arguments.frames, arguments.width, arguments.turn)
+
+
+def view_mission(arguments: argparse.Namespace) -> int:
+    """Write the page of a mission."""
+    record = _record(arguments)
+    title = arguments.title or f"Rendezvous {Path(arguments.source).resolve().name}"
+    save_page(mission_page(record, title), arguments.output)
+    return print_mission(arguments, record)
+
+
+def print_mission(arguments: argparse.Namespace, record: MissionRecord) -> int:
+    """Print what was written, and how the mission went."""
+    path = arguments.output
+    print(f"{path}: {outcome_of(record)}, {path.stat().st_size / 1000.0:.0f} kB")
+    return 0
+
+
+def _record(arguments: argparse.Namespace) -> MissionRecord:
+    record = read_mission(arguments.source)
+    if arguments.until is None:
+        return record
+    record = record.until(arguments.until)
+    if len(record.arrays["t"]) < 2:
+        raise SafeInspectError(f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds")
+    return record

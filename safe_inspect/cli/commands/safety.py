@@ -1,0 +1,60 @@
+"""What ``safe-inspect safety`` and ``safe-inspect acceptance`` do."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from safe_inspect.config.experiment import Experiment, load_experiment
+from safe_inspect.errors import ConfigError
+from safe_inspect.evaluation.safety.acceptance import acceptance
+from safe_inspect.evaluation.safety.report import safety_report
+from safe_inspect.figures.drawing import save
+from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
+from safe_inspect.rta.base import SafetyGlue
+
+
+def run_safety(arguments: argparse.Namespace) -> int:
+    """Print the safety report; return 1 when a constraint was violated."""
+    experiment = _load(arguments, enable=not arguments.off)
+
+    def show(done: int, asked: int) -> None:
+        print(f"\r{done:,} of {asked:,} steps", end="" if done < asked else "\n", file=sys.stderr)
+
+    report = safety_report(
+        experiment.spec,
+        arguments.steps,
+        arguments.num_envs,
+        arguments.seed,
+        progress=show if sys.stderr.isatty() else None,
+    )
+    print(report)
+    if arguments.plot is not None:
+        save(safety_figure(report), arguments.plot)
+    return 1 if report.violations else 0
+
+
+def run_acceptance(arguments: argparse.Namespace) -> int:
+    """Print the acceptance rates."""
+    found = acceptance(_load(arguments, enable=False).spec, arguments.draws, arguments.seed)
+    print(found)
+    if arguments.plot is not None:
+        save(acceptance_figure(found), arguments.plot)
+    return 0
+
+
+def _load(arguments: argparse.Namespace, *, enable: bool) -> Experiment:
+    """Load the experiment, with its safety glue enabled when that is asked for."""
+
+    def load(overrides: list[str]) -> Experiment:
+        return load_experiment(arguments.cfg, overrides, compute_platform=arguments.compute_platform)
+
+    experiment = load(arguments.overrides)
+    if not enable:
+        return experiment
+    glues = experiment.config.agent_config[0].config.config.glues
+    for index, glue in enumerate(glues):
+        if isinstance(glue, SafetyGlue):
+            where = f"agent_config.0.config.config.glues.{index}.config.enabled"
+            return experiment if glue.enabled else load([*arguments.overrides, f"{where}=True"])
+    raise ConfigError(f"{arguments.cfg}: no glue of the agent is a safety glue; wrap the controllers in one")

@@ -1,0 +1,133 @@
+"""What ``safe-inspect train`` does."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.config.experiment import Experiment, load_experiment
+from safe_inspect.config.models.learning import check_learning, placed
+from safe_inspect.environments import TeamEnvironment
+from safe_inspect.environments.group import AgentGroup
+from safe_inspect.errors import ConfigError, SafeInspectError
+from safe_inspect.experiments.runs.recipes import recipes_of
+from safe_inspect.experiments.runs.run_folder import open_run_folder
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings
+from safe_inspect.experiments.runs.trials import trial_table
+from safe_inspect.figures.curves import curves_figure
+from safe_inspect.figures.drawing import save
+from safe_inspect.figures.learning_curve import learning_curve_figure
+
+
+def run_train(arguments: argparse.Namespace) -> int:
+    """Train, or go on with a training, or only try the experiment out."""
+    cfg = arguments.cfg
+    if cfg is None and arguments.resume is not None:
+        cfg = open_run_folder(arguments.resume).configuration
+    if cfg is None:
+        raise ConfigError("no experiment: give its file with --cfg, or an earlier run's folder with --resume")
+    experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)
+    settings = check_learning(experiment, read_settings)
+    for note in settings.notes:
+        print(f"note: {note}", file=sys.stderr)
+    if arguments.dry_run:
+        print(dry_run(experiment))
+        return 0
+    task = experiment.config.config.config
+    try:
+        result = train(
+            TrainingRun(
+                experiment=experiment.resolved,
+                rllib={"algorithm": experiment.algorithm, **experiment.rllib},
+                tune=task.tune_config,
+                ray=task.ray_config,
+                text=experiment.text,
+                name=task.env_config.TrialName,
+                output=arguments.output or Path(task.env_config.output_path),
+                resume=arguments.resume,
+                command=[sys.executable, "-m", "safe_inspect.train_rl", *sys.argv[1:]],
+                policies=tuple(experiment.policies.values()),
+            )
+        )
+    except ConfigError as error:
+        raise ConfigError(placed(experiment, error.problems)) from None
+    print(_closing(result))
+    return 0
+
+
+def dry_run(experiment: Experiment, steps: int = 20) -> str:
+    """Build the experiment's environment, step it with random actions and describe it."""
+    import numpy as np
+
+    environment = TeamEnvironment(experiment.spec, num_envs=4)
+    environment.reset()
+    generator = np.random.default_rng(0)
+    for _ in range(steps):
+        over = environment.step(
+            [
+                generator.uniform(layout.low, layout.high, (4, size, layout.size))
+                for layout, size in ((group.action_layout, group.size) for group in environment.acting)
+            ]
+        ).over
+        if over.any():
+            environment.reset(np.flatnonzero(over))
+    lines = [
+        f"{experiment.source}: built and stepped {steps} times, one action for {experiment.spec.step_size:g} s",
+    ]
+    for group in environment.groups:
+        lines += _describe(group)
+    shared = ", ".join(named.name for named in experiment.spec.shared_dones)
+    if shared:
+        lines.append(f"dones of all agents: {shared}")
+    for policy in experiment.policies.values():
+        how = f"trained by {policy.algorithm}" if policy.trains else f"not trained, from {policy.checkpoint}"
+        lines.append(f"policy {policy.name} of {', '.join(policy.agents)}: {how}")
+    return "\n".join(lines)
+
+
+def _describe(group: AgentGroup) -> list[str]:
+    """Describe a group of agents."""
+    agent = group.agent
+    terms = ", ".join(named.name for named in agent.rewards)
+    ends = ", ".join(named.name for named in agent.dones)
+    head = f"agent {agent.name} on {agent.platform}" if group.size == 1 else f"agents {', '.join(group.agents)}"
+    if group.scripted:
+        lines = [f"{head}, flown by {type(agent.scripted_policy).__name__}"]
+    else:
+        observation, action = group.observation_layout, group.action_layout
+        lines = [head, f"observation, {observation.size} elements:", str(observation)]
+        lines += [f"action, {action.size} elements:", str(action)]
+    return [*lines, f"rewards: {terms}", f"dones: {ends}"]
+
+
+def _closing(result: Any) -> str:
+    state = "interrupted" if result.interrupted else "finished"
+    if result.trials:
+        lines = [f"{state}: {len(result.trials)} trials, {result.steps} steps, {result.seconds:.0f} s"]
+        lines += trial_table(result.trials)
+        lines.append(f"trials:      {result.trials[0].folder.parent}")
+    else:
+        lines = [f"{state} after {result.iteration} iterations, {result.steps} steps, {result.seconds:.0f} s"]
+    if result.checkpoint is not None:
+        lines.append(f"checkpoint:  {result.checkpoint}")
+    drawn = _draw_curve(result.folder)
+    if drawn:
+        lines.append(f"curves:      {drawn}")
+    lines.append(f"TensorBoard: tensorboard --logdir {shlex.quote(str(result.folder))}")
+    if result.interrupted:
+        lines.append(f"go on:       python -m safe_inspect.train_rl --resume {shlex.quote(str(result.folder))}")
+    return "\n".join(lines)
+
+
+def _draw_curve(folder: Path) -> Path | None:
+    """Draw the learning curve, of a search those of its trials, unless matplotlib or a first iteration is missing."""
+    target, progress = folder / "learning_curve.png", folder / "progress.csv"
+    try:
+        save(learning_curve_figure(progress) if progress.is_file() else curves_figure(recipes_of([folder])), target)
+    except SafeInspectError:
+        return None
+    return target

@@ -1,0 +1,48 @@
+"""Compiled functions that are called by their address, and memory that is read by its address.
+
+A function that is called by its address is compiled once, whatever else is called beside it. This file belongs to the
+sources of compiled functions (those with ``@njit``): a change of it removes the cached machine code.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import cfunc, types
+from numba.core.errors import NumbaError
+from numba.extending import intrinsic
+
+from safe_inspect.compiling.kernel import Kernel, prepare
+
+
+@intrinsic  # type: ignore[misc,untyped-decorator]
+def pointer(context: Any, address: Any, dtype: Any) -> Any:
+    """Return an address as a pointer to numbers of a type."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    result: Any = types.CPointer
+    return result(dtype.dtype)(types.int64, dtype), generate
+
+
+def compiled_at(kernel: Kernel[..., Any], signature: str) -> Any:
+    """Return a kernel as a function of C: ``address`` and ``ctypes`` hold as long as it does.
+
+    An exception in it is printed, and 0 is returned.
+
+    Args:
+        kernel: The kernel.
+        signature: Its signature, such as ``int64(int64, float64)``.
+
+    Raises:
+        ValueError: It does not compile.
+    """
+    prepare()
+    try:
+        try:
+            return cfunc(signature, cache=True, error_model="numpy")(kernel.__wrapped__)
+        except RuntimeError:  # neither the package's folder nor the user's can be written
+            return cfunc(signature, error_model="numpy")(kernel.__wrapped__)
+    except NumbaError as error:
+        raise ValueError(str(error)) from None

@@ -1,0 +1,83 @@
+"""Keys that the peer's files have and that have no effect here: they are checked, and read no more.
+
+Each class holds those of one model of `safe_inspect.config.models.experiment`, which extends it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict
+
+from safe_inspect.errors import did_you_mean
+from safe_inspect.plugins.aliases import ALIASES
+
+
+def one_of(*names: str) -> Any:
+    """Return a field type for a class that the grammar names and this package has one of; aliases count."""
+
+    def check(value: str) -> str:
+        name = ALIASES.get(value, value)
+        if name.rpartition(".")[2] not in names and name not in names:
+            raise ValueError(f"{value!r} is not known here; {did_you_mean(name.rpartition('.')[2], names)}")
+        return name.rpartition(".")[2]
+
+    return Annotated[str, AfterValidator(check)]
+
+
+class Provider(BaseModel):
+    """The peer's source of episode parameters; reset parameters are drawn afresh at every reset."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    type: one_of("SimpleParameterProvider") = "SimpleParameterProvider"  # type: ignore[valid-type]
+
+
+class EnvironmentKeys(BaseModel):
+    """Keys of ``environment.yml``: the name of the set of platforms, and the source of episode parameters."""
+
+    platforms: one_of("CWHSimulator_Platforms") = "CWHSimulator_Platforms"  # type: ignore[valid-type]
+    episode_parameter_provider: Provider = Provider()
+
+
+class ResetKeys(BaseModel):
+    """Keys of ``simulator_reset_parameters`` of an environment: an initialiser, which the agents' own replace."""
+
+    initializer: Any = None
+
+
+class PlatformKeys(BaseModel):
+    """Keys of ``platform.yml``: a label, and the kind of platform."""
+
+    name: str = ""
+    platform: one_of("cwh", "CWHPlatform") = "cwh"  # type: ignore[valid-type]
+
+
+class AgentBodyKeys(BaseModel):
+    """Keys of the body of ``agent.yml``: the source of episode parameters."""
+
+    episode_parameter_provider: Provider = Provider()
+
+
+class AgentKeys(BaseModel):
+    """Keys of ``agent.yml``: the agent's class."""
+
+    agent: one_of("TrainableBaseAgent") = "TrainableBaseAgent"  # type: ignore[valid-type]
+
+
+class TaskBodyKeys(BaseModel):
+    """Keys of the body of ``task.yml``: callbacks, the choice of a computer, and ``_updates``, which hold anchors."""
+
+    auto_system_detect_class: Any = None
+
+    extra_callbacks: tuple[one_of("InspectionCallbacks"), ...] = ()  # type: ignore[valid-type]
+    rllib_config_updates: dict[str, Any] | None = None
+    ray_config_updates: dict[str, Any] | None = None
+    env_config_updates: dict[str, Any] | None = None
+    tune_config_updates: dict[str, Any] | None = None
+
+
+class TaskKeys(BaseModel):
+    """Keys of ``task.yml``: the experiment's class."""
+
+    experiment_class: one_of("RllibExperiment") = "RllibExperiment"  # type: ignore[valid-type]

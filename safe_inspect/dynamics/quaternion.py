@@ -1,0 +1,136 @@
+"""Quaternions [x, y, z, w] in Hamilton's convention, R(p q) = R(p) R(q), over the last axis of arrays.
+
+All products are written out by components: a row gives the same bits in a batch of any size. Source: Markley and
+Crassidis, "Fundamentals of Spacecraft Attitude Determination and Control", Springer 2014, chapter 2 (with the opposite
+convention of the product).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.types import FloatArray
+
+
+def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Return the product p q, shape (..., 4).
+
+    Args:
+        p: Quaternions, shape (..., 4).
+        q: Quaternions, shape (..., 4).
+    """
+    px, py, pz, pw = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
+    qx, qy, qz, qw = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    return np.stack(
+        (
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+            pw * qw - px * qx - py * qy - pz * qz,
+        ),
+        axis=-1,
+    )
+
+
+def conjugate(q: FloatArray) -> FloatArray:
+    """Return the conjugates, the inverses of unit quaternions, shape (..., 4)."""
+    return np.asarray(q * np.array([-1.0, -1.0, -1.0, 1.0]))
+
+
+def normalise(q: FloatArray) -> FloatArray:
+    """Return the quaternions divided by their norms, shape (..., 4)."""
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    return np.asarray(q / np.sqrt(x * x + y * y + z * z + w * w)[..., None])
+
+
+def to_matrix(q: FloatArray) -> FloatArray:
+    """Return the rotation matrices of unit quaternions, shape (..., 3, 3)."""
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    matrix = np.empty((*q.shape[:-1], 3, 3))
+    matrix[..., 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    matrix[..., 0, 1] = 2.0 * (x * y - w * z)
+    matrix[..., 0, 2] = 2.0 * (x * z + w * y)
+    matrix[..., 1, 0] = 2.0 * (x * y + w * z)
+    matrix[..., 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    matrix[..., 1, 2] = 2.0 * (y * z - w * x)
+    matrix[..., 2, 0] = 2.0 * (x * z - w * y)
+    matrix[..., 2, 1] = 2.0 * (y * z + w * x)
+    matrix[..., 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return matrix
+
+
+def from_matrix(matrix: FloatArray) -> FloatArray:
+    """Return unit quaternions of rotation matrices, of either sign, shape (..., 4).
+
+    Of the four expressions for a multiple of the quaternion the longest is taken (Shepperd 1978), so that none is lost
+    to cancellation.
+
+    Args:
+        matrix: Rotation matrices, shape (..., 3, 3).
+    """
+    a, b, c = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]
+    squares = np.stack((1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c, 1.0 + a + b + c), axis=-1)  # 4 q_i^2
+    xy, xz, yz = (matrix[..., j, i] + matrix[..., i, j] for i, j in ((0, 1), (0, 2), (1, 2)))
+    xw, yw, zw = (matrix[..., j, i] - matrix[..., i, j] for i, j in ((1, 2), (2, 0), (0, 1)))
+    longest = squares.argmax(axis=-1)
+    products = (
+        (squares[..., 0], xy, xz, xw),
+        (xy, squares[..., 1], yz, yw),
+        (xz, yz, squares[..., 2], zw),
+        (xw, yw, zw, squares[..., 3]),
+    )
+    return normalise(np.stack([np.choose(longest, column) for column in products], axis=-1))
+
+
+def exp(rotation: FloatArray) -> FloatArray:
+    """Return the quaternions of rotation vectors, shape (..., 4).
+
+    ``Exp(v) = [sin(|v| / 2) v / |v|, cos(|v| / 2)]``.
+
+    Args:
+        rotation: Rotation vectors [rad], shape (..., 3).
+    """
+    x, y, z = rotation[..., 0], rotation[..., 1], rotation[..., 2]
+    half = 0.5 * np.sqrt(x * x + y * y + z * z)
+    scale = 0.5 * np.sinc(half / np.pi)  # sin(half) / (2 half)
+    return np.stack((scale * x, scale * y, scale * z, np.cos(half)), axis=-1)
+
+
+def log(q: FloatArray) -> FloatArray:
+    """Return the rotation vectors of unit quaternions [rad], at most pi long, shape (..., 3).
+
+    Args:
+        q: Unit quaternions, shape (..., 4); q and -q give the same vector.
+    """
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    sine = np.sqrt(x * x + y * y + z * z)
+    positive = np.where(w < 0.0, -1.0, 1.0)
+    half = np.arctan2(sine, positive * w)
+    scale = positive * np.where(sine > 0.0, 2.0 * half / np.where(sine > 0.0, sine, 1.0), 2.0)
+    return np.stack((scale * x, scale * y, scale * z), axis=-1)
+
+
+def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
+    """Return R(q) v, shape (..., 3).
+
+    Args:
+        q: Unit quaternions, shape (..., 4).
+        v: Vectors, shape (..., 3).
+    """
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    a, b, c = v[..., 0], v[..., 1], v[..., 2]
+    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return np.stack((a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx), axis=-1)
+
+
+def continuous(q: FloatArray, first: FloatArray) -> FloatArray:
+    """Return quaternions with signs such that each one is nearer to the one before it than its opposite.
+
+    Args:
+        q: Unit quaternions of successive times, shape (n, k, 4).
+        first: The quaternions that the first of each row follows, shape (n, 4).
+    """
+    before = np.concatenate((first[:, None], q[:, :-1]), axis=1)
+    product = q * before
+    dot = product[..., 0] + product[..., 1] + product[..., 2] + product[..., 3]
+    return np.asarray(q * np.cumprod(np.where(dot < 0.0, -1.0, 1.0), axis=1)[..., None])

@@ -1,0 +1,32 @@
+"""Rotation of one vector by one unit quaternion [x, y, z, w], compiled; `quaternion` does the same over batches."""
+
+from __future__ import annotations
+
+from safe_inspect.compiling import njit
+from safe_inspect.types import FloatArray
+
+#: Three components.
+Components = tuple[float, float, float]
+
+
+@njit
+def rotated(q: FloatArray, a: float, b: float, c: float) -> Components:
+    """Return ``R(q) [a, b, c]``.
+
+    Args:
+        q: Unit quaternion, shape (4,).
+        a: First component of the vector.
+        b: Second component.
+        c: Third component.
+    """
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx
+
+
+@njit
+def rotated_back(q: FloatArray, a: float, b: float, c: float) -> Components:
+    """Return ``R(q)^T [a, b, c]``; arguments as `rotated`."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a - w * tx + y * tz - z * ty, b - w * ty + z * tx - x * tz, c - w * tz + x * ty - y * tx

@@ -1,0 +1,80 @@
+"""Relative motion about a circular orbit in axes that do not turn: gravity's tide.
+
+The axes of W are fixed in inertial space, agree with those of Hill's frame (x radially outwards, y along the orbit, z
+normal to it) at time zero, and have their origin at the target. There a chaser obeys
+
+``p'' = n^2 (3 (e . p) e - p) + f / m``, with ``e = (cos nt, sin nt, 0)``,
+
+which are the equations of Clohessy, Wiltshire and Hill without the terms of a turning frame: a body without torque
+keeps its closed form. See `cwh` for the same motion in Hill's frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.types import FloatArray
+
+
+def tidal_acceleration(mean_motion: float, times: FloatArray, position: FloatArray) -> FloatArray:
+    """Return ``n^2 (3 (e . p) e - p)`` [m/s^2], shape (..., 3).
+
+    Args:
+        mean_motion: Mean motion n of the target's orbit [rad/s].
+        times: Times [s], shape (...).
+        position: Positions p relative to the target, in W [m], shape (..., 3).
+
+    Source:
+        Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960, in inertial axes.
+    """
+    angle = mean_motion * np.asarray(times, dtype=np.float64)
+    outwards = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
+    along = (outwards * position).sum(axis=-1, keepdims=True)
+    return np.asarray(mean_motion**2 * (3.0 * along * outwards - position))
+
+
+def largest_tide(mean_motion: float, distance: float) -> float:
+    """Return the largest tidal acceleration within a distance of the target, ``2 n^2 r`` [m/s^2]."""
+    return 2.0 * mean_motion**2 * distance
+
+
+def inertial_transition(mean_motion: float, mass: float, step: float) -> tuple[FloatArray, FloatArray]:
+    """Return Phi and Gamma of the map of one step from time zero, of states in W.
+
+    At another time t position and velocity are turned by -nt about z first, and the result by nt. The force is that in
+    Hill's axes in the middle of the step, over which it is held there: in W it turns by n dt, 1e-5 rad in 8 ms.
+
+    Args:
+        mean_motion: Mean motion n of the target's orbit [rad/s].
+        mass: Mass of the chaser [kg].
+        step: The step [s].
+
+    Returns:
+        Phi, shape (6, 6), and Gamma, shape (6, 3).
+    """
+    phi, gamma = transition(mean_motion, mass, step)
+    turn = hill_rotation(mean_motion, -step)
+    back = turn @ _rates(-mean_motion)
+    return back @ phi @ _rates(mean_motion), back @ gamma
+
+
+def to_hill(mean_motion: float, time: float, state: FloatArray) -> FloatArray:
+    """Return states of W, positions [m] and velocities [m/s], in Hill's frame, shape (..., 6)."""
+    return np.asarray(state @ (_rates(mean_motion) @ hill_rotation(mean_motion, time)).T)
+
+
+def hill_rotation(mean_motion: float, time: float) -> FloatArray:
+    """Return the rotation by -nt about z of position and velocity, shape (6, 6)."""
+    c, s = math.cos(mean_motion * time), math.sin(mean_motion * time)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.kron(np.eye(2), turn)
+
+
+def _rates(mean_motion: float) -> FloatArray:
+    """Return the map ``v_H = v - n e_z x p`` at time zero, shape (6, 6)."""
+    found = np.eye(6)
+    found[3, 1], found[4, 0] = mean_motion, -mean_motion
+    return found

@@ -1,0 +1,133 @@
+"""`EpisodeAccumulator`: what the running episodes of a batch have come to so far."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.environments.transition import TeamTransition
+from safe_inspect.types import AnyArray, FloatArray, IntArray
+
+#: Starts the names of what an info holds of the agent by itself.
+OWN = "own_"
+#: Starts the names of the reward terms, and of what components say, among the figures of an agent.
+TERM, INFO = "reward/", "info/"
+
+
+class EpisodeAccumulator:
+    """Sums over the running episodes of N environments with D deputies.
+
+    Args:
+        environment: The environments, whose steps are added one by one.
+
+    Attributes:
+        returns: Sum of the rewards of each agent so far [-], shape (N, D).
+        lengths: Number of steps that each agent has taken part in, shape (N, D).
+        filtered: Whether a safety filter acts on any of them.
+    """
+
+    def __init__(self, environment: TeamEnvironment) -> None:
+        self._environment = environment
+        shape = (environment.num_envs, sum(group.size for group in environment.groups))
+        safety = environment.spec.team_safety
+        self.filtered = any(group.safety_filter is not None for group in environment.groups) or bool(
+            safety and safety.enabled
+        )
+        self.returns: FloatArray = np.zeros(shape)
+        self.lengths: IntArray = np.zeros(shape, dtype=np.int64)
+        self._slices = [slice(group.first, group.first + group.size) for group in environment.groups]
+        self._terms: list[dict[str, FloatArray]] = [{} for _ in environment.groups]
+
+    def add(self, transition: TeamTransition) -> None:
+        """Add a step of every environment; those that have ended may be added too, once they have been read."""
+        for mine, found, terms in zip(self._slices, transition.groups, self._terms, strict=True):
+            self.returns[:, mine] += found.reward
+            self.lengths[:, mine] += found.active
+            for name, value in found.terms.items():
+                if name in terms:
+                    terms[name] += value
+                else:
+                    terms[name] = value.copy()
+
+    def restart(self, rows: IntArray) -> None:
+        """Set the sums of some environments to zero: new episodes start in them."""
+        self.returns[rows] = 0.0
+        self.lengths[rows] = 0
+        for terms in self._terms:
+            for value in terms.values():
+                value[rows] = 0.0
+
+    def agents(self, rows: IntArray) -> dict[str, dict[str, AnyArray]]:
+        """Return the figures of every agent in some environments; read them before these are reset.
+
+        ``return``, ``length``, ``status`` (`DoneStatus`), ``delta_v`` [m/s], ``reward/NAME`` for each term, with a
+        safety filter ``interventions``, and ``info/NAME`` for what components say of each agent alone.
+
+        Args:
+            rows: Indices of the environments, shape (R,).
+
+        Returns:
+            By agent and figure, each of shape (R,).
+        """
+        state, info = self._environment.state, self._agent_info(rows)
+        found: dict[str, dict[str, AnyArray]] = {}
+        for group, terms in zip(self._environment.groups, self._terms, strict=True):
+            for member, name in enumerate(group.agents):
+                deputy = group.first + member
+                found[name] = {
+                    "return": self.returns[rows, deputy],
+                    "length": self.lengths[rows, deputy],
+                    "status": state.finished[rows, deputy],
+                    "delta_v": state.delta_v[rows, deputy],
+                }
+                found[name] |= {f"{INFO}{label}": values[:, deputy] for label, values in info.items()}
+                if self.filtered:
+                    found[name]["interventions"] = state.interventions[rows, deputy]
+                found[name] |= {f"{TERM}{term}": value[rows, member] for term, value in terms.items()}
+        return found
+
+    def terms(self, rows: IntArray) -> dict[str, AnyArray]:
+        """Return ``reward/NAME`` for each term, summed over the agents that act from outside, each of shape (R,).
+
+        Args:
+            rows: Indices of the environments, shape (R,).
+        """
+        found: dict[str, AnyArray] = {}
+        for group, terms in zip(self._environment.groups, self._terms, strict=True):
+            for name, value in () if group.scripted else terms.items():
+                own, key = value[rows].sum(axis=1), f"{TERM}{name}"
+                found[key] = found[key] + own if key in found else own
+        return found
+
+    def info(self, rows: IntArray) -> dict[str, AnyArray]:
+        """Return what components say of whole environments, and the mean over the deputies of what they say of each.
+
+        Args:
+            rows: Indices of the environments, shape (R,).
+
+        Returns:
+            By the names of the components' infos, each of shape (R,); without those that start with ``own_``.
+        """
+        means = {
+            name: values.mean(axis=1) for name, values in self._agent_info(rows).items() if not name.startswith(OWN)
+        }
+        return {name: values[rows] for name, values in self._team_info().items()} | means
+
+    def _team_info(self) -> dict[str, AnyArray]:
+        team = self._environment.team()
+        found: dict[str, AnyArray] = {}
+        for component in self._environment.simulation.components.values():
+            found |= component.team_info(team)
+        return found
+
+    def _agent_info(self, rows: IntArray) -> dict[str, AnyArray]:
+        """Return what the infos of agents hold that the team's does not, each of shape (R, D)."""
+        known = self._team_info()
+        found: dict[str, list[AnyArray]] = {}
+        for index in range(len(self._slices)):
+            view = self._environment.view(index)
+            for component in self._environment.simulation.components.values():
+                for name, value in component.info(view).items():
+                    if name not in known:
+                        found.setdefault(name, []).append(value.reshape(len(self.returns), -1)[rows])
+        return {name: np.concatenate(values, axis=1) for name, values in found.items()}

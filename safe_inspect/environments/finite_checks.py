@@ -1,0 +1,102 @@
+"""Checks for NaN, infinity and wrong shapes, which name the plugin and save the state."""
+
+from __future__ import annotations
+
+import operator
+import os
+import tempfile
+from collections.abc import Sequence
+
+import numpy as np
+
+from safe_inspect.environments.layout import Layout
+from safe_inspect.errors import ArgumentError, PluginValueError
+from safe_inspect.simulators.state import State
+from safe_inspect.types import AnyArray, FloatArray
+
+#: Folder for the states that caused an error; the run folder during a training.
+CRASH_FOLDER_VARIABLE = "SAFE_INSPECT_CRASH_FOLDER"
+
+
+def checked_seed(seed: int) -> int:
+    """Return a seed as a number.
+
+    Raises:
+        TypeError: It is no whole number.
+        ValueError: It is out of range.
+    """
+    number = operator.index(seed)
+    if not 0 <= number < 2**64:
+        raise ValueError(f"a seed is a whole number from 0 to 2**64 - 1, not {number}")
+    return number
+
+
+def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
+    """Stop when an array has another shape than its plugin promises.
+
+    Raises:
+        PluginValueError: It has.
+    """
+    if value.shape != shape:
+        raise PluginValueError(f"{what} gave an array of shape {value.shape}; one of shape {shape} is wanted")
+
+
+def require_choices(agents: Sequence[str], layout: Layout, action: FloatArray) -> None:
+    """Stop when an element of a discrete action is not the index of one of its values.
+
+    Args:
+        agents: The agents that the rows belong to, in turn.
+        layout: The layout of a discrete action.
+        action: Finite numbers, shape (R, A).
+
+    Raises:
+        ArgumentError: An element is a fraction or out of range.
+    """
+    valid = np.minimum(np.maximum(np.rint(action), 0.0), layout.last_choices) == action
+    if np.count_nonzero(valid) == valid.size:
+        return
+    row, element = (int(index) for index in np.argwhere(~valid)[0])
+    raise ArgumentError(
+        f"the action of {agents[row % len(agents)]} is invalid in environment {row // len(agents)}: "
+        f"`{layout.names[element]}` is {action[row, element]:g}, "
+        f"but must be a whole number from 0 to {layout.choices[element] - 1}"
+    )
+
+
+def all_finite(value: AnyArray) -> bool:
+    """Return whether an array has neither NaN nor infinity; counting is much faster than `all` on a small array."""
+    return bool(np.count_nonzero(np.isfinite(value)) == value.size)
+
+
+def require_finite(what: str, value: AnyArray, after: State, before: State | None = None) -> None:
+    """Stop when an array has a NaN or an infinity.
+
+    The states of the rows in question are saved as ``.npz`` files in the folder that the environment variable
+    ``SAFE_INSPECT_CRASH_FOLDER`` names, else in a new temporary folder.
+
+    Args:
+        what: What gave the array, such as ``reward ObservedPointsReward``.
+        value: The array; its first axis has one or more rows for each environment.
+        after: State at the end of the step.
+        before: State at its beginning, where there is one.
+
+    Raises:
+        PluginValueError: The array is not finite.
+    """
+    if all_finite(value):
+        return
+    finite = np.isfinite(value)
+    bad = np.flatnonzero(~finite.reshape(len(value), -1).all(axis=-1))
+    rows = np.unique(bad * after.num_envs // len(value))
+    folder = os.environ.get(CRASH_FOLDER_VARIABLE) or tempfile.mkdtemp(prefix="safe_inspect_")
+    os.makedirs(folder, exist_ok=True)
+    saved = []
+    for name, state in (("before", before), ("after", after)):
+        if state is not None:
+            path = os.path.join(folder, f"state_{name}_{os.getpid()}.npz")
+            state.take(rows).save(path)
+            saved.append(path)
+    raise PluginValueError(
+        f"{what} gave {value[bad[0]].ravel().tolist()} in environment {rows[0]} "
+        f"({len(rows)} of {after.num_envs} environments); the states are saved in {' and '.join(saved)}"
+    )

@@ -1,0 +1,183 @@
+"""`Program`: what the kernel of the fused step calls for a group of agents, and which plugins are called in Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.environments.fused import kernel
+from safe_inspect.environments.group import AgentGroup
+from safe_inspect.glues.normalizers import Affine
+from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.simulators.row_terms.inputs import Intervening, OwnArray, Scene
+from safe_inspect.simulators.row_terms.loops import PlacedTerm, RowTerm, place_term
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.world import World
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+_FLOAT = np.dtype(np.float64).itemsize
+
+
+@njit
+def _copy(number: int) -> int:
+    """Return a number."""
+    return number
+
+
+class TermCall(NamedTuple):
+    """A row term that the kernel calls.
+
+    Attributes:
+        kind: What it gives: `kernel.READING`, `REWARD`, `DONE` or `STATUS`.
+        target: The first column of the readings, or which reward or done it is.
+        term: The term.
+        result: Type of its elements, and their number where its kernel writes them.
+    """
+
+    kind: int
+    target: int
+    term: RowTerm
+    result: tuple[type[Any], int]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedProgram:
+    """A program for states of one size.
+
+    Attributes:
+        calls: See `kernel.evaluate_step`, as of the others.
+        endings: Statuses of the dones.
+        readings: Takes the readings, shape (R, S).
+        intervening: Takes the rows in which a safety filter changed the thrust, shape (R,); None: no term asks.
+        specs: The arrays of the states.
+        terms: What the addresses in `calls` lead to.
+    """
+
+    calls: IntArray
+    endings: IntArray
+    readings: FloatArray
+    intervening: BoolArray | None
+    specs: Any
+    terms: tuple[PlacedTerm, ...]
+
+
+class Program:
+    """What is worked out for a group in every step.
+
+    Args:
+        group: The group.
+        world: What does not change.
+
+    Attributes:
+        size: Number of elements of an observation, O.
+        width: Number of columns of the readings, S.
+        factors: Scale and affine map of each of them, shape (5, O).
+        glues: Glues that are called in Python, and their columns.
+        sensors: Sensors that are called in Python since a row term is given their reading, and their columns.
+        rewards: Rewards that are called in Python, by their index.
+        dones: Dones that are called in Python, by their index.
+    """
+
+    def __init__(self, group: AgentGroup, world: World) -> None:
+        self._group, self._world = group.group, world
+        self._calls: list[TermCall] = [
+            TermCall(kernel.STATUS, 0, RowTerm(_copy, (OwnArray("finished"),)), (np.int8, 0)),
+        ]
+        self._columns: dict[str, slice] = {}
+        self.glues: list[tuple[Any, slice]] = []
+        self.sensors: list[tuple[str, slice]] = []
+        self.width = 0
+        glues = () if group.scripted else group.agent.observation_glues
+        columns = [self._take_columns(len(glue.names(group.agent.parts))) for glue in glues]
+        self.size = self.width
+        self.factors = np.empty((5, self.size))
+        for glue, own in zip(glues, columns, strict=True):
+            self._observe(glue, own)
+        self.rewards = self._add(kernel.REWARD, [named.functor for named in group.agent.rewards])
+        self.dones = self._add(kernel.DONE, [named.functor for named in group.dones])
+        self._endings = [(int(named.functor.status), int(named.functor.truncates)) for named in group.dones]
+
+    @property
+    def foreign(self) -> bool:
+        """Whether any plugin is called in Python."""
+        return bool(self.glues or self.sensors or self.rewards or self.dones)
+
+    def place(self, state: State, readings: FloatArray) -> PlacedProgram:
+        """Return the program for states of the size of one.
+
+        Args:
+            state: A state of that size.
+            readings: Takes the readings, of shape (R, `width`) or with further rows.
+
+        Raises:
+            ValueError: An input does not lie in the memory of the state: the kernel reads there without checking.
+        """
+        scene = Scene(self._world, self._group, state, self._columns, self.width)
+        rows, terms, calls = state.num_envs * self._group.size, [], []
+        for call in self._calls:
+            dtype, size = call.result
+            stride = _FLOAT * self.width if call.kind == kernel.READING else np.dtype(dtype).itemsize
+            placed = place_term(call.term, scene, dtype, stride, size)
+            terms.append(placed)
+            calls.append((call.kind, call.target, placed.address, placed.table_address))
+        asked = any(isinstance(given, Intervening) for call in self._calls for given in call.term.inputs)
+        return PlacedProgram(
+            np.array(calls, dtype=np.int64),
+            np.array([*self._endings, (state.num_envs, 0)], dtype=np.int64),
+            readings[:rows],
+            np.zeros(rows, dtype=np.bool_) if asked else None,
+            state.specs,
+            tuple(terms),
+        )
+
+    def _add(self, kind: int, plugins: list[Any]) -> list[int]:
+        """Add rewards or dones; return the indices of those that are called in Python."""
+        foreign = []
+        for index, plugin in enumerate(plugins):
+            term = plugin.row(self._world, self._group)
+            if term is None:
+                foreign.append(index)
+            else:
+                for sensor in term.sensors:
+                    self._read(sensor)
+                self._calls.append(TermCall(kind, index, term, plugin.row_result()))
+        return foreign
+
+    def _observe(self, glue: Any, columns: slice) -> None:
+        """Add a glue, which has these columns of the observation."""
+        self.factors[:, columns] = np.concatenate((np.ones(1), *Affine()))[:, None]
+        if type(glue) is ObserveSensor:
+            scale, normalizer, low, high = glue.prepared(self._group.sensors[glue.sensor])
+            affine = Affine() if normalizer is None else normalizer.affine(low, high)
+            if affine is not None and self._call_sensor(glue.sensor, columns):
+                for row, factor in enumerate((np.full(1, scale), *affine)):
+                    self.factors[row, columns] = factor
+                return
+        self.glues.append((glue, columns))
+
+    def _read(self, sensor: str) -> None:
+        """Let the readings of a sensor stand in columns of their own, unless they stand in some already."""
+        if sensor not in self._columns:
+            columns = self._take_columns(self._group.sensors[sensor].size)
+            if not self._call_sensor(sensor, columns):
+                self._columns[sensor] = columns
+                self.sensors.append((sensor, columns))
+
+    def _call_sensor(self, name: str, columns: slice) -> bool:
+        """Add the call of a sensor; return whether it is one that a row kernel defines."""
+        sensor: Any = self._group.sensors[name]
+        term = sensor.row(self._world, self._group)
+        if term is None:
+            return False
+        for other in term.sensors:
+            self._read(other)
+        self._columns.setdefault(name, columns)
+        self._calls.append(TermCall(kernel.READING, columns.start, term, sensor.row_result()))
+        return True
+
+    def _take_columns(self, size: int) -> slice:
+        self.width += size
+        return slice(self.width - size, self.width)

@@ -1,0 +1,112 @@
+"""`complete`: a baseline's episodes, batch by batch; it goes on where an earlier run of it was stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import MappingProxyType
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.baselines.flight import fly_slots
+from safe_inspect.evaluation.baselines.optimiser import EFFORTS, optimise
+from safe_inspect.evaluation.baselines.task import coverage_task
+from safe_inspect.evaluation.policies import baseline
+from safe_inspect.planning.record import Entry, Record, read_record, write_record
+
+OPTIMISER = "optimiser"
+#: Episodes that are flown at a time.
+_BATCH = MappingProxyType({"quick": 32, "normal": 16, "thorough": 4})
+_BATCH_OF_POLICIES = 256
+
+#: Told the number of finished episodes and of all of them.
+Progress = Callable[[int, int], None]
+
+
+def complete(
+    spec: EnvironmentSpec,
+    record: Record,
+    episodes: int,
+    *,
+    path: Path | None = None,
+    force: bool = False,
+    batch: int | None = None,
+    progress: Progress | None = None,
+) -> Record:
+    """Return a record with the first episodes of the slots 0 to `episodes` - 1, and write it.
+
+    What is finished is kept in a file beside `path`, with ``.part`` at its end, from which the same call goes on. An
+    episode's figures depend neither on where a run was stopped nor on the batch.
+
+    Args:
+        spec: The task.
+        record: What is asked for; its entries are empty.
+        episodes: Number of episodes.
+        path: The file; None: nothing is written.
+        force: Whether a file of another run is replaced.
+        batch: Episodes at a time.
+        progress: Told how far it is.
+
+    Raises:
+        OutputError: The file cannot be written, or is of another run.
+        SafeInspectError: No plans can be made for the task, or the baseline is unknown.
+    """
+    if record.kind == OPTIMISER:
+        coverage_task(spec)  # a mistake is reported before anything is written
+    else:
+        baseline(record.kind)
+    known = () if path is None else _known(record, path, force)
+    part = None if path is None else _part(path)
+    if path is not None and len(known) >= episodes:
+        return record.of(known[:episodes])
+    done = list(known)
+    if part is not None:
+        write_record(record.of(known), part)
+    size = batch or (_BATCH[record.effort] if record.effort is not None else _BATCH_OF_POLICIES)
+    while len(done) < episodes:
+        if progress is not None:
+            progress(len(done), episodes)
+        done += _fly(spec, record, min(size, episodes - len(done)), len(done))
+        if part is not None:
+            write_record(record.of(tuple(done)), part)
+    if progress is not None:
+        progress(episodes, episodes)
+    finished = record.of(tuple(done))
+    if path is not None and part is not None:
+        write_record(finished, path)
+        part.unlink(missing_ok=True)
+    return finished
+
+
+def _fly(spec: EnvironmentSpec, record: Record, episodes: int, first_slot: int) -> list[Entry]:
+    if record.kind == OPTIMISER:
+        assert record.effort is not None, "the record of an optimiser has an effort"
+        return optimise(spec, episodes, record.seed, first_slot, EFFORTS[record.effort])
+    flown = fly_slots(spec, baseline(record.kind), episodes, record.seed, first_slot)
+    return [flown.entry(row) for row in range(episodes)]
+
+
+def _part(path: Path) -> Path:
+    return path.with_name(f"{path.name}.part")
+
+
+def _known(record: Record, path: Path, force: bool) -> tuple[Entry, ...]:
+    """Return the episodes that earlier runs have finished."""
+    if path.is_dir():
+        raise OutputError(f"{path}: this is a folder; give a file")
+    known: tuple[Entry, ...] = ()
+    for file in (path, _part(path)):
+        if not file.exists():
+            continue
+        try:
+            found = read_record(file)
+            why = record.difference(found)
+        except SafeInspectError:
+            if force:
+                continue
+            raise
+        if not why:
+            known = max(known, found.entries, key=len)
+        elif not force:
+            raise OutputError(f"{file}: another result is there ({why}); give another file, or --force to replace it")
+    return known

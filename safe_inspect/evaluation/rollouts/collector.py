@@ -1,0 +1,110 @@
+"""`EpisodeCollector`: the figures of the episodes that a batch flies, from a fresh reset to the end of each row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from safe_inspect.environments.accumulator import INFO, TERM, EpisodeAccumulator
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.environments.transition import TeamTransition
+from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.rollouts.measuring import MetricAccumulator
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.metrics.base import BaseMetric
+from safe_inspect.types import AnyArray, FloatArray, IntArray
+
+
+class EpisodeCollector:
+    """The figures of one episode in every row of a batch.
+
+    Args:
+        environment: The batch, freshly reset.
+        metrics: What is measured besides.
+
+    Attributes:
+        running: Rows whose episode runs, shape (N,).
+        length: Number of steps of each episode, shape (N,).
+        status: How each episode has ended, `DoneStatus`, int8, shape (N,).
+    """
+
+    def __init__(self, environment: TeamEnvironment, metrics: Sequence[BaseMetric] = ()) -> None:
+        self._environment = environment
+        self._sums = EpisodeAccumulator(environment)
+        self._metrics, self._measured = metrics, MetricAccumulator(environment, metrics)
+        rows, deputies = environment.num_envs, len(environment.agents)
+        self.running = np.ones(rows, dtype=np.bool_)
+        self.length: IntArray = np.zeros(rows, dtype=np.int64)
+        self.status: AnyArray = np.zeros(rows, dtype=np.int8)
+        components = environment.simulation.components.values()
+        self._labels = {name: label for component in components for name, label in component.figures.items()}
+        state = environment.state
+        self._initial_states: dict[str, FloatArray] = {
+            "position": state.position[:, :deputies].copy(),
+            "velocity": state.velocity[:, :deputies].copy(),
+        }
+        self._initial_states |= {name: state[name].copy() for component in components for name in component.recorded}
+        self._closest = environment.team().distance.min(axis=1) if deputies > 1 else None
+        self._info: dict[str, AnyArray] = {}
+        self._agents: dict[str, dict[str, AnyArray]] = {name: {} for name in environment.agents}
+
+    def add(self, transition: TeamTransition) -> bool:
+        """Add a step; return whether the episodes of some rows have ended with it."""
+        running = self.running
+        self._sums.add(transition)
+        self.length += running
+        if self._closest is not None:
+            apart = self._environment.team().distance.min(axis=1)
+            np.minimum(self._closest, apart, out=self._closest, where=running)
+        self._measured.add(transition, running)
+        ends = running & transition.over
+        if not ends.any():
+            return False
+        rows = np.flatnonzero(ends)
+        self.status[rows] = transition.outcome[rows]
+        self._keep(self._info, self._sums.info(rows), rows)
+        for name, figures in self._sums.agents(rows).items():
+            self._keep(self._agents[name], figures, rows)
+        self.running = running & ~ends
+        return True
+
+    def episodes(self, seed: int, trajectories: Sequence[Trajectory] = ()) -> Episodes:
+        """Return the episodes, once all rows have ended."""
+        agents = {
+            name: _agent(figures, self._measured.of_agent(deputy))
+            for deputy, (name, figures) in enumerate(self._agents.items())
+        }
+        return Episodes.of(
+            agents,
+            seed=seed,
+            length=self.length,
+            status=self.status,
+            info=self._info,
+            trajectories=tuple(trajectories),
+            closest=self._closest,
+            metrics=self._measured.of_team(),
+            units={metric.label: metric.unit for metric in self._metrics},
+            labels=self._labels,
+            initial_states=self._initial_states,
+        )
+
+    def _keep(self, kept: dict[str, AnyArray], found: dict[str, AnyArray], rows: IntArray) -> None:
+        """Keep the figures of some rows, which have just ended."""
+        for name, values in found.items():
+            kept.setdefault(name, np.zeros(len(self.running), values.dtype))[rows] = values
+
+
+def _agent(figures: dict[str, AnyArray], metrics: dict[str, FloatArray]) -> AgentEpisodes:
+    def starting(start: str) -> dict[str, AnyArray]:
+        return {name.removeprefix(start): values for name, values in figures.items() if name.startswith(start)}
+
+    return AgentEpisodes(
+        returns=figures["return"],
+        terms=starting(TERM),
+        length=figures["length"],
+        status=figures["status"],
+        delta_v=figures["delta_v"],
+        info=starting(INFO),
+        metrics=metrics,
+    )

@@ -1,0 +1,131 @@
+"""`PolicyDispatcher`: who flies which agent of a batch, and their actions at every step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.evaluation.policies import Flight, Policy, with_scripted
+from safe_inspect.policies.base import ScriptedPolicy
+from safe_inspect.types import AnyArray, BoolArray
+
+#: Who flies the agents: one for all that act from outside, or one for each by the agents' names.
+Policies = Policy | ScriptedPolicy | Mapping[str, Policy | ScriptedPolicy]
+
+
+def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, dict[str, Policy]]:
+    """Return the task with the scripted policies inside it, and who flies each agent that acts from outside.
+
+    Raises:
+        SafeInspectError: An agent has no policy, or a policy has no agent.
+    """
+    outside = [agent.name for agent in spec.agents if agent.scripted_policy is None]
+    if not isinstance(policies, Mapping):
+        policies = dict.fromkeys(outside, policies)
+    for name in policies:
+        if name not in outside:
+            known = f"; {did_you_mean(name, outside)}" if outside else ""
+            flies = any(agent.name == name for agent in spec.agents)
+            what = f"the agent {name!r} is flown by the task's own policy" if flies else f"no agent is named {name!r}"
+            raise SafeInspectError(f"a policy is given that flies nobody: {what}{known}")
+    missing = [name for name in outside if name not in policies]
+    if missing:
+        raise SafeInspectError(f"no policy is given for {', '.join(missing)}")
+    flying: dict[str, Policy] = {}
+    for name, policy in policies.items():
+        if isinstance(policy, ScriptedPolicy):
+            spec = with_scripted(spec, policy, [name])
+        else:
+            flying[name] = policy
+    return spec, flying
+
+
+@dataclass(frozen=True)
+class _Assignment:
+    """One policy, and the agents that it flies: (index of the acting group, index in it) of each."""
+
+    policy: Policy
+    agents: tuple[tuple[int, int], ...]
+    action_size: int
+
+
+class PolicyDispatcher:
+    """The policies that fly the agents of a batch from outside. One that flies several agents is asked once a step.
+
+    Args:
+        environment: The batch.
+        flying: Who flies each agent that acts from outside, by its name.
+        first_slot: Global index of the environment slot of the first row.
+
+    Raises:
+        SafeInspectError: One policy flies agents whose observations or actions differ.
+    """
+
+    def __init__(self, environment: TeamEnvironment, flying: Mapping[str, Policy], first_slot: int) -> None:
+        self._shapes = [(environment.num_envs, group.size, group.action_layout.size) for group in environment.acting]
+        agents: dict[int, list[tuple[int, int]]] = {}
+        for index, group in enumerate(environment.acting):
+            for member, name in enumerate(group.agents):
+                agents.setdefault(id(flying[name]), []).append((index, member))
+        policies = {id(policy): policy for policy in flying.values()}
+        self._assigned = [self._assignment(environment, policies[key], own) for key, own in agents.items()]
+        for assigned in self._assigned:
+            begin = getattr(assigned.policy, "begin", None)
+            if begin is not None:
+                begin(_flight(environment, assigned, first_slot))
+
+    @staticmethod
+    def _assignment(environment: TeamEnvironment, policy: Policy, agents: list[tuple[int, int]]) -> _Assignment:
+        first = environment.acting[agents[0][0]]
+        for index, member in agents:
+            group = environment.acting[index]
+            for what in ("observation_layout", "action_layout"):
+                if getattr(group, what).names != getattr(first, what).names:
+                    raise SafeInspectError(
+                        f"one policy flies {first.agents[0]} and {group.agents[member]}, which have different "
+                        f"{what.partition('_')[0]}s; give each agent a policy"
+                    )
+        return _Assignment(policy, tuple(agents), first.action_layout.size)
+
+    def __call__(self, observations: Sequence[AnyArray], running: BoolArray) -> list[AnyArray]:
+        """Return the actions of every acting group, shape (N, G, A); 0 in rows that do not run, shape (N,).
+
+        Args:
+            observations: For each acting group, shape (N, G, O).
+            running: Rows whose episode runs, shape (N,).
+
+        Raises:
+            ValueError: A policy's actions have another shape.
+        """
+        actions = [np.zeros(shape) for shape in self._shapes]
+        for assigned in self._assigned:
+            seen = np.stack([observations[index][:, member] for index, member in assigned.agents], axis=1)
+            wanted = (len(running) * len(assigned.agents), assigned.action_size)
+            action = np.asarray(assigned.policy(seen.reshape(-1, seen.shape[-1])))
+            if action.shape != wanted:
+                raise ValueError(f"the policy returned actions of shape {action.shape}; {wanted} is wanted")
+            for rows, (index, member) in zip(
+                np.moveaxis(action.reshape(len(running), -1, assigned.action_size), 1, 0), assigned.agents, strict=True
+            ):
+                np.copyto(actions[index][:, member], rows, where=running[:, None])
+        return actions
+
+
+def _flight(environment: TeamEnvironment, assigned: _Assignment, first_slot: int) -> Flight:
+    world, count = environment.simulation.world, environment.num_envs
+    group = environment.acting[assigned.agents[0][0]]
+    deputies = [environment.acting[index].first + member for index, member in assigned.agents]
+    return Flight(
+        slots=np.repeat(first_slot + np.arange(count), len(deputies)),
+        observation=group.observation_layout,
+        action=group.action_layout,
+        step_size=world.step_size,
+        mean_motion=world.offers.world.get("mean_motion", 0.0),
+        masses=world.masses,
+        deputies=np.tile(deputies, count),
+    )

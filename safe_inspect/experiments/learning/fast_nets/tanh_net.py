@@ -1,0 +1,111 @@
+"""`TanhNet`: linear layers with tanh between them, forwards and backwards in arrays that are made once.
+
+With nets as small as a policy's a third of the time goes into what autograd does about the matrix products.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import torch
+
+from safe_inspect.experiments.learning.fast_nets.fast_tanh import tanh_gradient, tanh_in_place
+from safe_inspect.types import AnyArray
+
+
+def linear_layers(body: Iterable[torch.nn.Module], head: Iterable[torch.nn.Module]) -> list[torch.nn.Linear] | None:
+    """Return the linear layers of a net that `TanhNet` serves; None for any other.
+
+    It serves float32 layers with biases on the processor, of which each but the last is followed by a tanh.
+
+    Args:
+        body: Linear layers and activations in turn.
+        head: The last layer.
+    """
+    modules = [*body, *head]
+    layers, activations = modules[::2], modules[1::2]
+    found = [layer for layer in layers if isinstance(layer, torch.nn.Linear)]
+    if len(found) != len(activations) + 1 or any(type(module) is not torch.nn.Tanh for module in activations):
+        return None
+    parameters = [parameter for layer in found for parameter in (layer.weight, layer.bias)]
+    if any(p is None or p.dtype != torch.float32 or p.device.type != "cpu" for p in parameters):
+        return None
+    return found
+
+
+class TanhNet:
+    """A net for batches of a fixed number of rows; its parameters are those of the layers, which may change in place.
+
+    Args:
+        layers: The linear layers; the input of each is the tanh of the output of the one before.
+        rows: Rows of a batch, B.
+        limit: Largest magnitude of the second half of the outputs, the logarithms of standard deviations; None: free.
+    """
+
+    def __init__(self, layers: Sequence[torch.nn.Linear], rows: int, limit: float | None = None) -> None:
+        self._layers = [(layer.weight.detach(), layer.bias.detach()) for layer in layers]
+        self._outputs = [torch.empty((rows, len(bias))) for _, bias in self._layers]
+        self._hidden: list[AnyArray] = [output.numpy() for output in self._outputs[:-1]]
+        # What a forward pass needs, in order: making these views would take a tenth of it.
+        self._steps = [
+            (bias, weight.t(), output, output.numpy().reshape(-1))
+            for (weight, bias), output in zip(self._layers, self._outputs, strict=True)
+        ]
+        self._limit = limit
+        self._logarithms = self._outputs[-1][:, len(self._layers[-1][1]) // 2 :]
+        self._input = torch.empty(0)
+        self._gradients: list[torch.Tensor] = []
+        self._slopes: list[tuple[torch.Tensor, torch.Tensor]] = []
+        self._turned: list[torch.Tensor] = []
+
+    def forward(self, batch: torch.Tensor) -> torch.Tensor:
+        """Return the outputs, shape (B, I), in an array that the next call overwrites.
+
+        Args:
+            batch: The inputs, shape (B, O); they must not change before `backward`.
+        """
+        self._input = batch
+        *hidden, (bias, weight, last, _) = self._steps
+        for shift, factor, output, numbers in hidden:
+            torch.addmm(shift, batch, factor, out=output)
+            tanh_in_place(numbers)
+            batch = output
+        torch.addmm(bias, batch, weight, out=last)
+        if self._limit is not None:
+            self._logarithms.clamp_(-self._limit, self._limit)
+        return last
+
+    def backward(self, gradient: torch.Tensor) -> list[torch.Tensor]:
+        """Return the gradients of the parameters, in arrays that the next call overwrites.
+
+        Args:
+            gradient: Of the loss with respect to the outputs of the last `forward`, shape (B, I); it is changed.
+
+        Returns:
+            Those of weight and bias of each layer, in order.
+        """
+        if not self._slopes:
+            self._slopes = [(torch.empty_like(weight), torch.empty_like(bias)) for weight, bias in self._layers]
+            self._turned = [torch.empty_like(weight.t().contiguous()) for weight, _ in self._layers]
+            self._gradients = [torch.empty_like(output) for output in self._outputs[:-1]]
+        if self._limit is not None:
+            gradient[:, gradient.shape[1] // 2 :].mul_(self._logarithms.abs() < self._limit)
+        torch.sum(gradient, 0, out=self._slopes[-1][1])
+        inputs = [self._input, *self._outputs[:-1]]
+        for place in range(len(self._layers) - 1, -1, -1):
+            self._weigh(place, gradient, inputs[place])
+            if place:
+                before = self._gradients[place - 1]
+                torch.mm(gradient, self._layers[place][0], out=before)
+                tanh_gradient(self._hidden[place - 1], before.numpy(), self._slopes[place - 1][1].numpy())
+                gradient = before
+        return [slope for pair in self._slopes for slope in pair]
+
+    def _weigh(self, place: int, gradient: torch.Tensor, batch: torch.Tensor) -> None:
+        """Write the gradient of a layer's weight, from those of its outputs and from its inputs."""
+        slope, turned = self._slopes[place][0], self._turned[place]
+        if batch.shape[1] < gradient.shape[1]:  # the transposed product is up to four times as fast
+            torch.mm(batch.t(), gradient, out=turned)
+            slope.copy_(turned.t())
+        else:
+            torch.mm(gradient.t(), batch, out=slope)

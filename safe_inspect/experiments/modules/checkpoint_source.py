@@ -1,0 +1,71 @@
+"""The policies of a checkpoint, for the agents of a task. Ray and Torch are loaded when a policy is."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.policies import Policy
+from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.experiments.runs.checkpoints import SEAL, policy_folder
+
+
+def checkpoint_policies(path: Path, spec: EnvironmentSpec, sampled: bool | None, seed: int) -> dict[str, Policy]:
+    """Return the policy of each agent that acts from outside; agents of one policy share it.
+
+    Args:
+        path: The checkpoint's folder.
+        spec: The task.
+        sampled: Whether actions are drawn, see `TrainedPolicy`.
+        seed: Seed of the draws.
+
+    Raises:
+        CheckpointError: The checkpoint is damaged, of another task, or has no policy for an agent.
+    """
+    policies: dict[str, Policy] = {}
+    loaded: dict[str, Any] = {}
+    for agent in spec.agents:
+        if agent.scripted_policy is not None:
+            continue
+        chosen = _chosen(path, agent)
+        if chosen not in loaded:
+            loaded[chosen] = _load(path, chosen, sampled, seed)
+        check_layout(str(path), loaded[chosen].info, agent)
+        policies[agent.name] = loaded[chosen]
+    return policies
+
+
+def checkpoint_hash(checkpoint: Path) -> str:
+    """Return the hash of a checkpoint's files, by name and content, its own seal left out."""
+    found = hashlib.sha256()
+    for path in sorted(checkpoint.rglob("*")):
+        if path.is_file() and not path.name.startswith(SEAL):
+            found.update(path.relative_to(checkpoint).as_posix().encode())
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def _chosen(path: Path, agent: AgentSpec) -> str:
+    """Return the name of the checkpoint's policy that flies an agent: the agent's own, or the only one."""
+    try:
+        return policy_folder(path, usual=agent.policy).name
+    except CheckpointError as error:
+        known = str(error).partition("; ")[0]
+        raise CheckpointError(
+            f"{known}, and none is the {agent.policy!r} of the agent {agent.name!r}; "
+            "give the experiment that it was trained with"
+        ) from None
+
+
+def _load(path: Path, name: str, sampled: bool | None, seed: int) -> Any:
+    from safe_inspect.experiments.modules.policy import load_policy  # loads Ray and Torch
+
+    policy = load_policy(path, name, sampled=sampled, seed=seed)
+    if policy.info is None:
+        raise CheckpointError(
+            f"{path}: the checkpoint does not say what its policy sees and does, so it is not flown; train again"
+        )
+    return policy

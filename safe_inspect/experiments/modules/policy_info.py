@@ -1,0 +1,67 @@
+"""`policy_info`: what a policy is trained with, which its checkpoints and files say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from safe_inspect.config.experiment import Experiment, build_experiment
+from safe_inspect.config.spec import AgentSpec
+from safe_inspect.environments.layout import action_layout
+from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
+from safe_inspect.evaluation.policy_files.raw_values import commanded_elements, observed_elements
+from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER, experiment_in
+from safe_inspect.experiments.runs.checkpoints import SINGLE
+from safe_inspect.experiments.settings.policies import PolicySettings
+
+
+def policy_info(
+    experiment: Experiment, policy: str, agents: Sequence[AgentSpec], *, exportable: bool = False
+) -> PolicyInfo:
+    """Return what a policy is trained with; without the configuration and what is known of the training.
+
+    Args:
+        experiment: The experiment.
+        policy: Name of the policy.
+        agents: The agents that it flies.
+        exportable: See `observed_elements`.
+
+    Raises:
+        ConfigError: The elements cannot be exported, and are to be.
+    """
+    return PolicyInfo(
+        policy=policy,
+        agents=tuple(agent.name for agent in agents),
+        task=str(experiment.config.config.config.env_config.TrialName),
+        observation=_merged([observed_elements(agent, exportable=exportable) for agent in agents]),
+        action=_merged([commanded_elements(agent, exportable=exportable) for agent in agents]),
+        distribution="categorical" if action_layout(agents[0]).choices else "gaussian",
+        step_size=experiment.spec.step_size,
+        configuration={},
+    )
+
+
+def policy_texts(
+    environments: Mapping[str, Any], policies: Mapping[str, PolicySettings]
+) -> dict[str, Mapping[str, str]]:
+    """Return for each policy the texts of its `PolicyInfo`; nothing for environments of another maker.
+
+    Args:
+        environments: RLlib's environment configuration, see `environment_settings`.
+        policies: The policies by name where there are several agents.
+    """
+    if environments.get("maker", DEFAULT_MAKER) != DEFAULT_MAKER:
+        return {}
+    experiment = build_experiment(experiment_in(environments))
+    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
+    flown = {name: [agent for agent in agents if agent.name in policy.agents] for name, policy in policies.items()}
+    return {name: policy_info(experiment, name, its).metadata() for name, its in (flown or {SINGLE: agents}).items()}
+
+
+def _merged(layouts: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Return the elements of the first of several agents, with the plugins of all."""
+    return tuple(
+        replace(first, plugins=tuple(sorted({text for element in (first, *others) for text in element.plugins})))
+        for first, *others in zip(*layouts, strict=True)
+    )

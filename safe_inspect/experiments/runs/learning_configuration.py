@@ -1,0 +1,72 @@
+"""What decides the result of a training, and where two of them differ."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+from safe_inspect.experiments.settings.keys import PLACE_KEYS
+from safe_inspect.experiments.settings.policies import PolicySettings
+
+_MISSING = "nothing"
+
+#: Keys of an experiment that do not decide what is learnt, or are compared apart.
+_APART = frozenset({"rllib_configs", "tune_config", "ray_config", "output_path", "TrialName"})
+
+
+def learning_configuration(
+    experiment: Mapping[str, Any], rllib: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
+) -> dict[str, Any]:
+    """Return what decides the result of a training: the experiment, the settings of the algorithm and the policies.
+
+    What only says where, how fast and how long the run computes is left out: a resumed run may change it.
+    The experiment's own `rllib_configs` are left out too, as `rllib` holds them translated.
+    """
+    settings = {key: value for key, value in rllib.items() if key not in PLACE_KEYS}
+    learning = {"experiment": _without(experiment, _APART), "rllib_configs": settings}
+    if policies:
+        learning["policies"] = {name: asdict(policy) for name, policy in policies.items()}
+    plain: dict[str, Any] = json.loads(json.dumps(learning, default=str))
+    return plain
+
+
+def digest(configuration: Mapping[str, Any]) -> str:
+    """Return a short hash of a configuration that does not depend on the order of its keys."""
+    text = json.dumps(configuration, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def policy_agents(configuration: Mapping[str, Any]) -> str:
+    """Name the policies of a configuration and their agents."""
+    policies = configuration.get("policies") or {}
+    if not policies:
+        return "default_policy (one agent)"
+    return ", ".join(f"{name} ({', '.join(policy['agents'])})" for name, policy in policies.items())
+
+
+def changed_values(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield the paths at which two configurations differ, with both values."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted({*old, *new}):
+            where = f"{path}.{key}" if path else str(key)
+            yield from changed_values(old.get(key, _MISSING), new.get(key, _MISSING), where)
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for index, (left, right) in enumerate(zip(old, new, strict=True)):
+            yield from changed_values(left, right, f"{path}[{index}]")
+    elif old != new:
+        yield path, old, new
+
+
+def _without(value: Any, names: frozenset[str]) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without(item, names) for key, item in value.items() if key not in names}
+    return [_without(item, names) for item in value] if isinstance(value, list) else value
+
+
+def short_text(value: Any) -> str:
+    """Return a value in at most 60 characters."""
+    text = value if value == _MISSING else json.dumps(value, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,109 @@
+"""What a training is given: `TrainingRun`, and its `Settings` as they are translated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from safe_inspect import errors
+from safe_inspect.config.spec import PolicySpec
+from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
+from safe_inspect.experiments.settings.key_tables import TranslatedSettings
+from safe_inspect.experiments.settings.policies import PolicySettings, read_policies
+from safe_inspect.experiments.settings.search import Trial, trials_of
+from safe_inspect.experiments.settings.translation import (
+    translate_ray,
+    translate_rllib,
+    translate_tune,
+)
+from safe_inspect.experiments.settings.values import is_searched
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """What to train.
+
+    Attributes:
+        experiment: The resolved configuration from which the environment is built, as plain data.
+        rllib: The mapping `rllib_configs`, merged.
+        tune: The mapping `tune_config`, merged.
+        ray: The mapping `ray_config`, merged.
+        text: The resolved configuration as YAML, for the run folder.
+        name: Name of the experiment, with which the run folder begins.
+        output: Where run folders are made.
+        resume: The folder of an earlier run that is to go on.
+        command: The command line, for the record.
+        maker: ``module:function`` that builds the environments, see `environment.make_environment`.
+        policies: The policies of the agents that act from outside; needed for several agents only.
+    """
+
+    experiment: Mapping[str, Any]
+    rllib: Mapping[str, Any] = field(default_factory=dict)
+    tune: Mapping[str, Any] = field(default_factory=dict)
+    ray: Mapping[str, Any] = field(default_factory=dict)
+    text: str = ""
+    name: str = "training"
+    output: Path = Path("output")
+    resume: Path | None = None
+    command: Sequence[str] = ()
+    maker: str = DEFAULT_MAKER
+    policies: Sequence[PolicySpec] = ()
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The three mappings of an experiment that concern the training, translated.
+
+    Attributes:
+        rllib: Settings of the algorithm.
+        tune: Settings of Tune.
+        ray: Settings of Ray.
+        policies: The policies by name where there are several agents.
+        policy_notes: What was translated in the policies' own keys.
+        policy_problems: The mistakes in them.
+        trials: What Tune trains, one or several; none where there are mistakes in `rllib`.
+        trial_problems: The mistakes of single combinations of values that are searched.
+    """
+
+    rllib: TranslatedSettings
+    tune: TranslatedSettings
+    ray: TranslatedSettings
+    policies: Mapping[str, PolicySettings] = field(default_factory=dict)
+    policy_notes: tuple[str, ...] = ()
+    policy_problems: tuple[errors.Problem, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    trial_problems: tuple[errors.Problem, ...] = ()
+
+    @property
+    def problems(self) -> tuple[errors.Problem, ...]:
+        """All mistakes."""
+        own = self.rllib.problems + self.trial_problems
+        return own + self.policy_problems + self.tune.problems + self.ray.problems
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """All that was translated or dropped."""
+        return self.rllib.notes + self.policy_notes + self.tune.notes + self.ray.notes
+
+    @property
+    def single(self) -> bool:
+        """Whether the run is no search, which has several trials or asks for several values."""
+        searched = any(is_searched(value) for value in self.rllib.settings.values())
+        return self.tune.settings["num_samples"] == 1 and not searched
+
+
+def read_settings(
+    rllib: Mapping[str, Any], tune: Mapping[str, Any], ray: Mapping[str, Any], policies: Sequence[PolicySpec] = ()
+) -> Settings:
+    """Translate and check the three mappings and what several policies have of their own, without loading Ray."""
+    tuned = translate_tune(tune)
+    algorithm = tuned.settings.get("algorithm")
+    translated = translate_rllib(rllib, algorithm)
+    found, notes, problems = read_policies(policies, translated.settings["algorithm"])
+    trials: tuple[Trial, ...] = ()
+    wrong: list[errors.Problem] = []
+    if not translated.problems and not tuned.problems:
+        trials, wrong = trials_of(rllib, translated, algorithm, tuned.settings["num_samples"])
+    return Settings(translated, tuned, translate_ray(ray), found, tuple(notes), tuple(problems), trials, tuple(wrong))

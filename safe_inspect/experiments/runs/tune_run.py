@@ -1,0 +1,182 @@
+"""One attempt of a training: start Ray, run Tune, stop Ray. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TextIO
+
+from ray import tune
+
+from safe_inspect import errors
+from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
+from safe_inspect.experiments.adapters import environment
+from safe_inspect.experiments.adapters.algorithm import build_config, claimed_processors, environment_settings
+from safe_inspect.experiments.adapters.registration import register_environments
+from safe_inspect.experiments.modules.frozen import check_frozen
+from safe_inspect.experiments.runs import cluster, run_folder
+from safe_inspect.experiments.runs.checkpoints import Checkpoint
+from safe_inspect.experiments.runs.run_folder import RunFolder
+from safe_inspect.experiments.runs.tune_hooks import (
+    Monitor,
+    RunCallback,
+    RunStopper,
+    monitored,
+    read_failure,
+    trial_name,
+)
+from safe_inspect.experiments.settings.policies import check_layouts
+from safe_inspect.experiments.settings.search import Trial, experiment_of
+from safe_inspect.experiments.settings.search_space import search_space
+
+if TYPE_CHECKING:
+    from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
+
+    from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
+
+
+def check(run: TrainingRun, settings: Settings) -> None:
+    """Check what only the loaded RLlib knows: the keys of another algorithm than PPO, and values together.
+
+    With several agents also that their policies fit them.
+
+    Raises:
+        ConfigError: Something that RLlib does not take.
+        CheckpointError: A policy's checkpoint that cannot be read or does not fit.
+    """
+    _quiet()
+    environments = environment_settings(run.experiment, settings.trials[0].rllib.settings, maker=run.maker)
+    if settings.policies:
+        groups = environment.build_team(environments, 1, 0, False).groups
+        problems = check_layouts(settings.policies, groups)
+        if problems:
+            raise ConfigError(problems)
+        check_frozen(settings.policies, groups)
+    configs = [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
+    processors = settings.ray.settings.get("num_cpus")
+    if processors:
+        cluster.check_size(max(map(claimed_processors, configs)), processors)
+
+
+def run_tune(
+    run: TrainingRun,
+    settings: Settings,
+    folder: RunFolder,
+    digest: str,
+    start: Checkpoint | None,
+    stream: TextIO,
+) -> Monitor:
+    """Train until a limit is reached, and return the monitor, which knows the last iteration."""
+    number = run_folder.add_attempt(
+        folder, run.command, str(start.path) if start else "", start.iteration if start else 0
+    )
+    configs = [_config(run, settings, trial, folder, number, start) for trial in settings.trials]
+    monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
+    folder.failure.unlink(missing_ok=True)
+    where = f"goes on after iteration {start.iteration}" if start else "starts"
+    if run.resume is not None and not settings.single:
+        where = "goes on with the trials that have not ended"
+    print(f"{folder.path}: the training {where}; Ray takes some seconds to begin", file=stream, flush=True)
+    processors = max(map(claimed_processors, configs))
+    with cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor):
+        _quiet()  # starting Ray sets its logs anew
+        register_environments(run.maker)
+        tuner = _tuner(configs, settings, folder, number, run.resume is not None)
+        results = tuner.fit()
+        failed = next(iter(results.errors), None)
+        if failed is not None:
+            _raise_failure(read_failure(folder.failure), failed)
+    if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
+        raise CheckpointError(f"{start.path}: the training did not go on from the checkpoint")
+    return monitor
+
+
+def _config(
+    run: TrainingRun, settings: Settings, trial: Trial, folder: RunFolder, number: int, start: Checkpoint | None
+) -> AlgorithmConfig:
+    experiment = run.experiment
+    if not settings.single:
+        experiment = experiment_of(experiment, trial)
+        number = len(run_folder.read_run_record(RunFolder(folder.trials / trial.name))["attempts"])  # its own attempts
+    more: dict[str, Any] = {"attempt": number, "maker": run.maker, "failure_file": str(folder.failure)}
+    if start is not None:
+        more["continue_from"] = {
+            "path": str(start.path),
+            "iteration": start.iteration,
+            "seconds": start.seconds,
+        }
+    environments = environment_settings(experiment, trial.rllib.settings, **more)
+    config = build_config(trial.rllib, environments, settings.policies)
+    if number and isinstance(config.seed, int):
+        config.seed += 10_000 * number  # the noise of the actions is not to repeat either
+    return config
+
+
+def _tuner(
+    configs: list[AlgorithmConfig], settings: Settings, folder: RunFolder, number: int, resumed: bool
+) -> tune.Tuner:
+    """Return a new Tuner that trains on from the checkpoint, or Tune's own restored one for several trials.
+
+    Tune's restored state may name a checkpoint that is gone; a new Tuner only needs the one that was
+    found good. Only a search over several trials needs Tune's state.
+    """
+    chosen = settings.tune.settings
+    space: Any = configs[0] if settings.single else search_space(configs)
+    algorithm = settings.rllib.settings["algorithm"]
+    if resumed and not settings.single:
+        if not (folder.trials / "tuner.pkl").is_file():
+            raise CheckpointError(f"{folder.path}: Tune has left no state to resume {len(configs)} trials from")
+        return tune.Tuner.restore(
+            str(folder.trials), trainable=algorithm, resume_unfinished=True, resume_errored=True, param_space=space
+        )
+    if not settings.single:
+        os.environ.setdefault("TUNE_GLOBAL_CHECKPOINT_S", "0.2")  # else its state may name deleted checkpoints
+    return tune.Tuner(
+        algorithm,
+        param_space=space,
+        tune_config=tune.TuneConfig(
+            max_concurrent_trials=chosen.get("max_concurrent_trials"),
+            time_budget_s=chosen.get("time_budget_s"),
+            reuse_actors=False,  # saves a second between trials, and carries state from one to the next
+            trial_dirname_creator=trial_name,
+        ),
+        run_config=tune.RunConfig(
+            name=f"{number:03d}" if settings.single else folder.trials.name,
+            storage_path=str(folder.tune if settings.single else folder.path),
+            stop=RunStopper(),
+            verbose=0,
+            callbacks=[RunCallback()],
+            failure_config=tune.FailureConfig(max_failures=chosen["max_failures"]),
+            checkpoint_config=tune.CheckpointConfig(
+                num_to_keep=chosen["num_to_keep"],
+                checkpoint_frequency=chosen["checkpoint_frequency"],
+                checkpoint_at_end=chosen["checkpoint_at_end"],
+                checkpoint_score_attribute=chosen.get("checkpoint_score_attribute"),
+                checkpoint_score_order=chosen.get("checkpoint_score_order", "max"),
+            ),
+        ),
+    )
+
+
+def _quiet() -> None:
+    import warnings
+
+    for name in ("ray", "ray.rllib", "ray.train", "ray.air"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    logging.getLogger("ray.tune").setLevel(logging.CRITICAL)  # it prints the error that is raised again here
+    warnings.filterwarnings("ignore", module=r"(ray|gymnasium|tensorboardX)\b")
+
+
+def _raise_failure(failure: Mapping[str, str], error: BaseException | None) -> None:
+    """Raise the error of a training: the user's own when an environment has left one."""
+    kind = getattr(errors, failure.get("error", ""), SafeInspectError)
+    if failure:
+        raise kind(failure["message"])
+    cause = error
+    while cause is not None:
+        if isinstance(cause, SafeInspectError):
+            raise cause
+        cause = getattr(cause, "cause", None) or cause.__cause__
+    if error is not None:
+        raise error

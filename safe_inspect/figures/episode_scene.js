@@ -1,0 +1,151 @@
+// The scene of an inspection: chief, deputies, their ways and burns, and the sun.
+const { position, sun, points, radius, rings, deputies } = episode;
+const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
+
+/** The state at a time, between two recorded ones by a straight line. */
+function stateAt(t) {
+  const row = rowAt(t), next = Math.min(row + 1, last);
+  const u = next > row ? (t - time[row]) / (time[next] - time[row]) : 0;
+  const angle = sun[row] + u * (sun[next] - sun[row]);
+  return {
+    row,
+    places: position.map((way) => mixed(way[row], way[next], u)),
+    light: [Math.cos(angle), -Math.sin(angle), 0],
+    count: episode.inspected_at.filter((when) => when !== null && when <= t).length,
+  };
+}
+
+/** Draw the chief with its day side and the points on the reader's side; r in pixels. */
+function drawChief(pen, x, y, r, view, light, t) {
+  disc(pen, x, y, r, NIGHT);
+  const a = dot3(light, view.right), b = dot3(light, view.up), d = dot3(light, view.sight);
+  pen.save();
+  pen.translate(x, y);
+  pen.rotate(Math.atan2(-b, a));
+  pen.beginPath();
+  pen.arc(0, 0, r, -Math.PI / 2, Math.PI / 2);
+  pen.ellipse(0, 0, Math.abs(d) * r, r, 0, Math.PI / 2, -Math.PI / 2, d < 0);
+  pen.fillStyle = DAY;
+  pen.fill();
+  pen.restore();
+  disc(pen, x, y, r, null, GREY);
+  if (r < 12) return;  // too small for its points
+  const size = Math.max(1.2, Math.min(6, r / 20));
+  points.forEach((point, i) => {
+    if (dot3(point, view.sight) <= 0) return;
+    const px = x + dot3(point, view.right) / radius * r, py = y - dot3(point, view.up) / radius * r;
+    const when = episode.inspected_at[i];
+    if (when !== null && when <= t) disc(pen, px, py, size, deputies[episode.inspector[i]].colour);
+    else if (dot3(point, light) > 0) disc(pen, px, py, size, "#fff", "#222", Math.max(0.6, size / 4));
+    else disc(pen, px, py, 0.7 * size, DARK);
+  });
+}
+
+function drawScene(t) {
+  const state = stateAt(t);
+  const { pen, width, height } = prepared(space);
+  const view = axes(), reach = episode.reach;
+  const metre = camera.zoom * Math.min(width, 1.25 * height) / 2.2 / reach;
+  const x0 = 0.5 * width, y0 = 0.5 * height, r = radius * metre;
+  const flat = (p) => [x0 + dot3(p, view.right) * metre, y0 - dot3(p, view.up) * metre];
+  const hidden = (p) => dot3(p, view.sight) < 0
+    && dot3(p, view.right) ** 2 + dot3(p, view.up) ** 2 < radius * radius;
+  const circle = (ring) => Array.from({ length: 121 }, (_, i) => {
+    const angle = i / 60 * Math.PI;
+    return [ring * Math.cos(angle), ring * Math.sin(angle), 0];
+  });
+  const outer = rings[rings.length - 1];
+  pen.textAlign = "center";
+  pen.textBaseline = "middle";
+  const left = (camera.azimuth - 90) * Math.PI / 180;
+  for (const ring of rings) {
+    polyline(pen, circle(ring).map(flat), PALE, 1);
+    const [x, y] = flat([ring * Math.cos(left), ring * Math.sin(left), 0]);
+    pen.fillStyle = GREY;
+    pen.fillText(`${ring} m`, x, y - 8);
+  }
+  [["x radial", [0.6, 0, 0]], ["y along track", [0, 0.6, 0]], ["z", [0, 0, 0.6]]].forEach(([name, direction]) => {
+    const tip = scaled(direction, outer);
+    polyline(pen, [flat([0, 0, 0]), flat(tip)], "#BBB", 1);
+    const [x, y] = flat(scaled(tip, 1.1));
+    pen.fillStyle = GREY;
+    pen.fillText(name, x, y);
+  });
+  const tail = flat(scaled(state.light, 0.7 * outer)), tip = flat(scaled(state.light, outer));
+  const aside = [-state.light[1], state.light[0], 0];
+  const barbs = [1, -1].map((side) => flat([0, 1, 2].map((i) =>
+    outer * (0.92 * state.light[i] + side * 0.045 * aside[i]))));
+  polyline(pen, [tail, tip, barbs[0], tip, barbs[1]], ORANGE, 2.5);
+  const [sx, sy] = flat(scaled(state.light, 1.1 * outer));
+  pen.fillStyle = "#B87A00";
+  pen.fillText("sun", sx, sy);
+
+  const ways = position.map((way, index) => {
+    const gone = [...way.slice(0, state.row + 1), state.places[index]];
+    return gone.map((p) => ({ at: flat(p), hidden: hidden(p) }));
+  });
+  const drawWays = (behind) => ways.forEach((way, index) => {
+    let piece = [];
+    const { colour, dashes } = deputies[index];
+    way.forEach((p) => {
+      if (p.hidden === behind) { piece.push(p.at); return; }
+      if (piece.length > 1) polyline(pen, piece, colour, 2, dashes);
+      piece = [p.at];
+    });
+    if (piece.length > 1) polyline(pen, piece, colour, 2, dashes);
+  });
+  const drawDeputies = (behind) => ways.forEach((way, index) => {
+    const p = way[way.length - 1];
+    if (p.hidden === behind) disc(pen, ...p.at, 6, deputies[index].colour, "#fff", 1.5);
+  });
+  if (element("future").checked) {
+    position.forEach((way, index) => {
+      pen.globalAlpha = 0.3;
+      polyline(pen, way.slice(state.row).map(flat), deputies[index].colour, 1.2);
+      pen.globalAlpha = 1;
+    });
+  }
+  drawWays(true);
+  drawDeputies(true);
+  drawChief(pen, x0, y0, r, view, state.light, now);
+  drawWays(false);
+  drawBurns(pen, flat, hidden, state.row, outer);
+  drawDeputies(false);
+  const inset = Math.min(0.13 * width, 0.17 * height);
+  if (r < 0.6 * inset) {
+    const x = width - inset - 18, y = inset + 18;
+    disc(pen, x, y, inset + 8, "#fff");
+    drawChief(pen, x, y, inset, view, state.light, now);
+    pen.fillStyle = GREY;
+    pen.fillText("the chief from here", x, y + inset + 13);
+  }
+}
+
+/** A stroke in the direction of the thrust at each burn so far. */
+function drawBurns(pen, flat, hidden, row, outer) {
+  episode.burns.forEach((burns, index) => burns.forEach(({ step, thrust }) => {
+    const foot = position[index][step];
+    if (step > row || hidden(foot)) return;
+    const tip = foot.map((x, i) => x + outer * thrust[i]);
+    polyline(pen, [flat(foot), flat(tip)], "#222", 1.2);
+    disc(pen, ...flat(foot), 1.8, "#222");
+  }));
+}
+
+function countersAt(t) {
+  const state = stateAt(t);
+  const spent = episode.delta_v.reduce((sum, values) => sum + values[state.row], 0);
+  const told = [`${(t / episode.unit_seconds).toFixed(1)} ${episode.unit}`,
+    `${state.count} of ${points.length} points inspected`, `delta-v ${spent.toFixed(3)} m/s`];
+  if (t >= END && episode.ending) told.push(episode.ending);
+  return told;
+}
+
+deputies.forEach(({ name, colour }) => keyEntry(name, colour));
+keyEntry(deputies.length > 1 ? "inspected: who saw it first" : "inspected", deputies[0].colour, deputies[0].colour);
+keyEntry("lit, not inspected", "#222", "#fff");
+keyEntry("in the dark", DARK, DARK);
+keyEntry("burn", "#222");
+
+element("near").addEventListener("click", () => { camera.zoom = 0.45 * episode.reach / radius; show(now); });
+begin();

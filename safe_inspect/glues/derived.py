@@ -1,0 +1,114 @@
+"""Glues that observe a quantity that follows from other readings, such as a magnitude or a speed limit."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.glues.base import Bounds, ObservationGlue, Parts
+from safe_inspect.glues.normalization import Normalization
+from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.plugin import SensorName
+from safe_inspect.simulators.view import View
+from safe_inspect.tasks.docking.speed_limit import SpeedLimit
+from safe_inspect.types import FloatArray
+
+
+class DerivedGlue(ObservationGlue):
+    """A quantity that follows from what the agent's sensors read, normalised; shape (R, size).
+
+    Attributes:
+        normalization: Which normaliser is applied.
+    """
+
+    normalization: Normalization = Normalization(enabled=False)
+
+    @abstractmethod
+    def values(self, view: View) -> FloatArray:
+        """Return the quantity, shape (R, size)."""
+
+    @abstractmethod
+    def limits(self, parts: Parts) -> Bounds:
+        """Return its smallest and largest values, two arrays of shape (size,)."""
+
+    def bounds(self, parts: Parts) -> Bounds:
+        """Return the bounds of the normalised quantity.
+
+        Raises:
+            ValueError: The normaliser does not fit it.
+        """
+        low, high = self.limits(parts)
+        normalizer = self.normalization.active
+        if normalizer is None:
+            return low, high
+        normalizer.check(len(low), low, high)
+        return normalizer(low, low, high), normalizer(high, low, high)
+
+    def __call__(self, view: View) -> FloatArray:
+        """Return the observation, shape (R, size)."""
+        values, normalizer = self.values(view), self.normalization.active
+        if normalizer is None:
+            return values
+        sensors: Any = view.group.sensors
+        return normalizer(values, *self.limits(sensors))
+
+
+class SimsMagnitudeGlue(DerivedGlue):
+    """The Euclidean norm of what another glue observes; shape (R, 1).
+
+    Attributes:
+        wrapped: The glue.
+    """
+
+    wrapped: functor_field("glue") = ObserveSensor(sensor="Sensor_Velocity")  # type: ignore[valid-type]
+
+    def names(self, parts: Parts) -> tuple[str, ...]:
+        """Return ``|element, element, ...|``."""
+        wrapped: Any = self.wrapped
+        return (f"|{', '.join(wrapped.names(parts))}|",)
+
+    def limits(self, parts: Parts) -> Bounds:
+        """Return 0 and the norm of the largest values."""
+        wrapped: Any = self.wrapped
+        low, high = wrapped.bounds(parts)
+        return np.zeros(1), _norms(np.maximum(np.abs(low), np.abs(high))[None])[0]
+
+    def values(self, view: View) -> FloatArray:
+        """Return the norm, shape (R, 1)."""
+        wrapped: Any = self.wrapped
+        return _norms(wrapped(view))
+
+
+class VelocityLimitGlue(SpeedLimit, DerivedGlue):
+    """The speed limit of docking at the distance that a position sensor reads [m/s]; shape (R, 1).
+
+    Attributes:
+        sensor: Name of the sensor of the position relative to the chief.
+    """
+
+    sensor: SensorName = "Sensor_Position"
+
+    def names(self, parts: Parts) -> tuple[str, ...]:
+        """Return ``sensor.speed_limit``."""
+        return (f"{self.sensor}.speed_limit",)
+
+    def limits(self, parts: Parts) -> Bounds:
+        """Return the limit near the chief, and none above."""
+        return np.array([self.velocity_threshold]), np.full(1, np.inf)
+
+    def values(self, view: View) -> FloatArray:
+        """Return the speed limit [m/s], shape (R, 1)."""
+        threshold, distance, slope, _ = self.limit_line(view.world)
+        limit: FloatArray = threshold + slope * np.maximum(_norms(view.reading(self.sensor)) - distance, 0.0)
+        return limit
+
+
+def _norms(vectors: FloatArray) -> FloatArray:
+    """Return the norms of rows, whose bits do not depend on the batch, shape (R, 1)."""
+    total = np.zeros(len(vectors))
+    for column in vectors.T:
+        total = total + column * column
+    return np.sqrt(total)[:, None]

@@ -1,0 +1,115 @@
+"""How the plans in a batch are flown, compiled: which rows plan now, and what thrust a plan asks for."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.step_maps import StepMaps, advance_steps
+from safe_inspect.planning.burns.problem import burn_steps
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+#: A deputy has left its planned arc beyond these distances from it [m], [m/s].
+_OFF_ARC, _OFF_ARC_SPEED = 1e-4, 1e-7
+
+
+class DeputyRows(NamedTuple):
+    """The state of R deputies before a step.
+
+    Attributes:
+        step: Steps since the reset, shape (R,).
+        finished: Status with which the episode has ended for the deputy, 0 while it runs, shape (R,).
+        position: Position [m], Hill frame, shape (R, 3).
+        velocity: Velocity [m/s], Hill frame, shape (R, 3).
+    """
+
+    step: IntArray
+    finished: AnyArray
+    position: FloatArray
+    velocity: FloatArray
+
+
+class PlanRows(NamedTuple):
+    """The plans of R deputies, K burns each, and what is remembered of them.
+
+    Attributes:
+        start: First step of each burn, shape (R, K).
+        delta_v: Velocity change of each burn [m/s], shape (R, K, 3).
+        review: Step of the next review, 0 for a row that has left its planned arc, shape (R,).
+        expected: Position and velocity that the plan leads to [m], [m/s], shape (R, 6).
+        arrival: The step at which it does, shape (R,); the step after this one when this one was planned before.
+        turn: Turn of the deputy among all, negative for none yet, shape (R,).
+        reach: Velocity change that one step can give along each axis [m/s], shape (R, 3).
+    """
+
+    start: IntArray
+    delta_v: FloatArray
+    review: IntArray
+    expected: FloatArray
+    arrival: IntArray
+    turn: IntArray
+    reach: FloatArray
+
+
+@njit
+def rows_to_plan(deputies: DeputyRows, plans: PlanRows, count: int) -> BoolArray:
+    """Return which rows have to review their plan before this step, shape (R,).
+
+    Deputies plan by turns, one a step, so that each knows where the others go unless they plan anew. A row plans when
+    its review is due, when it has left its planned arc, or when a burn begins; never amid a burn.
+
+    Args:
+        deputies: The deputies.
+        plans: Their plans; `review` is written.
+        count: Number of deputies of an environment, D.
+    """
+    step, start = deputies.step, plans.start
+    due = np.zeros(step.shape[0], dtype=np.bool_)
+    for row in range(step.shape[0]):
+        if deputies.finished[row] != 0 or plans.arrival[row] == step[row] + 1:
+            continue
+        if plans.arrival[row] != step[row]:
+            plans.review[row] = 0
+        for axis in range(3):
+            if (
+                abs(deputies.position[row, axis] - plans.expected[row, axis]) > _OFF_ARC
+                or abs(deputies.velocity[row, axis] - plans.expected[row, 3 + axis]) > _OFF_ARC_SPEED
+            ):
+                plans.review[row] = 0
+        if step[row] % count != plans.turn[row]:
+            continue
+        due[row] = step[row] >= plans.review[row]
+        for k in range(start.shape[1]):
+            length = burn_steps(plans.delta_v[row, k], plans.reach[row])
+            if length > 0 and start[row, k] == step[row]:
+                due[row] = True
+            if start[row, k] < step[row] < start[row, k] + length:
+                due[row] = False
+                break
+    return due
+
+
+@njit
+def follow_plans(deputies: DeputyRows, plans: PlanRows, maps: StepMaps, acceleration: FloatArray) -> None:
+    """Write the acceleration that each plan asks for in this step, and where it leads; who has finished coasts.
+
+    Args:
+        deputies: The deputies.
+        plans: Their plans; `expected` and `arrival` are written.
+        maps: The maps of 0, 1, ... steps.
+        acceleration: Receives the thrust over the mass [m/s^2], Hill frame, shape (R, 3).
+    """
+    step, start = deputies.step, plans.start
+    state = np.empty(6)
+    for row in range(step.shape[0]):
+        acceleration[row] = 0.0
+        for k in range(start.shape[1] if deputies.finished[row] == 0 else 0):
+            length = burn_steps(plans.delta_v[row, k], plans.reach[row])
+            if start[row, k] <= step[row] < start[row, k] + length:
+                for axis in range(3):
+                    acceleration[row, axis] = plans.delta_v[row, k, axis] / (length * maps.step_size)
+        state[:3], state[3:] = deputies.position[row], deputies.velocity[row]
+        advance_steps(maps, 1, state, acceleration[row], plans.expected[row])
+        plans.arrival[row] = step[row] + 1

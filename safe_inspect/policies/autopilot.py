@@ -1,0 +1,42 @@
+"""`DockingAutopilot`: flies to the origin of Hill's frame along the speed limit of docking."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
+from safe_inspect.simulators.view import View
+from safe_inspect.tasks.docking.speed_limit import SpeedLimit
+from safe_inspect.types import FloatArray
+
+
+class DockingAutopilot(SpeedLimit, ScriptedPolicy):
+    """Fly to the origin at a share of the docking speed limit.
+
+    The thrust of a step is that after which the velocity points at the origin and has the wanted size at the place that
+    is reached without thrust; it is exact in Clohessy-Wiltshire dynamics but for what the controllers cannot give.
+
+    Attributes:
+        share: Wanted share of the speed limit [-].
+    """
+
+    share: float = Field(default=0.98, gt=0, le=1)
+
+    def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
+        """Return the thrust [N], shape (R, 3)."""
+        phi, gamma = transition(view.world.mean_motion, 1.0, view.world.step_size)
+        state = [*view.position.T, *view.velocity.T]
+        coasted = [sum(phi[i, j] * state[j] for j in range(6)) for i in range(6)]
+        position, velocity = np.stack(coasted[:3], axis=-1), np.stack(coasted[3:], axis=-1)
+        distance = np.sqrt(position[:, 0] ** 2 + position[:, 1] ** 2 + position[:, 2] ** 2)
+        threshold, near, slope, _ = self.limit_line(view.world)
+        speed = self.share * (threshold + slope * np.maximum(distance - near, 0.0))
+        wanted = -position * (speed / np.maximum(distance, 1e-9))[:, None]
+        mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
+        thrust = mass * (wanted - velocity) / np.diag(gamma[3:])
+        # One factor for all axes: the direction of the change of velocity stays.
+        room = np.where(thrust > 0.0, limits.high, -limits.low)
+        factor = np.min(room / np.maximum(np.abs(thrust), 1e-12), axis=1)
+        return np.asarray(thrust * np.minimum(factor, 1.0)[:, None])

@@ -1,0 +1,236 @@
+"""Actions drawn from the distributions of policies: a draw is a function of (seed, slot, episode, step, agent).
+
+So the same seed gives the same actions in training and evaluation, however many environments stand in a batch and
+however many processes share them. The counters are those of `safe_inspect.random.philox`, with the purpose ``action``;
+block b of agent i has the index i ceil(A / 4) + b.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from safe_inspect.compiling import njit
+from safe_inspect.random.philox import philox4x32
+from safe_inspect.types import AnyArray, FloatArray, IntArray
+
+_ACTION = np.uint64(zlib.crc32(b"action"))
+_WORD = np.uint64(0xFFFFFFFF)
+_SHIFT = np.uint64(32)
+_STEP_SHIFT = np.uint64(12)
+_UNIT = 2.0**-32
+_HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class DrawRows(NamedTuple):
+    """What the draws of R rows are functions of.
+
+    Attributes:
+        seed: The seed of the run.
+        slot: Global index of each row's environment slot, shape (R,).
+        episode: Index of the episode within its slot, shape (R,).
+        step: Steps since the reset, below 2**20, shape (R,).
+        agent: Index of each row's deputy, below 4096 / ceil(A / 4), shape (R,).
+    """
+
+    seed: np.uint64
+    slot: NDArray[np.uint64]
+    episode: IntArray
+    step: IntArray
+    agent: IntArray
+
+
+class Distribution(Protocol):
+    """From the outputs of a policy's net to actions."""
+
+    @property
+    def inputs(self) -> int:
+        """How many outputs of the net it takes."""
+
+    def draw(
+        self, inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray
+    ) -> None:
+        """Draw actions, or take the most likely ones.
+
+        Args:
+            inputs: Outputs of the net, float32, shape (R, I).
+            explore: False: the most likely action.
+            rows: What the draws are functions of.
+            action: Receives the actions, float32, shape (R, A).
+            log_probability: Receives the logarithms of their probabilities, or densities, float32, shape (R,).
+        """
+
+
+class Gaussian:
+    """Independent normal distributions of A real numbers; the most likely action is the mean.
+
+    Args:
+        width: A.
+    """
+
+    def __init__(self, width: int) -> None:
+        self.width = width
+
+    @property
+    def inputs(self) -> int:
+        """Means and logarithms of the standard deviations, 2 A."""
+        return 2 * self.width
+
+    def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
+        """Draw actions; see `Distribution.draw`."""
+        draw_gaussian(inputs, explore, rows, *out)
+
+
+class Categorical:
+    """Independent choices of A indices; the most likely action has the largest logits, the first of them.
+
+    Args:
+        sizes: Number of values of each.
+    """
+
+    def __init__(self, sizes: tuple[int, ...]) -> None:
+        self.sizes: IntArray = np.array(sizes, dtype=np.int64)
+        self.width = len(sizes)
+
+    @property
+    def inputs(self) -> int:
+        """The logits, K_1 + ... + K_A."""
+        return int(self.sizes.sum())
+
+    def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
+        """Draw actions; see `Distribution.draw`."""
+        draw_categorical(inputs, self.sizes, explore, rows, *out)
+
+
+def draw_in_rollout(
+    distribution: Any, inputs: AnyArray, explore: bool, seed: int, slots: IntArray, deputies: IntArray, step: int
+) -> FloatArray:
+    """Return actions in the first episode of every slot, shape (R, A).
+
+    Args:
+        distribution: A `Gaussian` or `Categorical`.
+        inputs: Outputs of the net, float32, shape (R, I).
+        explore: False: the most likely action.
+        seed: Seed of the draws.
+        slots: Global index of each row's environment slot, shape (R,).
+        deputies: Index of each row's deputy, shape (R,).
+        step: Steps since the reset.
+    """
+    rows = DrawRows(
+        np.uint64(seed),
+        slots.astype(np.uint64),
+        np.zeros(len(inputs), dtype=np.int64),
+        np.full(len(inputs), step, dtype=np.int64),
+        deputies.astype(np.int64),
+    )
+    action, log_probability = np.empty((len(inputs), distribution.width), np.float32), np.empty(len(inputs), np.float32)
+    distribution.draw(np.ascontiguousarray(inputs, np.float32), explore, rows, action, log_probability)
+    return action.astype(np.float64)
+
+
+@njit
+def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray) -> None:
+    """Draw mean + exp(log_std) z with standard normal z; the log-probability is that of the float32 action.
+
+    Args:
+        inputs: Mean and logarithm of the standard deviation, float32, shape (R, 2 A).
+        explore: See `Distribution.draw`, as for the others.
+        rows: See there.
+        action: See there.
+        log_probability: See there.
+    """
+    count, width = action.shape
+    normal = np.empty(4)
+    for n in range(count):
+        density = 0.0
+        for block in range((width + 3) // 4):
+            if explore:
+                _normals(rows, n, block, width, normal)
+            else:
+                normal[:] = 0.0
+            for j in range(4 * block, min(4 * block + 4, width)):
+                mean, log_std = np.float64(inputs[n, j]), np.float64(inputs[n, width + j])
+                std = math.exp(log_std)
+                action[n, j] = np.float32(mean + std * normal[j - 4 * block])
+                z = (np.float64(action[n, j]) - mean) / std
+                density -= 0.5 * z * z + log_std + _HALF_LOG_2PI
+        log_probability[n] = np.float32(density)
+
+
+@njit
+def draw_categorical(
+    inputs: AnyArray, sizes: IntArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray
+) -> None:
+    """Draw an index for each element, with the probabilities softmax(logits).
+
+    Args:
+        inputs: Logits of all elements, one behind the other, float32, shape (R, K_1 + ... + K_A).
+        sizes: Number of values of each element, K_1 to K_A, shape (A,).
+        explore: See `Distribution.draw`, as for the others.
+        rows: See there.
+        action: See there.
+        log_probability: See there.
+    """
+    count, width = action.shape
+    uniform = np.empty(4)
+    for n in range(count):
+        first, total = 0, 0.0
+        for j in range(width):
+            if explore and j % 4 == 0:
+                _uniforms(rows, n, j // 4, width, uniform)
+            size = sizes[j]
+            best = 0
+            for k in range(1, size):
+                if inputs[n, first + k] > inputs[n, first + best]:
+                    best = k
+            largest = np.float64(inputs[n, first + best])
+            mass = 0.0
+            for k in range(size):
+                mass += math.exp(np.float64(inputs[n, first + k]) - largest)
+            chosen = best
+            if explore:
+                chosen, below = 0, math.exp(np.float64(inputs[n, first]) - largest)
+                while chosen < size - 1 and below < uniform[j % 4] * mass:
+                    chosen += 1
+                    below += math.exp(np.float64(inputs[n, first + chosen]) - largest)
+            action[n, j] = np.float32(chosen)
+            total += np.float64(inputs[n, first + chosen]) - largest - math.log(mass)
+            first += size
+        log_probability[n] = np.float32(total)
+
+
+@njit
+def _words(rows: DrawRows, n: int, block: int, width: int) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    """Return the four 32-bit words of a block of a row."""
+    return philox4x32(
+        np.uint64(rows.agent[n] * ((width + 3) // 4) + block) + (np.uint64(rows.step[n]) << _STEP_SHIFT),
+        _ACTION,
+        np.uint64(rows.episode[n]) & _WORD,
+        rows.slot[n] & _WORD,
+        rows.seed & _WORD,
+        rows.seed >> _SHIFT,
+    )
+
+
+@njit
+def _uniforms(rows: DrawRows, n: int, block: int, width: int, uniform: FloatArray) -> None:
+    """Write four independent uniform numbers in (0, 1)."""
+    w0, w1, w2, w3 = _words(rows, n, block, width)
+    uniform[0], uniform[1] = (np.float64(w0) + 0.5) * _UNIT, (np.float64(w1) + 0.5) * _UNIT
+    uniform[2], uniform[3] = (np.float64(w2) + 0.5) * _UNIT, (np.float64(w3) + 0.5) * _UNIT
+
+
+@njit
+def _normals(rows: DrawRows, n: int, block: int, width: int, normal: FloatArray) -> None:
+    """Write four independent standard normal numbers, by Box and Muller's transform."""
+    w0, w1, w2, w3 = _words(rows, n, block, width)
+    radius = math.sqrt(-2.0 * math.log((np.float64(w0) + 0.5) * _UNIT))
+    angle = 2.0 * math.pi * np.float64(w1) * _UNIT
+    normal[0], normal[1] = radius * math.cos(angle), radius * math.sin(angle)
+    radius = math.sqrt(-2.0 * math.log((np.float64(w2) + 0.5) * _UNIT))
+    angle = 2.0 * math.pi * np.float64(w3) * _UNIT
+    normal[2], normal[3] = radius * math.cos(angle), radius * math.sin(angle)

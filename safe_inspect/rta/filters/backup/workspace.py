@@ -1,0 +1,64 @@
+"""Arrays for one row's intermediate results, made once for a batch: compiled rows then allocate nothing."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK
+from safe_inspect.rta.numerics.projection import ProjectionWorkspace, projection_workspace
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: Most half-spaces of one row's programme.
+MAX_HALF_SPACES = 48
+
+
+class Workspace(NamedTuple):
+    """Arrays that a row overwrites.
+
+    Attributes:
+        work: For `closed_motion`, shape `NODE_STACK`.
+        cells: For `hold`, shape (64, 4).
+        where: Where a hold was refused, shape (2,).
+        at: The same, of a plan's hold.
+        rows: Half-spaces' normals, shape (M, 3).
+        bounds: Half-spaces' right-hand sides, shape (M,).
+        missed: Half-spaces that were broken, shape (M,).
+        projection: For `nearest`.
+        d: A direction of states, shape (6,).
+        w: A control or point, shape (3,), as are the rest.
+    """
+
+    work: FloatArray
+    cells: IntArray
+    where: IntArray
+    at: IntArray
+    rows: FloatArray
+    bounds: FloatArray
+    missed: BoolArray
+    projection: ProjectionWorkspace
+    d: FloatArray
+    w: FloatArray
+    desired: FloatArray
+    backup: FloatArray
+    proposal: FloatArray
+    trial: FloatArray
+    best: FloatArray
+
+
+@njit(error_model="numpy")
+def workspace(most: int) -> Workspace:
+    """Return a workspace for programmes of up to `most` half-spaces."""
+    return Workspace(
+        np.empty(NODE_STACK), np.empty((64, 4), np.int64), np.empty(2, np.int64), np.empty(2, np.int64),
+        np.empty((most, 3)), np.empty(most), np.empty(most, np.bool_), projection_workspace(most),
+        np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
+    )  # fmt: skip
+
+
+@njit(error_model="numpy")
+def as_int(value: int) -> int:
+    """Return a constant as a number: passed as a literal, the compiler would make a copy of the callee for it."""
+    return int(np.int64(value))

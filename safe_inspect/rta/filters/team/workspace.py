@@ -1,0 +1,102 @@
+"""What the compiled rows of the team's filter work with: its models and its workspace."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.rta.filters.backup.model import FilterModel
+from safe_inspect.rta.filters.backup.plans import PLANS
+from safe_inspect.rta.numerics.active_set import QPWorkspace, qp_workspace
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+#: Most half-spaces of a programme: so many for each deputy, and so many for each pair.
+_ROWS, _PAIR_ROWS = 32, 16
+
+
+class TeamModel(NamedTuple):
+    """Numbers and tables of a team's task.
+
+    Attributes:
+        one: The task of each deputy about the chief.
+        pair: That of a deputy about another: only the range and passive safety, with twice the deputies' radius.
+        pairs: Whether pairs are kept apart at all.
+    """
+
+    one: FilterModel
+    pair: FilterModel
+    pairs: bool
+
+
+class TeamWorkspace(NamedTuple):
+    """Workspace for one environment of D deputies in the order of the filter: V = 3 D, P = D (D - 1) / 2.
+
+    Attributes:
+        order: The deputies' places in the environment, shape (D,).
+        fixed: Deputies that coast whatever happens, shape (D,).
+        x: States before the hold, shape (D, 6).
+        after: States at its end, shape (D, 6).
+        desired: Desired thrusts, shape (V,), as are control (the last proposal), backup, trial and best.
+        hint: Plans to try first, or NO_PLAN, shape (D,).
+        plan: The joint plan that was found, shape (D,).
+        kept: The joint plan that belongs to `best`, shape (D,).
+        line: Whose plan is chosen first, shape (D,).
+        known: What is known of a deputy's plan alone: 0 nothing, 1 safe, 2 not, shape (D, PLANS).
+        met: What is known of two plans of a pair: 0 nothing, 1 apart, 2 not, int8, shape (P, PLANS, PLANS).
+        thrust: The plans' thrusts, shape (D, PLANS, 3).
+        end: The states after the plans' holds, shape (D, PLANS, 6).
+        code: The constraint that refused each deputy's hold, or SAFE, shape (D,).
+        at: Where it did, shape (D,).
+        pair_code: The same of the pairs 0-1, 0-2, ..., shape (P,).
+        pair_at: Where it did, shape (P,).
+        bits: The bits of what refused the desired thrust, shape (D,).
+        u: Thrust of one deputy, shape (3,).
+        rows: Unit normals of the programme's half-spaces, shape (K, V).
+        bounds: Right-hand sides, shape (K,).
+        qp: Workspace of the programme.
+    """
+
+    order: IntArray
+    fixed: BoolArray
+    x: FloatArray
+    after: FloatArray
+    desired: FloatArray
+    control: FloatArray
+    backup: FloatArray
+    trial: FloatArray
+    best: FloatArray
+    hint: IntArray
+    plan: IntArray
+    kept: IntArray
+    line: IntArray
+    known: IntArray
+    met: AnyArray
+    thrust: FloatArray
+    end: FloatArray
+    code: IntArray
+    at: IntArray
+    pair_code: IntArray
+    pair_at: IntArray
+    bits: IntArray
+    u: FloatArray
+    rows: FloatArray
+    bounds: FloatArray
+    qp: QPWorkspace
+
+
+@njit(error_model="numpy")
+def team_workspace(deputies: int) -> TeamWorkspace:
+    """Return a workspace for environments of that many deputies."""
+    d, v, p = deputies, 3 * deputies, deputies * (deputies - 1) // 2
+    most = _ROWS * d + _PAIR_ROWS * p
+    return TeamWorkspace(
+        np.zeros(d, np.int64), np.zeros(d, np.bool_), np.zeros((d, 6)), np.zeros((d, 6)),
+        np.zeros(v), np.zeros(v), np.zeros(v), np.zeros(v), np.zeros(v),
+        np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(d, np.int64),
+        np.zeros((d, PLANS), np.int64), np.zeros((p, PLANS, PLANS), np.int8),
+        np.zeros((d, PLANS, 3)), np.zeros((d, PLANS, 6)),
+        np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(p, np.int64), np.zeros(p, np.int64),
+        np.zeros(d, np.int64), np.zeros(3), np.zeros((most, v)), np.zeros(most), qp_workspace(v),
+    )  # fmt: skip

@@ -1,0 +1,236 @@
+"""Inputs of a row kernel: what it is given for one agent in one environment.
+
+An input is found in memory once, as an offset and two distances in bytes, those between environments and between
+agents, so that a kernel can read it for every row of every state of that size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_inspect.simulators.missing import missing
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.types import AnyArray
+
+
+class MemoryBase(IntEnum):
+    """The memory that an input lies in."""
+
+    ABSOLUTE = 0
+    AFTER = 1
+    BEFORE = 2
+    READINGS = 3
+    INTERVENING = 4
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Where inputs are looked up.
+
+    Attributes:
+        world: What does not change.
+        group: The agents.
+        state: A state of the wanted number of environments.
+        columns: Columns of the readings of sensors in a matrix with a row for each environment and agent.
+        width: Number of columns of that matrix.
+    """
+
+    world: World
+    group: Group
+    state: State
+    columns: Mapping[str, slice]
+    width: int
+
+    @property
+    def rows(self) -> tuple[int, int]:
+        """Numbers of environments and of agents, N and G."""
+        return self.state.num_envs, self.group.size
+
+
+class InputPlace(NamedTuple):
+    """Where an input lies.
+
+    Attributes:
+        base: The memory.
+        offset: Its offset there [byte].
+        dtype: Type of its elements.
+        shape: (environments, agents, ...), each of the first two in full or 1.
+        strides: Distances along these axes [byte].
+        keeps: The array of a parameter.
+    """
+
+    base: MemoryBase
+    offset: int
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    strides: tuple[int, ...]
+    keeps: AnyArray | None = None
+
+
+@dataclass(frozen=True)
+class OwnArray:
+    """The agent's own part of an array of the state with an axis of deputies or bodies.
+
+    Attributes:
+        name: Name of the array, such as ``position``.
+        before: Whether the state before the step is read.
+    """
+
+    name: str
+    before: bool = False
+
+    def place(self, scene: Scene) -> InputPlace:
+        """Return where the input lies."""
+        first = scene.group.first
+        return _in_state(scene, self.name, slice(first, first + scene.group.size), self.before)
+
+
+@dataclass(frozen=True)
+class BodyArray:
+    """A body's part of an array of the state with an axis of deputies or bodies.
+
+    Attributes:
+        name: Name of the array, such as ``position``.
+        body: Name of the body.
+        before: Whether the state before the step is read.
+    """
+
+    name: str
+    body: str
+    before: bool = False
+
+    def place(self, scene: Scene) -> InputPlace:
+        """Return where the input lies."""
+        index = scene.world.bodies[self.body]
+        return _in_state(scene, self.name, slice(index, index + 1), self.before)
+
+
+@dataclass(frozen=True)
+class EnvironmentArray:
+    """An environment's part of an array of the state, such as ``sun_angle``, or ``position`` of all its bodies.
+
+    Attributes:
+        name: Name of the array.
+        before: Whether the state before the step is read.
+    """
+
+    name: str
+    before: bool = False
+
+    def place(self, scene: Scene) -> InputPlace:
+        """Return where the input lies."""
+        return _in_state(scene, self.name, None, self.before)
+
+
+@dataclass(frozen=True)
+class SensorMemory:
+    """The agent's own part of an array that a sensor remembers.
+
+    Attributes:
+        part: Name of the sensor.
+        name: Name of the array.
+    """
+
+    part: str
+    name: str
+
+    def place(self, scene: Scene) -> InputPlace:
+        """Return where the input lies."""
+        return _in_state(scene, f"memory/{scene.group.name}/{self.part}/{self.name}", slice(None), False)
+
+
+@dataclass(frozen=True)
+class SensorReading:
+    """What a sensor of the agent reads after the step, shape (k,).
+
+    Attributes:
+        sensor: Name of the sensor.
+    """
+
+    sensor: str
+
+    def place(self, scene: Scene) -> InputPlace:
+        """Return where the input lies."""
+        columns = scene.columns[self.sensor]
+        shape = (*scene.rows, columns.stop - columns.start)
+        strides = (8 * scene.width * scene.group.size, 8 * scene.width, 8)
+        return InputPlace(MemoryBase.READINGS, 8 * columns.start, np.dtype(np.float64), shape, strides)
+
+
+@dataclass(frozen=True)
+class Intervening:
+    """Whether a safety filter changed the agent's thrust in the step."""
+
+    def place(self, scene: Scene) -> InputPlace:
+        """Return where the input lies."""
+        return InputPlace(MemoryBase.INTERVENING, 0, np.dtype(np.bool_), scene.rows, (scene.group.size, 1))
+
+
+@dataclass(frozen=True)
+class AgentParameter:
+    """A parameter with one value for each agent of the group.
+
+    Attributes:
+        values: The values, shape (G, ...).
+    """
+
+    values: AnyArray
+
+    def place(self, scene: Scene) -> InputPlace:
+        """Return where the input lies."""
+        return _absolute(np.ascontiguousarray(self.values[None]))
+
+
+RowInput = (
+    OwnArray
+    | BodyArray
+    | EnvironmentArray
+    | SensorMemory
+    | SensorReading
+    | Intervening
+    | AgentParameter
+    | AnyArray
+    | float
+)  # fmt: skip
+
+
+def place_of(given: RowInput, scene: Scene) -> InputPlace:
+    """Return where an input lies; a number or an array is a parameter that is the same for all rows.
+
+    Raises:
+        ValueError: An array of the state does not lie in the state's memory, or is constant through an episode.
+    """
+    if isinstance(given, (bool, int, float, np.ndarray)):
+        return _absolute(np.ascontiguousarray(np.asarray(given)[None, None]))
+    return given.place(scene)
+
+
+def _absolute(array: AnyArray) -> InputPlace:
+    return InputPlace(MemoryBase.ABSOLUTE, array.ctypes.data, array.dtype, array.shape, array.strides, array)
+
+
+def _in_state(scene: Scene, name: str, agents: slice | None, before: bool) -> InputPlace:
+    """Return where an array of the state lies: some of its second axis, or the whole of it for each environment."""
+    if name not in scene.state.arrays:
+        raise missing("state", name, scene.state.arrays)
+    whole: Any = scene.state.arrays[name]
+    start = scene.state.start(name)
+    part = whole[:, None] if agents is None else whole[:, agents]
+    offset = start + part.ctypes.data - whole.ctypes.data if part.size else start
+    return InputPlace(MemoryBase.BEFORE if before else MemoryBase.AFTER, offset, part.dtype, part.shape, part.strides)
+
+
+def range_inputs(sensor: str | None) -> tuple[RowInput, RowInput]:
+    """Return the own position and what a position sensor reads, of which the range to it follows.
+
+    Args:
+        sensor: Name of the sensor; None: the origin of Hill's frame.
+    """
+    return OwnArray("position"), np.zeros(3) if sensor is None else SensorReading(sensor)

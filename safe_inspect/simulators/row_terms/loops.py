@@ -1,0 +1,168 @@
+"""Terms that are given by one row kernel: the same machine code serves a batch call and the fused step.
+
+A loop over environments and agents is generated around the kernel. It depends on the kernel and on the types of its
+inputs alone, is compiled once and called by its address:
+
+    loop(table, bases, out, environments, agents)
+
+`table` says where the inputs lie, `bases` where the memory begins that they lie in, `out` where the result goes.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.compiling import Kernel, generate
+from safe_inspect.errors import PluginValueError
+from safe_inspect.simulators.row_terms.inputs import InputPlace, MemoryBase, RowInput, Scene, SensorReading, place_of
+from safe_inspect.types import AnyArray
+
+_SIGNATURE = "int64(int64, int64, int64, int64, int64)"
+
+
+@dataclass(frozen=True, eq=False)
+class RowTerm:
+    """A row kernel and its inputs.
+
+    Attributes:
+        kernel: Called with the inputs of one agent in one environment, in order: numbers and arrays. It returns a
+            number or a bool; that of a sensor is given an array at the end, shape (size,), which takes the reading.
+        inputs: What it is given; see `safe_inspect.simulators.row_terms.inputs`. Numbers and arrays are parameters.
+    """
+
+    kernel: Kernel[..., Any]
+    inputs: Sequence[RowInput]
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors whose readings it is given, each once."""
+        return tuple(dict.fromkeys(given.sensor for given in self.inputs if isinstance(given, SensorReading)))
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedTerm:
+    """A row term whose inputs have been found in memory.
+
+    Attributes:
+        address: Address of the compiled loop.
+        call: The loop, callable from Python.
+        table_address: Its first argument.
+        keeps: What the addresses lead to: the loop, the table, and where the inputs lie.
+    """
+
+    address: int
+    call: Callable[..., int]
+    table_address: int
+    keeps: tuple[Any, ...]
+
+    def write(self, starts: Sequence[int], out: AnyArray, agents: int) -> bool:
+        """Write the term for all rows; return whether the kernel raised no exception.
+
+        Args:
+            starts: Where the memory begins that the inputs lie in, an address for each `MemoryBase`.
+            out: Takes the result, shape (R,) or (R, size).
+            agents: Number of agents of an environment, G.
+        """
+        bases = np.array(starts, dtype=np.int64)
+        return bool(self.call(self.table_address, address_of(bases), address_of(out), len(out) // agents, agents))
+
+
+def place_term(term: RowTerm, scene: Scene, dtype: type[Any], stride: int, size: int = 0) -> PlacedTerm:
+    """Return a term with its inputs found in memory.
+
+    Args:
+        term: The term.
+        scene: Where they are looked up.
+        dtype: Type of the elements of the result.
+        stride: Distance between the results of two rows [byte].
+        size: Elements of the result where the kernel writes it; 0: the kernel returns it.
+
+    Raises:
+        PluginValueError: The kernel does not compile for these inputs.
+        ValueError: An input cannot be read by a kernel.
+    """
+    places = tuple(place_of(given, scene) for given in term.inputs)
+    numbers = [stride, size]
+    for given, place in zip(term.inputs, places, strict=True):
+        if size and place.base in (MemoryBase.BEFORE, MemoryBase.INTERVENING):
+            raise ValueError(f"a sensor sees one state, and no step; it cannot be given {given}")
+        _check(given, place, scene)
+        steps = [place.strides[axis] if place.shape[axis] > 1 else 0 for axis in (0, 1)]
+        numbers += [int(place.base), place.offset, *steps, *place.shape[2:]]
+    inputs = tuple((place.dtype.name, len(place.shape) - 2) for place in places)
+    function = _compiled(term.kernel, inputs, np.dtype(dtype).name, size > 0)
+    table = np.array(numbers, dtype=np.int64)
+    return PlacedTerm(function.address, function.ctypes, address_of(table), (function, table, places))
+
+
+def _check(given: RowInput, place: InputPlace, scene: Scene) -> None:
+    """Check that an input has a contiguous part for every row, or the same for all."""
+    expected = place.dtype.itemsize
+    sound = all(length in (1, wanted) for length, wanted in zip(place.shape, scene.rows, strict=False))
+    for length, stride in zip(place.shape[:1:-1], place.strides[:1:-1], strict=True):
+        sound &= length <= 1 or stride == expected
+        expected *= length
+    if not sound:
+        raise ValueError(f"a row kernel cannot read {given}: {place} does not fit {scene.rows} environments and agents")
+
+
+@functools.cache
+def _compiled(kernel: Kernel[..., Any], inputs: tuple[tuple[str, int], ...], dtype: str, writes: bool) -> Any:
+    from safe_inspect.compiling.addresses import compiled_at  # loads Numba: not when only validated
+
+    try:
+        return compiled_at(generate("loop", _source(inputs, dtype, writes), {"row": kernel}), _SIGNATURE)
+    except ValueError as error:
+        given = ", ".join(name + (f"[{', '.join(':' * axes)}]" if axes else "") for name, axes in inputs)
+        raise PluginValueError(
+            f"{kernel.__module__}.{kernel.__qualname__} does not compile as a row kernel of ({given}); use numbers, "
+            f"`math` and these arrays, element by element: {error}"
+        ) from None
+
+
+def _source(inputs: Sequence[tuple[str, int]], dtype: str, writes: bool) -> str:
+    """Return the source of the loop over environments and agents."""
+    head, arguments, at = [], [], 2
+    for index, (name, axes) in enumerate(inputs):
+        a, e, g, d = (f"{letter}{index}" for letter in "aegd")
+        head.append(f"{a} = starts[t[{at}]] + t[{at + 1}]")
+        head.append(f"{e}, {g} = t[{at + 2}], t[{at + 3}]")
+        head += [f"{d}_{axis} = t[{at + 4 + axis}]" for axis in range(axes)]
+        shape = ", ".join(f"{d}_{axis}" for axis in range(axes))
+        stored = "uint8" if name == "bool" else name
+        array = f"carray(pointer({a} + n * {e} + i * {g}, {stored}), ({shape or 1},))"
+        arguments.append(array if axes else f"{array}[0] != 0" if name == "bool" else f"{array}[0]")
+        at += 4 + axes
+    here = "out + (n * agents + i) * stride"
+    if writes:
+        body = f"row({', '.join([*arguments, f'carray(pointer({here}, {dtype}), (size,))'])})"
+    else:
+        value = f"row({', '.join(arguments)})"
+        stored = "uint8" if dtype == "bool" else dtype
+        body = f"carray(pointer({here}, {stored}), (1,))[0] = {f'1 if {value} else 0' if dtype == 'bool' else value}"
+    lines = "\n    ".join(head)
+    return f"""from numba import carray, float32, float64, int8, int16, int32, int64, uint8, uint16, uint32, uint64
+
+from safe_inspect.compiling.addresses import pointer
+
+
+def loop(table, bases, out, environments, agents):
+    t, starts = carray(pointer(table, int64), ({at},)), carray(pointer(bases, int64), ({len(MemoryBase)},))
+    stride, size = t[0], t[1]
+    {lines}
+    for n in range(environments):
+        for i in range(agents):
+            {body}
+    return 1
+"""
+
+
+def address_of(array: AnyArray) -> int:
+    """Return the address of an array's numbers; several times as fast as ``array.ctypes.data``."""
+    address: int = array.__array_interface__["data"][0]
+    return address

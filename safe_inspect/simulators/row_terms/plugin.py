@@ -1,0 +1,107 @@
+"""Base of the plugins that a row kernel can define: sensors, rewards and done functions."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from safe_inspect.errors import PluginValueError
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators.row_terms.inputs import Intervening, MemoryBase, Scene
+from safe_inspect.simulators.row_terms.loops import PlacedTerm, RowTerm, address_of, place_term
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.view import Group, Step, View
+from safe_inspect.simulators.world import World
+from safe_inspect.types import AnyArray
+
+_Call = TypeVar("_Call", bound=Callable[..., Any])
+
+
+def batch_call(function: _Call) -> _Call:
+    """Mark the ``__call__`` of a kind of plugins as abstract until a class defines it or `row`.
+
+    Type checkers, which do not see that defining `row` is enough, take it as concrete.
+    """
+    return abstractmethod(function)
+
+
+class _Known(NamedTuple):
+    """A term as it was last placed for states of one size, and for what."""
+
+    world: World
+    group: Group
+    specs: Any
+    placed: PlacedTerm
+    sensors: tuple[str, ...]
+    intervening: bool
+
+
+class RowPlugin(Plugin):
+    """A plugin that defines ``__call__`` on a batch, or `row`, of which the batch call follows.
+
+    A class that defines both is called where `row` returns None, and must give the same otherwise.
+    """
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Give a class that defines `row` its batch call."""
+        super().__init_subclass__(**kwargs)
+        if "row" in vars(cls) and "__call__" not in vars(cls):
+            cls.__call__ = RowPlugin.call_rows  # type: ignore[method-assign]
+
+    def row(self, world: World, group: Group) -> RowTerm | None:
+        """Return the row kernel with its inputs; None: the plugin is called with the whole batch.
+
+        Args:
+            world: What does not change.
+            group: The agents, whose `sensors` the plugin may name.
+        """
+        return None
+
+    def call_rows(self, seen: View | Step) -> AnyArray:
+        """Return what the row kernel gives for every row, shape (R,), or (R, size) for a sensor.
+
+        Raises:
+            PluginValueError: The kernel raised an exception.
+        """
+        before, view = (seen.before, seen.after) if isinstance(seen, Step) else (seen, seen)
+        state, group = view.writable, view.group
+        by_size: dict[int, _Known] = self.__dict__.setdefault("_known_rows", {})
+        known = by_size.get(state.num_envs)
+        if known is None or known.world is not view.world or known.group is not group or known.specs is not state.specs:
+            known = by_size[state.num_envs] = self._place(view.world, group, state)
+        given: list[AnyArray | None] = [None, state.floats, before.writable.floats, None, None]
+        if known.sensors:
+            readings = [view.reading(sensor) for sensor in known.sensors]
+            given[MemoryBase.READINGS] = np.concatenate(readings, axis=1, dtype=np.float64)
+        if known.intervening and isinstance(seen, Step):
+            given[MemoryBase.INTERVENING] = np.ascontiguousarray(seen.writable_intervening)
+        dtype, size = self.row_result()
+        out = np.full((view.num_rows, size), np.nan) if size else np.empty(view.num_rows, dtype=dtype)
+        starts = [0 if array is None else address_of(array) for array in given]
+        if not known.placed.write(starts, out, group.size):
+            raise PluginValueError(
+                f"the row kernel of {self.kind} {self.registered_name} raised an exception, which is printed above"
+            )
+        return out
+
+    def row_result(self) -> tuple[type[Any], int]:
+        """Return the type of the result's elements, and their number for a kernel that writes them, else 0."""
+        return np.float64, 0
+
+    def _place(self, world: World, group: Group, state: State) -> _Known:
+        term = self.row(world, group)
+        if term is None:
+            raise TypeError(f"{type(self).__name__} defines no row kernel; define `row` or `__call__`")
+        columns, width = {}, 0
+        for sensor in term.sensors:
+            size = group.sensors[sensor].size
+            columns[sensor] = slice(width, width + size)
+            width += size
+        dtype, size = self.row_result()
+        scene = Scene(world, group, state, columns, width)
+        placed = place_term(term, scene, dtype, np.dtype(dtype).itemsize * max(size, 1), size)
+        intervening = any(isinstance(given, Intervening) for given in term.inputs)
+        return _Known(world, group, state.specs, placed, term.sensors, intervening)
