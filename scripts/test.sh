@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Set up, then run the tests that are quick. Arguments are passed on to pytest; all tests: -m 'slow or not slow'
+# Set up, then run the tests that are quick, in two processes. Arguments are passed on to pytest; all tests:
+# -m 'slow or not slow'. WORKERS=0 runs them in one process, as a debugger wants.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/setup.sh
-"${VENV:-.venv}/bin/python" -m pytest "$@"
+"${VENV:-.venv}/bin/python" -m pytest -n "${WORKERS:-2}" --dist loadfile "$@"
