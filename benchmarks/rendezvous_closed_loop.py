@@ -1,0 +1,258 @@
+"""Closed loops on random tumbles: is the target ever touched, is a programme ever infeasible, with and without a tube?
+
+    python benchmarks/rendezvous_closed_loop.py [--flights 1000] [--first 0] [--disturbance drawn] [--json result.json]
+
+Flight i has the tumble of mission i of the shipped experiment with `RandomTumble`: a direction and an attitude uniform
+at random, 2 to 5 deg/s. The approach is planned and its tube designed as in a mission, for errors of 0.7 deg and
+0.07 deg/s (standard deviations of each component) at updates each second, and then flown on the truth at 8 ms, from the
+planned start, with 3 mN of uniform noise on each axis. What disturbs a flight stays within the set of its tube:
+
+- `drawn`: the errors of the estimates, drawn until the references that follow from them keep the bound b(t);
+- `corners`: references at a corner of the box of +-b(t) about the true one, another at each update after the first.
+
+Plain model predictive control flies the same plans with the same disturbances.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from typing import Any
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[_variable] = "1"  # before NumPy is imported
+
+import numpy as np  # noqa: E402
+
+from safe_inspect.config.data import configs_root  # noqa: E402
+from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
+from safe_inspect.dynamics.tumble import tumble  # noqa: E402
+from safe_inspect.random.streams import Streams  # noqa: E402
+from safe_inspect.rendezvous.bound.conformal import Bound  # noqa: E402
+from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates  # noqa: E402
+from safe_inspect.rendezvous.bound.transport import Path, to_inertial, torque_free  # noqa: E402
+from safe_inspect.rendezvous.campaign.tables import interval  # noqa: E402
+from safe_inspect.rendezvous.chaser import ChaserState, last  # noqa: E402
+from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
+from safe_inspect.rendezvous.control.design import TubeDesign  # noqa: E402
+from safe_inspect.rendezvous.control.lqr import AxisStatus  # noqa: E402
+from safe_inspect.rendezvous.control.mpc import plain_mpc  # noqa: E402
+from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
+from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
+from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
+from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
+from safe_inspect.rendezvous.mission import dynamics_of, limits_of  # noqa: E402
+from safe_inspect.rendezvous.models import RendezvousConfig  # noqa: E402
+from safe_inspect.rendezvous.planner.certificate import certify  # noqa: E402
+from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
+from safe_inspect.rendezvous.planner.spline import spline_basis  # noqa: E402
+from safe_inspect.rendezvous.target.model import Target  # noqa: E402
+from safe_inspect.rendezvous.tracking import DesignRequest  # noqa: E402
+
+_SETTINGS = (
+    "tumble={functor: RandomTumble}",
+    "estimator.config.attitude_sigma=0.7 deg",
+    "estimator.config.rate_sigma=0.07 deg/s",
+)
+_MOST_DRAWS = 200
+
+
+def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Plan, Bound, TubeDesign] | str:
+    """Return an approach with its bound and tube, or why there is none, by the turns that a mission takes."""
+    mission, chaser = config.mission, config.chaser
+    streams = Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
+    orientation, rate = config.tumble(streams)
+    errors = EstimateErrors(config.estimator.attitude_sigma, config.estimator.rate_sigma)
+    limits, demands = limits_of(chaser), PlanDemands()
+    state = np.concatenate((chaser.position, np.zeros(3)))
+    reason = "no plan"
+    for attempt in range(mission.bound_attempts):
+        query = PlanQuery(
+            t0=0.0,
+            state=state,
+            orientation=orientation,
+            angular_velocity=rate,
+            inertia=target.principal,
+            mating_point=target.mating_point,
+            boxes=target.boxes,
+            R_MT=target.R_MT,
+            limits=demands.limits(limits, state[:3]),
+            margin=demands.margin,
+            durations=mission.durations if attempt else mission.durations[:1],
+            waits=tuple(np.arange(0.0, mission.wait_limit + 0.5 * mission.wait_step, mission.wait_step).tolist()),
+        )
+        plan = config.planner(query)
+        if not plan.solved:
+            return f"plan: {plan.status.value}"
+        bound = config.bound(BoundQuery(plan, target.principal, errors, Updates(1.0, 0.0, 0.9), chaser.mass), streams)
+        design = config.tracker.design(
+            DesignRequest(
+                plan=plan,
+                bound=bound,
+                clearance=target.boxes.distance(plan.position_target @ target.R_MT.T) - limits.radius,
+                axis=Axis(chaser.mass, mission.step),
+                limits=TrackingLimits(limits.force, chaser.limits.tracking_speed, chaser.limits.keep_in),
+                force_error=chaser.actuator.force_noise,
+                period=mission.update_ticks // mission.control_ticks,
+                gain=demands.gain,
+            )
+        )
+        exact = PlanQuery(**{**vars(query), "margin": design.margin_at})
+        basis = spline_basis(len(plan.control_points), len(plan.times), plan.duration)
+        reason = design.refusal or "the plan does not keep the tube's clearance"
+        if design.accepted and certify(exact, basis, plan.control_points, plan.t_start).certified:
+            return plan, bound, design
+        demands = demands.after(design)
+    return f"tube: {reason}"
+
+
+def references(
+    plan: Plan, bound: Bound, inertia: Any, errors: Any, generator: np.random.Generator, kind: str
+) -> tuple[list[TrackedReference], int]:
+    """Return the reference of each update, over the whole plan, and how often they were drawn."""
+    every = round(1.0 / float(np.diff(plan.times).mean()))
+    starts = np.arange(0, len(plan.times), every)
+    if kind == "corners":
+        signs = generator.choice([-1.0, 1.0], (len(starts), 2, 3))
+        signs[0] = 0.0
+        return [
+            TrackedReference(
+                plan.position + s[0] * bound.position[:, None], plan.velocity + s[1] * bound.velocity[:, None]
+            )
+            for s in signs
+        ], 1
+    path = Path(plan.position_target, plan.velocity_target, plan.acceleration_target)
+    for draws in range(1, _MOST_DRAWS + 1):
+        unit = generator.normal(size=(len(starts), 6))
+        for j in range(1, len(starts)):
+            unit[j] = 0.9 * unit[j - 1] + np.sqrt(1.0 - 0.81) * unit[j]
+        attitude = multiply(plan.orientation[starts], exp(errors.attitude * unit[:, :3]))
+        rate = plan.angular_velocity[starts] + errors.rate * unit[:, 3:]
+        found, inside = [], True
+        for j, k in enumerate(starts):
+            q, w = tumble(inertia, attitude[j][None], rate[j][None], plan.times - plan.times[k])
+            seen = to_inertial(torque_free(inertia, q[0], w[0]), path)
+            used = slice(k, k + every)
+            inside &= bool(np.all(np.abs(seen.position[used] - plan.position[used]) <= bound.position[used, None]))
+            inside &= bool(np.all(np.abs(seen.velocity[used] - plan.velocity[used]) <= bound.velocity[used, None]))
+            if not inside:
+                break
+            found.append(TrackedReference(seen.position, seen.velocity))
+        if inside:
+            return found, draws
+    raise RuntimeError("no draw of the estimates stays within the bound")
+
+
+def fly(
+    config: RendezvousConfig, target: Target, tracker: Any, approach_: tuple[Plan, Bound, TubeDesign], known: Any,
+    noise: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the figures of one flight."""
+    plan, _, design = approach_
+    mission = config.mission
+    dynamics, ticks = dynamics_of(config), mission.control_ticks
+    every = round(1.0 / mission.step)
+    state = ChaserState(
+        np.concatenate((plan.position[0], plan.velocity[0]))[None], np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)),
+        np.zeros((1, 6)),
+    )  # fmt: skip
+    path, unsolved, share, seconds, keeps = [], 0, 0.0, [], True
+    first_solved = True
+    for k in range(len(plan.times) - 1):
+        x = state.translation[0]
+        used = time.process_time()
+        output = tracker.step(x, known[k // every], k)
+        seconds.append(time.process_time() - used)
+        if k == 0:
+            first_solved = max(output.status) <= AxisStatus.LONGER_HORIZON
+        else:
+            unsolved += max(output.status) > AxisStatus.LONGER_HORIZON
+        keeps &= bool((np.abs(x[:3]) <= np.array(config.chaser.limits.keep_in) + 1e-9).all())
+        distance = np.abs(x[:3] - plan.position[k] - output.nominal[:, 0]).max()
+        share = max(share, float(distance / design.tube.clearance[k]))
+        command = np.concatenate((output.force, np.zeros(3)))[None]
+        history = dynamics.advance(state, command, noise[k][None], ticks)
+        path.append(history.translation[0, :, :3])
+        state = last(history)
+    positions = np.concatenate(path)
+    times = plan.times[0] + mission.tick * np.arange(1, len(positions) + 1)
+    q, _ = tumble(target.principal, plan.orientation[:1], plan.angular_velocity[:1], times - plan.times[0])
+    end = state.translation[0]
+    return {
+        "clearance": float(clearances(target, positions, q[0], config.chaser.radius).min()),
+        "unsolved": int(unsolved),
+        "first_solved": bool(first_solved),
+        "share": share,
+        "keep_in": keeps,
+        "end_error": float(np.linalg.norm(end[:3] - plan.position[-1])),
+        "seconds": seconds[1:],
+    }
+
+
+def report(flights: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return what came of some flights."""
+    count = len(flights)
+    clearance = np.array([flight["clearance"] for flight in flights])
+    ends = np.array([flight["end_error"] for flight in flights])
+    share = np.array([flight["share"] for flight in flights])
+    seconds = 1e3 * np.concatenate([flight["seconds"] for flight in flights])
+    low, high = (100.0 * value for value in interval(int((clearance < 0.0).sum()), count))
+    return {
+        "flights": count,
+        "contacts": int((clearance < 0.0).sum()),
+        "interval of the share of contacts [%]": [low, high],
+        "least clearance [cm]": 100.0 * float(clearance.min()),
+        "median of the least clearances [cm]": 100.0 * float(np.median(clearance)),
+        "steps": len(seconds),
+        "infeasible steps after the first": sum(flight["unsolved"] for flight in flights),
+        "flights with an infeasible step": sum(flight["unsolved"] > 0 for flight in flights),
+        "infeasible first steps": sum(not flight["first_solved"] for flight in flights),
+        "flights out of the keep-in box": sum(not flight["keep_in"] for flight in flights),
+        "flights out of the tube": int((share > 1.0 + 1e-9).sum()),
+        "largest share of the tube": float(share.max()),
+        "end error, median, largest [cm]": [100.0 * float(np.median(ends)), 100.0 * float(ends.max())],
+        "step p50, p99, processor time [ms]": np.percentile(seconds, (50, 99)).tolist(),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--disturbance", choices=("drawn", "corners"), default="drawn")
+    parser.add_argument("--json", help="file to write the figures to")
+    arguments = parser.parse_args()
+    file = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
+    config = load_rendezvous(file, _SETTINGS).config
+    target = config.target()
+    errors = EstimateErrors(config.estimator.attitude_sigma, config.estimator.rate_sigma)
+    results: dict[str, list[dict[str, Any]]] = {"tube": [], "plain": []}
+    refused: dict[str, int] = {}
+    began, draws = time.process_time(), 0
+    for number in range(arguments.first, arguments.first + arguments.flights):
+        found = approach(config, target, number)
+        if isinstance(found, str):
+            refused[found] = refused.get(found, 0) + 1
+            continue
+        plan, bound, design = found
+        generator = np.random.default_rng([number, 14])
+        known, drawn = references(plan, bound, target.principal, errors, generator, arguments.disturbance)
+        draws += drawn
+        noise = generator.uniform(-1.0, 1.0, (len(plan.times), 6))
+        limits = TrackingLimits(config.chaser.limits.force, config.chaser.limits.tracking_speed, design.limits.keep_in)
+        for name, tracker in (("tube", design.tracker()), ("plain", plain_mpc(design.axis, limits))):
+            results[name].append(fly(config, target, tracker, found, known, noise))
+        if (number + 1 - arguments.first) % 50 == 0 or number + 1 == arguments.first + arguments.flights:
+            figures: dict[str, Any] = {name: report(flights) for name, flights in results.items() if flights}
+            figures |= {"refused": refused, "draws of the estimates": draws}
+            figures["processor time [s]"] = time.process_time() - began
+            print(json.dumps(figures, indent=1), flush=True)
+            if arguments.json:
+                with open(arguments.json, "w", encoding="utf-8") as out:
+                    json.dump(figures, out, indent=1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Pictures of missions to a tumbling target."""

@@ -1,0 +1,149 @@
+"""The figure of the estimation on a sensor log: a frame with the registered model, the polhode, rates and errors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, SEQUENTIAL, VERMILION, style
+from safe_inspect.figures.rendezvous.polhode import POLHODE_VIEW, draw_polhode
+from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.poses import inverse, move
+from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate, measured_rates
+from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
+from safe_inspect.rendezvous.recording.reader import SensorLog
+from safe_inspect.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_AXIS_COLOURS = (BLUE, GREEN, VERMILION)
+#: Pairs of corners that are the edges of a box, corners numbered by the signs of x, y and z.
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 2.0]
+
+
+def estimate_figure(log: SensorLog, estimate: LogEstimate) -> Figure:
+    """Draw what a log tells.
+
+    Left, a depth frame with the boxes of the registered model and the principal axes at the centre of mass, the true
+    ones dashed where the log has them; below, the polhode of the motion and the rates that were measured. Right, over
+    time, the angular velocity in the principal axes, and the attitude's error and standard deviation.
+
+    Raises:
+        SafeInspectError: Matplotlib is not installed.
+    """
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(10.5, 7.0), facecolor="white")
+        _draw_frame(figure.add_axes((0.01, 0.52, 0.5, 0.42)), log, estimate)
+        polhode: Any = figure.add_axes((0.03, 0.02, 0.46, 0.42))
+        times = np.linspace(log.times[0], log.times[-1], 400)
+        fitted = np.rad2deg(estimate.target.predict(times)[1])
+        draw_polhode(polhode, fitted, estimate.target.inertia)
+        _, rates = measured_rates(estimate)
+        flat = POLHODE_VIEW.flat(np.rad2deg(rates))
+        polhode.plot(*flat.T, ".", markersize=2.5, color=BLACK, zorder=6)
+        _draw_rates(figure.add_axes((0.58, 0.57, 0.4, 0.36)), log, estimate)
+        _draw_attitude(figure.add_axes((0.58, 0.09, 0.4, 0.36)), log, estimate)
+    return figure
+
+
+def _shown_frame(log: SensorLog, estimate: LogEstimate) -> tuple[int, Edge | None]:
+    """Return the frame with the most points that was registered to the model, else the one with most points."""
+    points = estimate.online[:, ONLINE_COLUMNS.index("points")]
+    poses = {edge.second: edge for edge in estimate.edges if edge.first == MODEL}
+    if not poses:
+        return int(points.argmax()), None
+    best = max(poses, key=lambda frame: points[frame])
+    return best, poses[best]
+
+
+def _draw_frame(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
+    frame, edge = _shown_frame(log, estimate)
+    image = log.frame(frame)
+    axes.imshow(np.where(image.valid, image.depth, np.nan), cmap=SEQUENTIAL, origin="upper")
+    rows, columns = np.nonzero(image.valid)
+    margin = 12
+    axes.set_xlim(columns.min() - margin, columns.max() + margin)
+    axes.set_ylim(rows.max() + margin, rows.min() - margin)
+    axes.set_axis_off()
+    T_CB = inverse(log.T_BC)  # noqa: N806
+    title = f"frame {frame} at {image.time:.1f} s"
+    target = estimate.target_model
+    if edge is not None and target is not None:
+        T_CM = T_CB @ inverse(edge.pose)  # noqa: N806
+        for ends in _box_edges(target.boxes):
+            axes.plot(*_project(log, move(T_CM, ends)).T, color=VERMILION, linewidth=0.8)
+        title += ", registered boxes"
+    R_WT = to_matrix(estimate.attitudes(log.times[frame : frame + 1])[0])  # noqa: N806
+    near = int(np.abs(estimate.history.times - log.times[frame]).argmin())
+    R_BW = to_matrix(estimate.history.chaser[near]).T  # noqa: N806
+    centre = R_BW @ (estimate.graph.centre - estimate.chaser_positions[frame])
+    _draw_triad(axes, log, move(T_CB, centre[None])[0], T_CB[:3, :3] @ R_BW @ R_WT, linewidth=2.0)
+    if log.truth is not None and target is not None:
+        row = log.truth[frame]
+        place = TRUTH_COLUMNS.index
+        R_MB = to_matrix(row[place("q_MB_x") : place("q_MB_w") + 1])  # noqa: N806
+        position = row[place("T_MB_x") : place("T_MB_z") + 1]
+        true_centre = -R_MB.T @ position
+        _draw_triad(
+            axes, log, move(T_CB, true_centre[None])[0], T_CB[:3, :3] @ R_MB.T @ target.R_MT, linewidth=1.0,
+            linestyle=(0, (3, 2)), color=BLACK,
+        )  # fmt: skip
+        title += "; true axes dashed"
+    axes.set_title(title)
+
+
+def _draw_triad(axes: Any, log: SensorLog, centre: FloatArray, rotation: FloatArray, **look: Any) -> None:
+    for axis, colour in enumerate(_AXIS_COLOURS):
+        ends = np.stack([centre, centre + 0.3 * rotation[:, axis]])
+        flat = _project(log, ends)
+        axes.plot(*flat.T, **{"color": colour, **look})
+        if "linestyle" not in look:
+            axes.annotate(str(axis + 1), flat[1], color=colour, fontsize=9, ha="center", va="center")
+
+
+def _project(log: SensorLog, points: FloatArray) -> FloatArray:
+    """Return columns and rows of points of C, shape (n, 2)."""
+    fx, fy, cx, cy = log.description.camera.geometry.intrinsics
+    depth = np.maximum(points[:, 2], 1e-3)
+    return np.stack([fx * points[:, 0] / depth + cx, fy * points[:, 1] / depth + cy], axis=1)
+
+
+def _box_edges(boxes: OrientedBoxes) -> list[FloatArray]:
+    corners = boxes.centre[:, None] + np.einsum("bij,kj,bj->bki", boxes.rotation, _CORNERS, boxes.half_size)
+    return [box[list(pair)] for box in corners for pair in _EDGES]
+
+
+def _draw_rates(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
+    times, rates = measured_rates(estimate)
+    dense = np.linspace(log.times[0], log.times[-1], 400)
+    fitted = np.rad2deg(estimate.target.predict(dense)[1])
+    for axis, colour in enumerate(_AXIS_COLOURS):
+        axes.plot(times, np.rad2deg(rates[:, axis]), ".", markersize=3, color=colour)
+        axes.plot(dense, fitted[:, axis], color=colour, label=f"axis {axis + 1}")
+    if log.truth is not None and estimate.target.aligned:
+        first = TRUTH_COLUMNS.index("rate_x")
+        axes.plot(log.times, np.rad2deg(log.truth[:, first : first + 3]), color=BLACK, linewidth=0.8, linestyle="--")
+    axes.set_ylabel("rate in T [deg/s]")
+    axes.set_title("angular velocity: motion (lines), over 5 s (dots), truth (dashed)")
+    axes.margins(y=0.18)
+    axes.legend(loc="lower right", ncols=3)
+
+
+def _draw_attitude(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
+    sigma = np.rad2deg(estimate.online[:, ONLINE_COLUMNS.index("attitude_sigma")])
+    axes.plot(log.times, sigma, color=GREY, label="standard deviation as known then")
+    if log.truth is not None:
+        first = TRUTH_COLUMNS.index("q_WT_x")
+        error = estimate.attitude_error(log.times, log.truth[:, first : first + 4])
+        axes.plot(log.times, np.rad2deg(error), color=BLUE, label="error of the motion found in the end")
+    axes.set_yscale("log")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("attitude [deg]")
+    axes.legend(loc="upper right")

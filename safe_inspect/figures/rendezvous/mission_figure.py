@@ -1,0 +1,147 @@
+"""The figure of a rendezvous: the approach in W and in the target's axes, the polhode, and what was kept over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.figures.drawing import BLACK, GREY, style
+from safe_inspect.figures.rendezvous.mission_panels import draw_mission_times, outcome_of
+from safe_inspect.figures.rendezvous.mission_scene import (
+    CAMERA,
+    FLIGHT,
+    MATING,
+    PHASE_COLOURS,
+    PLANNED,
+    TUBE,
+    SceneArtists,
+    ribbon,
+    show_extent,
+    target_solid,
+)
+from safe_inspect.figures.rendezvous.polhode import draw_polhode
+from safe_inspect.figures.rendezvous.solid import Projection, best_view
+from safe_inspect.rendezvous.record import MissionRecord
+from safe_inspect.rendezvous.summary import nominal_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def mission_figure(record: MissionRecord) -> Figure:
+    """Draw a mission.
+
+    Left, true to scale, the approach in W with the target as it was at the end, and in the target's principal axes T:
+    the plan, the flight and the tube. Below, the angular velocity in T on the ellipsoid of equal energy, and the
+    phases. Right, over time: the clearance with the margin that the tube asks for, the distance from the nominal motion
+    with the tube's half width, the force with its limits, and the distance to the mating point.
+
+    Raises:
+        SafeInspectError: Matplotlib is not installed.
+    """
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(11.5, 7.4), facecolor="white")
+        first = record.approach()
+        _draw_scene(figure, record, first, in_target=False)
+        _draw_scene(figure, record, first, in_target=True)
+        polhode: Any = figure.add_axes((0.025, 0.075, 0.26, 0.245))
+        draw_polhode(polhode, np.degrees(record.arrays["target_w"]), record.target.principal)
+        _draw_key(figure)
+        _draw_phases(figure, record)
+        draw_mission_times(figure, record, first)
+        figure.text(0.985, 0.985, outcome_of(record), fontsize=9.5, color=BLACK, ha="right", va="top")
+    return figure
+
+
+def _draw_scene(figure: Figure, record: MissionRecord, first: int, in_target: bool) -> None:
+    """Draw the approach, in T or in W."""
+    arrays, solid = record.arrays, target_solid(record)
+    attitude = to_matrix(arrays["target_q"])
+    rotation = np.eye(3) if in_target else attitude[-1]
+    path = record.position_in_target() if in_target else arrays["x"][:, :3]
+    view = best_view(path[first:], solid, rotation)
+    axes: Any = figure.add_axes((0.305 if in_target else 0.0, 0.365, 0.3, 0.575))
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    scene = SceneArtists(axes, record)
+    scene.show_target(view, rotation)
+    if first:
+        scene.show_path("before", path[: first + 1], view, rotation)
+    scene.show_path("flight", path[first:], view, rotation)
+    if record.plans:
+        plan = record.plans[-1]
+        scene.show_path("plan", plan.position_target if in_target else plan.position, view, rotation)
+    rows = np.flatnonzero(np.isfinite(arrays["tube"]))
+    if len(rows) > 1:
+        centre = nominal_path(arrays)[rows]
+        if in_target:
+            centre = np.einsum("kji,kj->ki", attitude[rows], centre)
+        scene.show_tube(ribbon(centre, arrays["tube"][rows], view, attitude[rows] if in_target else None))
+    start = view.flat(path[first])
+    axes.plot(*start, "o", markersize=5, color="white", markeredgecolor=FLIGHT, markeredgewidth=1.2, zorder=5.0)
+    body = to_matrix(arrays["q"][-1])
+    scene.show_chaser(path[-1], attitude[-1].T @ body if in_target else body, view, rotation)
+    own = view.flat(np.concatenate((path if in_target else path[first:], solid.patches.reshape(-1, 3) @ rotation.T)))
+    reach = 1.15 * record.config.chaser.radius
+    low, high = own.min(axis=0) - reach, own.max(axis=0) + reach
+    show_extent(axes, low, high, 0.3 * 11.5 / (0.575 * 7.4))
+    _draw_axes(axes, view, "123" if in_target else "xyz")
+    axes.set_title("in the target's principal axes T" if in_target else "in W, the target as at the end", pad=2.0)
+
+
+def _draw_axes(axes: Any, view: Projection, names: str) -> None:
+    """Draw the directions of the frame and a scale in a corner."""
+    left, right = axes.get_xlim()
+    low, high = axes.get_ylim()
+    corner, size = np.array([left + 0.15 * (right - left), low + 0.085 * (high - low)]), 0.07 * (right - left)
+    for name, direction in zip(names, np.eye(3), strict=True):
+        tip = corner + size * view.flat(direction)
+        axes.plot(*np.stack((corner, tip)).T, color=GREY, linewidth=0.9, zorder=8)
+        axes.text(
+            *(corner + 1.45 * size * view.flat(direction)), name, color=GREY, fontsize=7.5, ha="center", va="center"
+        )
+    length = 0.5 if right - left < 6.0 else 10.0 ** np.floor(np.log10(0.25 * (right - left)))
+    end = right - 0.04 * (right - left)
+    height = low + 0.035 * (high - low)
+    axes.plot([end - length, end], [height, height], color=GREY, linewidth=1.6, solid_capstyle="butt", zorder=8)
+    axes.text(end - 0.5 * length, height + 0.012 * (high - low), f"{length:g} m", color=GREY, fontsize=7.5, ha="center")
+
+
+def _draw_key(figure: Figure) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles = [
+        Line2D([], [], color=FLIGHT, linewidth=1.9, label="flight"),
+        Line2D([], [], color=PLANNED, linewidth=1.1, linestyle=(0, (4, 2)), label="plan"),
+        Patch(facecolor=TUBE, alpha=0.45, label="tube"),
+        Line2D([], [], color="#B8C4D0", linewidth=1.0, label="before the approach"),
+        Line2D([], [], linestyle="", marker="*", markersize=9, color=MATING, label="mating point"),
+        Line2D([], [], color=CAMERA, linewidth=1.0, label="camera"),
+        Line2D([], [], linestyle="", marker="o", markersize=5, color="white", markeredgecolor=FLIGHT, label="start"),
+        Line2D([], [], linestyle="", marker="s", markersize=5, color=FLIGHT, label="end"),
+    ]
+    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.315, 0.158), ncols=2, borderpad=0.0)
+
+
+def _draw_phases(figure: Figure, record: MissionRecord) -> None:
+    """Draw the phases on a line of time."""
+    axes: Any = figure.add_axes((0.33, 0.075, 0.26, 0.03))
+    intervals = record.phases()
+    for phase, start, end in intervals:
+        axes.barh(0.0, end - start, left=start, height=1.0, color=PHASE_COLOURS.get(phase, GREY))
+    axes.set(yticks=(), ylim=(-0.5, 0.5), xlim=(0.0, intervals[-1].end), xlabel="time [s]")
+    axes.spines["left"].set_visible(False)
+    axes.grid(visible=False)
+    total = intervals[-1].end
+    last, height = -np.inf, 0.75
+    for phase, start, end in intervals:
+        if end - start > 0.05 * total:
+            middle = 0.5 * (start + end)
+            height = 1.65 if height < 1.0 and middle - last < 0.15 * total else 0.75  # neighbours do not touch
+            axes.text(middle, height, phase.value, fontsize=6.0, ha="center", va="bottom", color=BLACK)
+            last = middle

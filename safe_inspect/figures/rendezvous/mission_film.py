@@ -1,0 +1,218 @@
+"""`MissionFilm`: the pictures of an animated rendezvous, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import normalise, to_matrix
+from safe_inspect.figures.drawing import BLACK, GREY, ORANGE, PALE, style
+from safe_inspect.figures.rendezvous.mission_panels import LEAD
+from safe_inspect.figures.rendezvous.mission_scene import (
+    FLIGHT,
+    PHASE_COLOURS,
+    SceneArtists,
+    ribbon,
+    show_extent,
+    target_solid,
+)
+from safe_inspect.figures.rendezvous.solid import Projection, best_view
+from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.record import MissionRecord
+from safe_inspect.rendezvous.summary import nominal_path
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
+
+_DPI = 100
+
+
+class _Moment(NamedTuple):
+    """A mission at one time: the last recorded step, and what is interpolated to the next."""
+
+    row: int
+    time: float
+    position: FloatArray
+    body: FloatArray
+    target: FloatArray
+
+
+class MissionFilm:
+    """Draws the pictures of a mission: the flight in W and in the target's axes, phases, clearance.
+
+    The first picture is shortly before the approach.
+
+    Args:
+        record: The mission.
+        frames: How many pictures, at least 2; they are equally far apart in time.
+        width: Width of a picture [pixels]; it is 1.6 times its height.
+        turn: How far the camera goes round from the first picture to the last [degrees].
+
+    Raises:
+        SafeInspectError: Matplotlib is not installed.
+        ValueError: A number is out of range.
+    """
+
+    def __init__(self, record: MissionRecord, frames: int = 200, width: int = 800, turn: float = 0.0) -> None:
+        if frames < 2 or not 320 <= width <= 3840:
+            raise ValueError(f"a film has at least 2 frames and 320 to 3840 pixels of width, not {frames} and {width}")
+        time = record.arrays["t"]
+        self.record, self.frames = record, frames
+        self._turn = turn
+        self._end = float(time[-1])
+        self._start = max(float(time[record.approach()]) - LEAD, float(time[0]))
+        self._first = int(np.searchsorted(time, self._start))
+        self._size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs want even numbers
+        self._attitude = to_matrix(record.arrays["target_q"])
+        self._path, self._path_in_target = record.arrays["x"][:, :3], record.position_in_target()
+        self._nominal = nominal_path(record.arrays)
+        solid = target_solid(record)
+        rotation = self._attitude[-1]
+        shown = slice(self._first, None)
+        self._view = best_view(self._path[shown], solid, rotation)
+        self._view_in_target = best_view(self._path_in_target[shown], solid, np.eye(3))
+        with style():
+            self._build()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of a picture [pixels]."""
+        return self._size
+
+    def __len__(self) -> int:
+        return self.frames
+
+    def __iter__(self) -> Iterator[AnyArray]:
+        """Yield the pictures, red, green and blue, uint8, shape (height, width, 3)."""
+        for index in range(self.frames):
+            yield self.picture(index)
+
+    def picture(self, index: int) -> AnyArray:
+        """Return a picture by its index from 0, uint8, shape (height, width, 3)."""
+        share = index / (self.frames - 1)
+        with style():
+            self._show(self._moment(self._start + share * (self._end - self._start)), share * self._turn)
+            self._canvas.draw()
+            return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _moment(self, time: float) -> _Moment:
+        arrays = self.record.arrays
+        row = int(np.clip(np.searchsorted(arrays["t"], time, side="right") - 1, 0, len(arrays["t"]) - 1))
+        after = min(row + 1, len(arrays["t"]) - 1)
+        u = 0.0 if after == row else (time - arrays["t"][row]) / (arrays["t"][after] - arrays["t"][row])
+
+        def turned(name: str) -> FloatArray:
+            first, last = arrays[name][row], arrays[name][after]
+            return to_matrix(normalise((1.0 - u) * first + u * (last if first @ last >= 0.0 else -last)))
+
+        position = (1.0 - u) * self._path[row] + u * self._path[after]
+        return _Moment(row, time, position, turned("q"), turned("target_q"))
+
+    def _build(self) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        width, height = self._size
+        # type and lines keep their share of the picture
+        figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
+        self._canvas: Any = FigureCanvasAgg(figure)
+        self._scenes = [
+            self._scene(figure, place, path)
+            for place, path in (
+                ((0.0, 0.13, 0.6, 0.8), self._path),
+                ((0.6, 0.48, 0.4, 0.42), self._path_in_target),
+            )
+        ]
+        figure.text(0.8, 0.905, "in the target's principal axes", fontsize=8, color=GREY, ha="center")
+        self._texts = [
+            figure.text(place, 0.955, "", fontsize=9.5, color=BLACK, va="center", ha=side)
+            for place, side in ((0.02, "left"), (0.16, "left"), (0.985, "right"))
+        ]
+        self._build_clearance(figure.add_axes((0.68, 0.2, 0.3, 0.23)))
+        self._build_phases(figure.add_axes((0.03, 0.075, 0.95, 0.03)))
+
+    def _scene(self, figure: Any, place: tuple[float, ...], path: FloatArray) -> SceneArtists:
+        axes = figure.add_axes(place)
+        axes.set_axis_off()
+        axes.set_aspect("equal")
+        # All that can come into the picture, from any side.
+        reach = max(self.record.target.swept_radius, float(np.linalg.norm(path[self._first :], axis=1).max()))
+        margin = 1.1 * self.record.config.chaser.radius
+        views = [self._view_at(path is self._path_in_target, turn) for turn in np.linspace(0.0, self._turn, 7)]
+        near = [view.flat(path[self._first :]) for view in views]
+        swept = min(reach, self.record.target.swept_radius) * np.array([[-1.0, -1.0], [1.0, 1.0]])
+        points = np.concatenate([*near, swept])
+        width, height = self._size
+        show_extent(
+            axes, points.min(axis=0) - margin, points.max(axis=0) + margin, place[2] * width / place[3] / height
+        )
+        return SceneArtists(axes, self.record)
+
+    def _view_at(self, in_target: bool, turn: float) -> Projection:
+        """Return a view after the camera has gone round by an angle [degrees]."""
+        view, angle = self._view_in_target if in_target else self._view, np.radians(turn)
+        c, s = np.cos(angle), np.sin(angle)
+        return view.turned(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+    def _build_clearance(self, axes: Any) -> None:
+        arrays = self.record.arrays
+        time = arrays["t"]
+        rows = np.flatnonzero((time >= self._start) & (time <= self._end))
+        margin = arrays["margin"][rows]
+        if np.isfinite(margin).any():
+            axes.fill_between(time[rows], 0.0, margin, color=PALE, linewidth=0.0, label="margin of the tube")
+            axes.legend(loc="upper right", borderpad=0.0, handlelength=1.0)
+        top = 1.08 * max(float(arrays["clearance"][rows].max()), 0.1)
+        axes.set(ylabel="clearance [m]", xlabel="time [s]", xlim=(self._start, self._end))
+        axes.set_ylim(min(0.0, 1.1 * float(arrays["clearance"][rows].min())), top)
+        self._clearance = axes.plot([], [], color=FLIGHT)[0]
+
+    def _build_phases(self, axes: Any) -> None:
+        for phase, start, end in self.record.phases():
+            axes.axvspan(start, end, facecolor=PHASE_COLOURS.get(phase, GREY), linewidth=0.0)
+            if end - start > 0.06 * self.record.arrays["t"][-1]:
+                axes.text(0.5 * (start + end), -0.35, phase.value, fontsize=6.5, color=GREY, ha="center", va="top")
+        axes.set(yticks=(), xticks=(), ylim=(0.0, 1.0), xlim=(0.0, float(self.record.arrays["t"][-1])))
+        for side in ("left", "bottom"):
+            axes.spines[side].set_visible(False)
+        self._now = axes.axvline(0.0, color=ORANGE, linewidth=2.5)
+
+    def _show(self, now: _Moment, turned: float) -> None:
+        arrays, record = self.record.arrays, self.record
+        plan = max((k for k, plan in enumerate(record.plans) if plan.times[0] <= now.time + LEAD), default=None)
+        own = _last_run(np.isfinite(arrays["tube"][: now.row + 1]))
+        for scene, in_target in zip(self._scenes, (False, True), strict=True):
+            view = self._view_at(in_target, turned)
+            rotation = np.eye(3) if in_target else now.target
+            position = now.target.T @ now.position if in_target else now.position
+            path = self._path_in_target if in_target else self._path
+            scene.show_target(view, rotation)
+            way = np.concatenate((path[self._first : now.row + 1], position[None]))
+            scene.show_path("flight", way, view, rotation)
+            if plan is not None:
+                planned = record.plans[plan]
+                scene.show_path("plan", planned.position_target if in_target else planned.position, view, rotation)
+            if len(own) > 1:
+                centre, to_axes = self._nominal[own], None
+                if in_target:
+                    to_axes = self._attitude[own]
+                    centre = np.einsum("kji,kj->ki", to_axes, centre)
+                scene.show_tube(ribbon(centre, arrays["tube"][own], view, to_axes))
+            else:
+                scene.show_tube(np.zeros((0, 2)))
+            scene.show_chaser(position, now.target.T @ now.body if in_target else now.body, view, rotation)
+        phase = list(Phase)[arrays["state"][now.row]].value
+        distance = float(np.linalg.norm(now.target.T @ now.position - record.target.mating_point))
+        clearance = float(arrays["clearance"][now.row])
+        words = (f"{now.time:.1f} s", phase, f"clearance {clearance:.2f} m, {distance:.2f} m to the mating point")
+        for text, word in zip(self._texts, words, strict=True):
+            text.set_text(word)
+        rows = slice(self._first, now.row + 1)
+        self._clearance.set_data(arrays["t"][rows], arrays["clearance"][rows])
+        self._now.set_xdata([now.time, now.time])
+
+
+def _last_run(which: BoolArray) -> AnyArray:
+    """Return the indices up to the last one that all hold; empty where the last does not."""
+    gaps = np.flatnonzero(~which)
+    return np.arange(gaps[-1] + 1 if len(gaps) else 0, len(which))

@@ -1,0 +1,187 @@
+"""The scene of a rendezvous: target, chaser, camera, paths and tube, as a far reader sees them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION
+from safe_inspect.figures.rendezvous.solid import Projection, Solid
+from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.geometry.pointing import R_BC
+from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.record import MissionRecord
+from safe_inspect.rendezvous.sensors.tof import DepthCamera
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
+
+FLIGHT, PLANNED, TUBE, MATING, CAMERA = BLUE, VERMILION, SKY, GREEN, ORANGE
+#: Colours of the phases; what is not named takes no time.
+PHASE_COLOURS = {
+    Phase.CHECKOUT: PALE, Phase.OBSERVE: SKY, Phase.WAIT: "#F0E442", Phase.TRACK: BLUE, Phase.MP_HOLD: GREEN,
+    Phase.RETREAT: VERMILION,
+}  # fmt: skip
+_TARGET_INK, _CHASER_INK = np.array([0.72, 0.75, 0.80]), np.array([0.98, 0.86, 0.60])
+#: Length of the camera's cone [m] for each metre of the chaser's radius.
+_CONE = 2.0
+
+
+def target_solid(record: MissionRecord) -> Solid:
+    """Return the target's boxes in T."""
+    boxes, rotation = record.target.boxes, record.target.R_MT
+    in_target = OrientedBoxes(
+        boxes.centre @ rotation, boxes.half_size, np.einsum("ij,bjk->bik", rotation.T, boxes.rotation)
+    )
+    return Solid.of(in_target, record.target.swept_radius / 16.0)
+
+
+def chaser_solid(radius: float) -> Solid:
+    """Return the cube in the sphere of a radius [m] that holds the chaser, in B."""
+    half = radius / np.sqrt(3.0)
+    return Solid.of(OrientedBoxes(np.zeros((1, 3)), np.full((1, 3), half), np.eye(3)[None]), half)
+
+
+def camera_cone(record: MissionRecord) -> FloatArray:
+    """Return the camera's place and the corners of what it sees at some distance, in B [m], shape (5, 3)."""
+    camera, radius = DepthCamera(), record.config.chaser.radius
+    wide, tall = 0.5 * camera.width / camera.focal_length, 0.5 * camera.height / camera.focal_length
+    corners = np.array([(0.0, 0.0, 0.0), *((x * wide, y * tall, 1.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))])
+    return np.asarray(record.config.chaser.camera_position + _CONE * radius * corners @ R_BC.T)
+
+
+def ribbon(path: FloatArray, width: FloatArray, view: Projection, to_axes: FloatArray | None = None) -> FloatArray:
+    """Return the outline of a tube in the picture [m], shape (2 K, 2).
+
+    A box of half width h has the half width ``h |n|_1`` across a picture's direction n.
+
+    Args:
+        path: The tube's centre [m], shape (K, 3).
+        width: Half width along each axis of W [m], shape (K,).
+        view: The picture.
+        to_axes: Takes the picture's frame to W, shape (K, 3, 3); None where it is W.
+    """
+    kept = _apart(path, width)
+    path, width, to_axes = path[kept], width[kept], None if to_axes is None else to_axes[kept]
+    flat = view.flat(path)
+    along = np.gradient(flat, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    across = np.stack((-along[:, 1], along[:, 0]), axis=1)
+    directions = across[:, :1] * view.right + across[:, 1:] * view.up
+    if to_axes is not None:
+        directions = np.einsum("kij,kj->ki", to_axes, directions)
+    offset = across * (width * np.abs(directions).sum(axis=1))[:, None]
+    return np.concatenate((flat + offset, (flat - offset)[::-1]))
+
+
+def _apart(path: FloatArray, width: FloatArray) -> AnyArray:
+    """Return the indices of points that are apart by a share of a tube's width: those have a direction."""
+    kept = [0]
+    for k in range(1, len(path)):
+        if np.linalg.norm(path[k] - path[kept[-1]]) > max(0.3 * width[k], 1e-3):
+            kept.append(k)
+    return np.array(kept if len(kept) > 1 else [0, len(path) - 1])
+
+
+def show_extent(axes: Any, low: FloatArray, high: FloatArray, aspect: float) -> None:
+    """Show a rectangle, widened to an aspect of width over height."""
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    half = np.maximum(half, [half[1] * aspect, half[0] / aspect])
+    axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
+
+
+class SceneArtists:
+    """What moves in a scene: target, chaser, camera, paths and tube.
+
+    Args:
+        axes: Where it is drawn.
+        record: The mission.
+    """
+
+    def __init__(self, axes: Any, record: MissionRecord) -> None:
+        from matplotlib.collections import LineCollection, PolyCollection
+        from matplotlib.patches import Circle
+
+        self._radius = record.config.chaser.radius
+        self._mating_point = record.target.mating_point
+        self._target, self._chaser = target_solid(record), chaser_solid(self._radius)
+        self._cone = camera_cone(record)
+
+        def faces(place: float) -> Any:
+            return axes.add_collection(PolyCollection([], linewidths=0.35, zorder=place), autolim=False)
+
+        def strokes(place: float, colour: str, width: float) -> Any:
+            own = LineCollection([], colors=colour, linewidths=width, zorder=place, capstyle="round")
+            return axes.add_collection(own, autolim=False)
+
+        def line(place: float, colour: str, width: float, dashes: Any = "-") -> Any:
+            return axes.plot([], [], color=colour, linewidth=width, linestyle=dashes, zorder=place)[0]
+
+        self._faces, self._edges = faces(3.0), strokes(3.1, "#4B5563", 0.55)
+        self._chaser_faces, self._chaser_edges = faces(6.0), strokes(6.1, BLACK, 0.7)
+        self._sphere = axes.add_patch(Circle((0.0, 0.0), self._radius, facecolor="none", edgecolor=GREY, linewidth=0.7))
+        self._cone_lines = strokes(5.9, CAMERA, 0.9)
+        (self._tube,) = axes.fill([0.0], [0.0], facecolor=TUBE, alpha=0.45, edgecolor=TUBE, linewidth=0.3, zorder=3.5)
+        dashes = (0, (4.0, 2.0))
+        self._paths = {
+            "before": (line(2.0, "#B8C4D0", 0.9), line(4.0, "#B8C4D0", 0.9)),
+            "plan": (line(2.1, PLANNED, 0.6, (0, (1, 2))), line(4.2, PLANNED, 1.1, dashes)),
+            "flight": (line(2.2, FLIGHT, 0.6, (0, (1, 1.5))), line(4.1, FLIGHT, 1.9)),
+        }
+        self._mark = axes.plot(
+            [], [], linestyle="", marker="*", markersize=11, color=MATING, markeredgecolor="white", zorder=7.0
+        )[0]
+
+    def show_target(self, view: Projection, rotation: FloatArray) -> None:
+        """Draw the target and its mating point; the rotation takes T to the picture's frame."""
+        own = view.turned(rotation)
+        _paint(self._faces, self._edges, self._target, own, np.zeros(2), _TARGET_INK)
+        self._mark.set_data(*own.flat(self._mating_point[None]).T)
+        self._mark.set_alpha(0.35 if self._target.hides(self._mating_point, own.sight) else 1.0)
+
+    def show_path(self, name: str, path: FloatArray, view: Projection, rotation: FloatArray) -> None:
+        """Draw a path, shape (K, 3), with what the target hides of it: ``before``, ``plan`` or ``flight``."""
+        hidden = self._target.hides(path @ rotation, view.sight @ rotation)
+        flat = view.flat(path)
+        for line, which in zip(self._paths[name], (hidden, ~hidden), strict=True):
+            line.set_data(*np.where(_joined(which)[:, None], flat, np.nan).T)
+
+    def show_tube(self, outline: FloatArray) -> None:
+        """Draw the outline of the tube, shape (n, 2)."""
+        self._tube.set_xy(outline if len(outline) > 2 else np.zeros((3, 2)))
+
+    def show_chaser(
+        self, position: FloatArray, rotation_to_body: FloatArray, view: Projection, target: FloatArray
+    ) -> None:
+        """Draw the chaser, its sphere, and the cone of its camera.
+
+        Args:
+            position: In the picture's frame [m], shape (3,).
+            rotation_to_body: Takes B to the picture's frame, shape (3, 3).
+            view: The picture.
+            target: Takes T to the picture's frame, shape (3, 3).
+        """
+        place = view.flat(position)
+        own = view.turned(rotation_to_body)
+        _paint(self._chaser_faces, self._chaser_edges, self._chaser, own, place, _CHASER_INK)
+        self._sphere.center = place.tolist()
+        corner = own.flat(self._cone) + place
+        self._cone_lines.set_segments([corner[[0, k]] for k in range(1, 5)] + [corner[[1, 2, 3, 4, 1]]])
+        behind = bool(self._target.hides(position @ target, view.sight @ target))
+        for k, artist in enumerate((self._cone_lines, self._sphere, self._chaser_faces, self._chaser_edges)):
+            artist.set_zorder((2.5 if behind else 6.0) + 0.1 * k)
+
+
+def _paint(faces: Any, edges: Any, solid: Solid, view: Projection, place: FloatArray, ink: FloatArray) -> None:
+    corners, brightness = solid.seen_patches(view)
+    colours = np.clip(brightness[:, None] * ink, 0.0, 1.0)
+    faces.set_verts(list(corners + place))
+    faces.set_facecolor(colours)
+    faces.set_edgecolor(colours)
+    edges.set_segments(list(solid.seen_edges(view) + place))
+
+
+def _joined(shown: BoolArray) -> BoolArray:
+    """Return what is shown, with the point before each piece, so that the pieces meet."""
+    joined = shown.copy()
+    joined[:-1] |= shown[1:]
+    return joined

@@ -1,0 +1,1 @@
+"""How far the reference that the chaser follows may be from the true one."""

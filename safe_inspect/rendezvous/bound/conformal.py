@@ -1,0 +1,132 @@
+"""Bounds of the reference's error from trials."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.rendezvous.bound.samples import ErrorSamples
+from safe_inspect.types import BoolArray, FloatArray
+
+#: Trials that the scale of a conformal bound is computed from, by default.
+SCALE_TRIALS = 100
+#: Errors of trials, shape (n, K, 3) each.
+Groups = tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """How far the reference may be from the true one, along each axis of W.
+
+    Attributes:
+        times: Times of the plan [s], shape (K,).
+        position: b_p [m], shape (K,).
+        velocity: b_v [m/s], shape (K,).
+        force: b_F, of the feed-forward force [N], shape (K,).
+        jump: Largest jump of the reference's position [m] and velocity [m/s] at an update, shape (2,).
+        level: Probability with which a new trial keeps the bound of position, velocity and force as a whole; likewise
+            that of the jumps, by itself.
+        trials: Number of trials that it is computed from.
+    """
+
+    times: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+    jump: FloatArray
+    level: float
+    trials: int
+
+    def covers(self, samples: ErrorSamples) -> BoolArray:
+        """Return which trials keep the bound of position, velocity and force at all times and axes, shape (n,)."""
+        return np.asarray(_scores(_errors(samples), [self.position, self.velocity, self.force]) <= 1.0)
+
+
+def max_sample_bound(samples: ErrorSamples) -> Bound:
+    """Return the largest error of n trials over the axes, at each time.
+
+    The level, ``1 - 1 / (n + 1)``, is that of one quantity, axis and time, not of all together.
+
+    Source:
+        Albee et al. 2021.
+    """
+    largest = [float(np.abs(values).max(initial=0.0)) for values in (samples.jump_position, samples.jump_velocity)]
+    return Bound(
+        samples.times,
+        np.abs(samples.position).max(axis=(0, 2)),
+        np.abs(samples.velocity).max(axis=(0, 2)),
+        np.abs(samples.force).max(axis=(0, 2)),
+        np.array(largest),
+        1.0 - 1.0 / (len(samples) + 1),
+        len(samples),
+    )
+
+
+def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: int = SCALE_TRIALS) -> Bound:
+    """Return a bound that a new trial keeps as a whole with probability 1 - epsilon or more.
+
+    The first trials give the root mean square error at each time, sigma_p(t), sigma_v(t) and sigma_F(t). Each of the n
+    others has one score, ``s = max |delta| / sigma`` over times, axes and quantities; the bound is
+    ``s_(ceil((n + 1)(1 - epsilon))) sigma(t)``, of the scores in ascending order. Jumps, which only one kind of tube
+    needs, have a score of their own: within one they would widen the rest.
+
+    Args:
+        samples: The trials, exchangeable.
+        epsilon: Probability that the bound is broken.
+        scale_trials: How many trials give the scale.
+
+    Raises:
+        ValueError: There are too few trials for this epsilon.
+
+    Source:
+        Vovk, Gammerman and Shafer, "Algorithmic Learning in a Random World", 2005 (split conformal prediction).
+    """
+    count = len(samples) - scale_trials
+    rank = math.ceil((count + 1) * (1.0 - epsilon) - 1e-9)
+    if scale_trials < 1 or count < 1 or rank > count:
+        needed = scale_trials + math.ceil(1.0 / epsilon) - 1
+        raise ValueError(
+            f"conformal bound: {len(samples)} trials, {scale_trials} of them for the scale, are too few for "
+            f"epsilon {epsilon}; take {needed} or more"
+        )
+    scale, rest = samples[:scale_trials], samples[scale_trials:]
+    position, velocity, force = _scaled(_errors(scale), _errors(rest), rank)
+    jumps = _scaled(_jumps(scale), _jumps(rest), rank)
+    largest = np.array([values.max(initial=0.0) for values in jumps])
+    return Bound(samples.times, position, velocity, force, largest, rank / (count + 1), len(samples))
+
+
+def _errors(samples: ErrorSamples) -> Groups:
+    return samples.position, samples.velocity, samples.force
+
+
+def _jumps(samples: ErrorSamples) -> Groups:
+    return samples.jump_position, samples.jump_velocity
+
+
+def _scaled(scale: Groups, rest: Groups, rank: int) -> list[FloatArray]:
+    """Return the root mean square errors of some trials, shape (K,) each, times a score of the others.
+
+    Args:
+        scale: Errors that give the root mean squares, shape (n, K, 3) each.
+        rest: Errors that give the scores.
+        rank: Which score is taken, from 1, in ascending order.
+    """
+    sigmas = [np.sqrt((values * values).mean(axis=(0, 2))) for values in scale]
+    score = np.sort(_scores(rest, sigmas))[rank - 1]
+    if not np.isfinite(score):
+        raise ValueError("conformal bound: an error is zero in all trials of the scale but not in others")
+    return [score * sigma for sigma in sigmas]
+
+
+def _scores(groups: Groups, scales: list[FloatArray]) -> FloatArray:
+    """Return the largest ratio of error to scale of each trial, shape (n,); 0 / 0 counts as 0."""
+    score = np.zeros(len(groups[0]))
+    for values, scale in zip(groups, scales, strict=True):
+        error = np.abs(values).max(axis=2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(error > 0.0, error / scale, 0.0)
+        score = np.maximum(score, ratio.max(axis=1, initial=0.0))
+    return score

@@ -1,0 +1,161 @@
+"""Trials of the reference's error: estimates are drawn, and propagated as the chaser would propagate them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.dynamics import quaternion
+from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, JointErrors
+from safe_inspect.rendezvous.bound.transport import Path, to_inertial, torque_free
+from safe_inspect.rendezvous.characterise.ratios import inertia_of, logits_of
+from safe_inspect.types import FloatArray, IntArray
+
+#: What keeps a covariance definite: a share of its diagonal, and of each error.
+_ROUNDING, _FLOOR = 1e-9, np.full(14, 1e-18)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSamples:
+    """Errors of the reference, less those of the chaser's own navigation, in n trials, along the axes of W.
+
+    Attributes:
+        times: Times of the plan [s], shape (K,).
+        position: [m], shape (n, K, 3).
+        velocity: [m/s], shape (n, K, 3).
+        force: Mass times the error of the acceleration [N], shape (n, K, 3).
+        jump_position: Changes of the error in position at updates [m], shape (n, U, 3), U = 0 without updates.
+        jump_velocity: Changes of that in velocity [m/s], shape (n, U, 3).
+    """
+
+    times: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+    jump_position: FloatArray
+    jump_velocity: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, trials: slice | IntArray) -> ErrorSamples:
+        """Return some of the trials."""
+        return ErrorSamples(
+            self.times,
+            self.position[trials],
+            self.velocity[trials],
+            self.force[trials],
+            self.jump_position[trials],
+            self.jump_velocity[trials],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """Errors of n trials at E estimates each: shape (n, E, 3); of the logits: (n, 2)."""
+
+    attitude: FloatArray
+    rate: FloatArray
+    centre: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    inertia: FloatArray
+
+
+def sample_errors(query: BoundQuery, streams: Streams) -> ErrorSamples:
+    """Return trials of the reference's error ``delta = (r_hat - r) - (x_hat - x)``.
+
+    At each update the target's state on the plan is disturbed, ``R Exp(attitude error)``, ``w + rate error``, and
+    propagated without torque until the next update (plus the latency) is in use; errors of successive updates form
+    an AR(1) sequence, ``e_{j+1} = rho e_j + sqrt(1 - rho^2) e``. Without updates the first estimate is propagated
+    to the end. The inertia's error is the same through a trial.
+
+    Args:
+        query: The plan, and how wrong estimates are.
+        streams: One row a trial.
+
+    Raises:
+        ValueError: Period or latency are no multiples of the plan's step.
+    """
+    estimates, period, latency = query.windows()
+    steps = len(query.plan.times)
+    draws = _draw(query.errors, query.updates.correlation if query.updates else 0.0, estimates, streams)
+    # The last row has no error: what the others are compared with.
+    draws = _Draws(*(np.concatenate((value, np.zeros_like(value[:1]))) for value in vars(draws).values()))
+    length = min(period + latency + 1, steps)
+    errors = _windows(query, draws, period, length)
+    k = np.arange(steps)
+    window = np.clip((k - latency) // period, 0, estimates - 1)
+    offset = k - window * period
+    # The first update after the start is in use from step period + latency on.
+    change = np.arange(1, estimates)
+    jumps = [error[:, change, latency] - error[:, change - 1, length - 1] for error in errors[:2]]
+    return ErrorSamples(query.plan.times, *(error[:, window, offset] for error in errors), *jumps)
+
+
+def _windows(query: BoundQuery, draws: _Draws, period: int, length: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the errors of each estimate while it may be in use, shape (n, E, length, 3) each."""
+    plan = query.plan
+    rows, estimates = draws.attitude.shape[:2]
+    start = np.arange(estimates) * period
+    orientation = quaternion.multiply(plan.orientation[start], quaternion.exp(draws.attitude))
+    rate = plan.angular_velocity[start] + draws.rate
+    inertia = np.repeat(_inertia(query.inertia, draws.inertia), estimates, axis=0)
+    since = query.step * np.arange(length, dtype=np.float64)
+    q, w = tumble(inertia, orientation.reshape(-1, 4), rate.reshape(-1, 3), since)
+    k = np.minimum(start[:, None] + np.arange(length), len(plan.times) - 1)
+    path = Path(plan.position_target[k], plan.velocity_target[k], plan.acceleration_target[k])
+    shape = (rows, estimates, length)
+    motion = torque_free(inertia.reshape(rows, estimates, 1, 3), q.reshape(*shape, 4), w.reshape(*shape, 3))
+    reference = to_inertial(motion, path, (draws.centre - draws.position)[:, :, None])
+    position, velocity, acceleration = (value[:-1] - value[-1] for value in reference)
+    return position, velocity - draws.velocity[:-1, :, None], query.mass * acceleration
+
+
+def _draw(errors: EstimateErrors, correlation: float, estimates: int, streams: Streams) -> _Draws:
+    def sequence(purpose: str, deviation: float, size: int = 3) -> FloatArray:
+        if deviation == 0.0:
+            return np.zeros((len(streams), estimates, size))
+        values = streams.normal(f"bound.{purpose}", size * estimates).reshape(-1, estimates, size)
+        values[:, 1:] *= np.sqrt(1.0 - correlation * correlation)
+        for j in range(1, estimates):
+            values[:, j] += correlation * values[:, j - 1]
+        return deviation * values
+
+    if isinstance(errors, JointErrors):
+        # The logits come first: theirs is one error a trial, and the others follow it as far as they are correlated.
+        root = np.linalg.cholesky(errors.joint + _ROUNDING * np.diag(np.diag(errors.joint)) + np.diag(_FLOOR))
+        unit = np.concatenate(
+            (np.repeat(streams.normal("bound.inertia", 2)[:, None], estimates, axis=1), sequence("joint", 1.0, 12)),
+            axis=2,
+        )
+        drawn = unit @ root.T
+        zero = np.zeros_like(drawn[..., :3])
+        return _Draws(drawn[..., 2:5], drawn[..., 5:8], drawn[..., 8:11], zero, drawn[..., 11:14], drawn[:, 0, :2])
+    return _Draws(
+        sequence("attitude", errors.attitude),
+        sequence("rate", errors.rate),
+        sequence("centre", errors.centre),
+        sequence("position", errors.position),
+        sequence("velocity", errors.velocity),
+        errors.inertia * streams.normal("bound.inertia", 2) if errors.inertia else np.zeros((len(streams), 2)),
+    )
+
+
+def _inertia(inertia: FloatArray, logits: FloatArray) -> FloatArray:
+    """Return inertias whose logits are disturbed, shape (n, 3).
+
+    J = (k1, k2, 1) is always that of a rigid body, in this order; see `ratios_of`.
+
+    Args:
+        inertia: Principal moments, shape (3,).
+        logits: Errors of a and b, shape (n, 2).
+    """
+    inertia = np.asarray(inertia, dtype=float)
+    if not logits.any():
+        return np.tile(inertia, (len(logits), 1))
+    disturbed = inertia_of(logits_of(inertia[:2] / inertia[2]) + logits)
+    return np.where(logits.any(axis=1, keepdims=True), disturbed, inertia / inertia[2])

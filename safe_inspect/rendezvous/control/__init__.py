@@ -1,0 +1,1 @@
+"""Tracking of a plan: tubes, gains, model predictive control, attitude control."""

@@ -1,0 +1,115 @@
+"""Attitude control: the command that points the camera, and the torque that follows a command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.dynamics import quaternion
+from safe_inspect.geometry.pointing import R_BC, point_camera
+from safe_inspect.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeCommand:
+    """An attitude to reach.
+
+    Attributes:
+        orientation: q_WB [x, y, z, w], shape (4,).
+        angular_velocity: Of the commanded attitude, in its own axes [rad/s], shape (3,).
+    """
+
+    orientation: FloatArray
+    angular_velocity: FloatArray
+
+
+class CameraPointing:
+    """The attitude that keeps the camera on a point, by the shortest arc from the last one.
+
+    Its angular velocity is the difference of two attitudes over the step, clipped to what the chaser can follow.
+    """
+
+    def __init__(
+        self, orientation: FloatArray, largest_rate: float = 0.1745, largest_acceleration: float = 0.1745
+    ) -> None:
+        """Start from an attitude at rest.
+
+        Args:
+            orientation: q_WB at the start, shape (4,).
+            largest_rate: Largest angular rate of a command [rad/s].
+            largest_acceleration: Largest angular acceleration of a command [rad/s^2].
+        """
+        self.largest_rate, self.largest_acceleration = largest_rate, largest_acceleration
+        self._camera = quaternion.to_matrix(np.asarray(orientation)) @ R_BC
+        self._last = AttitudeCommand(np.asarray(orientation, dtype=float), np.zeros(3))
+        self._first = True
+
+    def step(self, position: FloatArray, target: FloatArray, seconds: float) -> AttitudeCommand:
+        """Return the command of this step.
+
+        The first one has no attitude before it to differ from: its angular velocity is zero.
+
+        Args:
+            position: Of the chaser in W [m], shape (3,).
+            target: The point to look at, in W [m], shape (3,).
+            seconds: Time since the last step [s].
+        """
+        self._camera = point_camera(self._camera, position, target)
+        orientation = quaternion.from_matrix(self._camera @ R_BC.T)
+        if float(orientation @ self._last.orientation) < 0.0:
+            orientation = -orientation
+        rate = np.zeros(3)
+        if not self._first:
+            turn = quaternion.multiply(quaternion.conjugate(self._last.orientation), orientation)
+            rate = _clipped(quaternion.log(turn) / seconds, self.largest_rate)
+            change = _clipped(rate - self._last.angular_velocity, self.largest_acceleration * seconds)
+            rate = self._last.angular_velocity + change
+        self._first = False
+        self._last = AttitudeCommand(orientation, rate)
+        return self._last
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeController:
+    """Proportional-derivative control with the gyroscopic torque.
+
+    ``tau = -2 K_p sgn(q_e,w) q_e,v - K_d (w - R_e' w_d) + w x J w`` with ``q_e = q_d^-1 q``, ``K_p = J w_n^2`` and
+    ``K_d = 2 zeta w_n J``; q and -q give the same torque. Each component is clipped.
+
+    Attributes:
+        inertia: Moments of inertia about the body's axes [kg m^2], shape (3,).
+        torque: Largest torque about each axis [N m].
+        frequency: Natural frequency w_n [rad/s].
+        damping: Damping ratio zeta; 0.9 turns by 60 degrees about any axis in less than 7 s, 1 in up to 7.4 s.
+
+    Source:
+        Markley and Crassidis, "Fundamentals of Spacecraft Attitude Determination and Control", 2014, section 7.2.
+    """
+
+    inertia: FloatArray
+    torque: float = 0.025
+    frequency: float = 1.0
+    damping: float = 0.9
+
+    def __call__(self, orientation: FloatArray, angular_velocity: FloatArray, command: AttitudeCommand) -> FloatArray:
+        """Return the torque in B [N m], shape (..., 3).
+
+        Args:
+            orientation: q_WB, shape (..., 4).
+            angular_velocity: In B [rad/s], shape (..., 3).
+            command: What to follow.
+        """
+        error = quaternion.multiply(quaternion.conjugate(command.orientation), orientation)
+        sign = np.where(error[..., 3:] < 0.0, -1.0, 1.0)
+        rate = angular_velocity - quaternion.rotate(quaternion.conjugate(error), command.angular_velocity)
+        proportional = 2.0 * self.frequency**2 * sign * error[..., :3]
+        derivative = 2.0 * self.damping * self.frequency * rate
+        gyroscopic = np.cross(angular_velocity, self.inertia * angular_velocity)
+        torque = gyroscopic - self.inertia * (proportional + derivative)
+        return np.asarray(np.clip(torque, -self.torque, self.torque))
+
+
+def _clipped(vector: FloatArray, length: float) -> FloatArray:
+    """Return a vector, shape (3,), shortened to a length where it is longer."""
+    return vector * min(1.0, length / max(float(np.linalg.norm(vector)), 1e-300))

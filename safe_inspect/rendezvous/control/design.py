@@ -1,0 +1,180 @@
+"""From a plan and the bound of its reference to a tube that tracks it, or a refusal that names remedies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from safe_inspect.rendezvous.bound.conformal import Bound
+from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.gains import (
+    FREQUENCIES,
+    TrackingWeights,
+    best_tube,
+    candidate_gains,
+    clearance_margin,
+)
+from safe_inspect.rendezvous.control.mpc import TubeMPC
+from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tube import AxisBound, Tube, jump_tube, truth_tube
+from safe_inspect.rendezvous.planner.query import Plan
+from safe_inspect.types import FloatArray
+
+_TUBES = {"truth": truth_tube, "jump": jump_tube}
+
+
+@dataclass(frozen=True)
+class DesignOptions:
+    """How a tube is designed.
+
+    Attributes:
+        tube: ``truth`` (about the true reference) or ``jump`` (about the one that is followed).
+        period: Steps of control between two updates, for ``jump``.
+        process_force: Largest force that is not commanded, along each axis [N].
+        process_position: Change of the position in a step by other causes, such as the sampling of the reference [m].
+        process_velocity: Likewise of the velocity [m/s].
+        reserve: Force that shall be left for the nominal feedback [N]: 0.03 N stop 1 cm/s within a horizon of 4 s. With
+            less a plan is still accepted, but nominal errors may take longer horizons to correct.
+        gains: Gains K to choose from, shape (2,) or (K, 2) each; None for a grid of natural frequencies and dampings.
+        length: Length of the scenario [m].
+        frequencies: Natural frequencies of that grid [rad/s].
+    """
+
+    tube: str = "truth"
+    period: int = 5
+    process_force: float = 3e-3
+    process_position: float = 5e-6
+    process_velocity: float = 5e-6
+    reserve: float = 0.03
+    gains: tuple[FloatArray, ...] | None = None
+    length: float = 1.0
+    frequencies: tuple[float, ...] = FREQUENCIES
+
+    def __post_init__(self) -> None:
+        """Check the tube's name.
+
+        Raises:
+            ValueError: There is no such tube.
+        """
+        if self.tube not in _TUBES:
+            raise ValueError(f"tube: {self.tube!r} is not known; use truth or jump")
+
+
+@dataclass(frozen=True, eq=False)
+class TubeDesign:
+    """A tube that tracks a plan.
+
+    Attributes:
+        axis: The axes' model.
+        limits: What tracking must keep.
+        tube: The tube.
+        times: Times of the plan [s], shape (K,).
+        force_reserve: Force left for the nominal feedback, of the worst axis [N], shape (K,).
+        state_reserve: Least of what remains of keep-in [m] and of speed [m/s] along each axis, shape (3, 2).
+        margin: Clearance m(t) that the plan must keep beyond the chaser's radius [m], shape (K,).
+        refusal: Why the plan cannot be tracked, and what would help; empty where it can.
+    """
+
+    axis: Axis
+    limits: TrackingLimits
+    tube: Tube
+    times: FloatArray
+    force_reserve: FloatArray
+    state_reserve: FloatArray
+    margin: FloatArray
+    refusal: str = field(default="")
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the plan can be tracked, if it keeps the margin."""
+        return not self.refusal
+
+    def margin_at(self, since: FloatArray) -> FloatArray:
+        """Return the clearance margin at times since the plan's start [s], shape (k,), for a planner's query.
+
+        Between two steps it is the larger one; after the last that of the last.
+        """
+        place = np.clip(np.asarray(since) / self.axis.step, 0.0, len(self.margin) - 1.0)
+        nearest = np.round(place)
+        place = np.where(np.abs(place - nearest) < 1e-6, nearest, place)
+        low, high = np.floor(place).astype(int), np.ceil(place).astype(int)
+        return np.asarray(np.maximum(self.margin[low], self.margin[high]))
+
+    def tracker(self, horizon: int = 20, weights: TrackingWeights | None = None) -> TubeMPC:
+        """Return the controller of one approach."""
+        return TubeMPC(self.axis, self.tube, self.limits, horizon, weights)
+
+
+def axis_bound(axis: Axis, bound: Bound, options: DesignOptions | None = None) -> AxisBound:
+    """Return what disturbs an axis: the bound of the reference, and the force that is not commanded."""
+    options = options or DesignOptions()
+    process = np.abs(axis.B) * options.process_force + np.array([options.process_position, options.process_velocity])
+    return AxisBound(bound.position, bound.velocity, bound.force, process, bound.jump, options.period)
+
+
+def design_tube(
+    plan: Plan,
+    bound: Bound,
+    axis: Axis,
+    limits: TrackingLimits | None = None,
+    options: DesignOptions | None = None,
+) -> TubeDesign:
+    """Return the tube with the least clearance margin that leaves force for feedback at all times.
+
+    The force that is available is ``F_max - |F_plan(t)| - b_F(t)`` of the worst axis: the feed-forward of the
+    estimated reference may differ from the plan's by b_F.
+
+    Args:
+        plan: A plan with samples at the period of control.
+        bound: The bound of its reference, at the same times.
+        axis: The axes' model.
+        limits: What tracking must keep.
+        options: How the tube is designed.
+
+    Raises:
+        ValueError: Plan, bound and control do not have the same times.
+    """
+    limits, options = limits or TrackingLimits(), options or DesignOptions()
+    if len(plan.times) < 2 or plan.times.shape != bound.times.shape:
+        raise ValueError(f"tube: the plan has {len(plan.times)} samples, its bound {len(bound.times)}")
+    if not np.allclose(np.diff(plan.times), axis.step, rtol=1e-6):
+        raise ValueError(f"tube: the plan must be sampled every {axis.step:g} s, the period of control")
+    disturbance = axis_bound(axis, bound, options)
+    reference = TrackedReference(plan.position, plan.velocity, plan.tide)
+    planned = np.abs(reference.feed_forward(axis)).max(axis=1)
+    tube, reserve = best_tube(
+        axis,
+        disturbance,
+        limits.force - planned - bound.force,
+        options.gains or candidate_gains(axis, options.frequencies),
+        _TUBES[options.tube],
+        options.reserve,
+        stiffen=options.gains is None,
+    )
+    room = TightenedLimits(axis, reference, tube, limits).reserve()[:, :2]
+    refusal = _refusal(plan, tube, reserve, room)
+    return TubeDesign(axis, limits, tube, plan.times, reserve, room, clearance_margin(tube, options.length), refusal)
+
+
+def _refusal(plan: Plan, tube: Tube, reserve: FloatArray, room: FloatArray) -> str:
+    """Return why the plan cannot be tracked; empty where it can."""
+    worst = int(reserve.argmin())
+    lacking: Iterable[str] = ()
+    if reserve[worst] < 0.0:
+        lacking = (
+            f"feedback needs {tube.force[worst]:.3f} N at {plan.times[worst] - plan.t_start:.1f} s, "
+            f"{-reserve[worst]:.3f} N more than the plan leaves: update more often (T_u), allow softer gains (K), "
+            "estimate better (Sigma), or plan a longer approach",
+        )
+    elif room[:, 0].min() < 0.0:
+        lacking = (
+            f"the tube leaves the keep-in box by {-room[:, 0].min():.3f} m: plan in a box that is smaller by this",
+        )
+    elif room[:, 1].min() < 0.0:
+        lacking = (
+            f"the tube exceeds the speed limit by {-room[:, 1].min():.3f} m/s: plan with a lower speed, or allow "
+            "tracking a higher one",
+        )
+    return "".join(f"tube: {item}" for item in lacking)

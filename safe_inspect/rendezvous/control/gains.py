@@ -1,0 +1,147 @@
+"""Feedback gains: of a natural frequency and a damping, by the linear-quadratic regulator, and the best for a tube."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.tube import AxisBound, Tube, truth_tube
+from safe_inspect.types import FloatArray
+
+TubeBuilder = Callable[[Axis, FloatArray, AxisBound], Tube]
+
+# Clearance beyond the tube, as a share of the scenario's length: half for the certificate between samples, half for the
+# nominal error |z|.
+RESERVE_CLEARANCE = 0.02
+#: Natural frequencies that are tried by default [rad/s].
+FREQUENCIES = tuple(np.geomspace(0.15, 1.0, 20).tolist())
+
+
+@dataclass(frozen=True)
+class TrackingWeights:
+    """Weights of quadratic costs, by Bryson's rule one over the squares of acceptable values.
+
+    Attributes:
+        position: 1/m^2.
+        velocity: s^2/m^2.
+        force: 1/N^2.
+        offset: Of the artificial steady state's distance from the reference [1/m^2].
+    """
+
+    position: float = 1.0 / 0.05**2
+    velocity: float = 1.0 / 0.03**2
+    force: float = 1.0 / 0.1**2
+    offset: float = 1e5
+
+    @classmethod
+    def of_force(cls, largest: float) -> TrackingWeights:
+        """Return the weights for actuators of a largest force [N], of which a third is acceptable."""
+        return cls(force=1.0 / (0.1 * (largest / 0.30)) ** 2)
+
+
+def natural_gain(axis: Axis, frequency: FloatArray | float, damping: float) -> FloatArray:
+    """Return ``K = -m [w^2, 2 zeta w]`` (N/m, N s/m), shape (..., 2).
+
+    Args:
+        axis: The axis.
+        frequency: Natural frequency w [rad/s], shape (...).
+        damping: Damping ratio zeta.
+    """
+    w = np.asarray(frequency, dtype=float)
+    return -axis.mass * np.stack((w * w, 2.0 * damping * w), axis=-1)
+
+
+def lqr_gain(axis: Axis, weights: TrackingWeights | None = None) -> FloatArray:
+    """Return the gain of the discrete linear-quadratic regulator, ``u = K x``, shape (2,)."""
+    from scipy.linalg import solve_discrete_are  # slow to import
+
+    weights = weights or TrackingWeights()
+    state = np.diag((weights.position, weights.velocity))
+    b = axis.B[:, None]
+    cost = solve_discrete_are(axis.A, b, state, np.array([[weights.force]]))
+    return np.asarray(-np.linalg.solve(weights.force + b.T @ cost @ b, b.T @ cost @ axis.A)[0])
+
+
+def clearance_margin(tube: Tube, length: float = 1.0) -> FloatArray:
+    """Return ``m = |(h_x, h_y, h_z)| + 2 cm`` [m], shape (K,), what a plan must keep clear beyond the chaser's radius.
+
+    A distance changes at most as the position does, and the half width h is that of all three axes: sqrt(3) h.
+
+    Args:
+        tube: The tube.
+        length: Length of the scenario [m]; 2 cm are for 1 m.
+    """
+    return np.asarray(np.sqrt(3.0) * tube.clearance + RESERVE_CLEARANCE * length)
+
+
+def candidate_gains(
+    axis: Axis,
+    frequencies: Iterable[float] = FREQUENCIES,
+    dampings: Iterable[float] = (0.7, 0.8, 0.9),
+) -> Iterator[FloatArray]:
+    """Yield the gains of natural frequencies [rad/s] and dampings, shape (2,)."""
+    dampings = tuple(dampings)
+    for frequency in frequencies:
+        for damping in dampings:
+            yield natural_gain(axis, frequency, damping)
+
+
+def stiffening_gains(axis: Axis, gain: FloatArray, steps: int) -> Iterator[FloatArray]:
+    """Yield gains that start near a constant one and stiffen linearly in frequency, shape (K, 2).
+
+    The bound of the reference shrinks towards the end of an approach, so that the same force allows more feedback,
+    and a narrower tube, where the target is nearest.
+
+    Args:
+        axis: The axis.
+        gain: A constant gain of `natural_gain`, shape (2,).
+        steps: Number of steps K.
+    """
+    frequency = float(np.sqrt(-gain[0] / axis.mass))
+    damping = float(-gain[1] / (2.0 * axis.mass * frequency))
+    for first in (0.92, 1.0, 1.08):
+        for last in (1.2, 1.4, 1.6, 1.8, 2.0, 2.3):
+            yield natural_gain(axis, frequency * np.linspace(first, last, steps), damping)
+
+
+def best_tube(
+    axis: Axis,
+    bound: AxisBound,
+    available: FloatArray,
+    gains: Iterable[FloatArray] | None = None,
+    build: TubeBuilder = truth_tube,
+    wanted: float = 0.0,
+    stiffen: bool | None = None,
+) -> tuple[Tube, FloatArray]:
+    """Return the narrowest tube among those whose feedback leaves a wanted part of the available force.
+
+    The least sum of the largest and the last width is taken: both the way and the end need clearance. Where no tube
+    leaves as much, the one that leaves most is returned; where its least reserve is negative, it cannot be flown.
+
+    Args:
+        axis: The axis.
+        bound: What disturbs it.
+        available: Force left to feedback at each step, ``F_max - |F_plan|`` of the worst axis [N], shape (K,).
+        gains: Gains to try, shape (2,), or for `truth_tube` (K, 2); by default `candidate_gains`.
+        build: Gives the tube of a gain.
+        wanted: Force that shall remain at all times [N].
+        stiffen: Whether the `stiffening_gains` of the best are tried for `truth_tube`; by default without `gains`.
+
+    Returns:
+        The tube, and the force that remains for the nominal feedback v at each step [N], shape (K,).
+    """
+
+    def rank(tube: Tube) -> tuple[bool, float]:
+        least = float((available - tube.force).min())
+        enough = least >= wanted
+        return not enough, float(tube.clearance.max() + tube.clearance[-1]) if enough else -least
+
+    best = min((build(axis, gain, bound) for gain in gains or candidate_gains(axis)), key=rank)
+    stiffen = gains is None if stiffen is None else stiffen
+    if stiffen and build is truth_tube and not rank(best)[0]:
+        stiffer = (build(axis, gain, bound) for gain in stiffening_gains(axis, best.gain, len(bound.position)))
+        best = min((best, *stiffer), key=rank)
+    return best, available - best.force

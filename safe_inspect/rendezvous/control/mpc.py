@@ -1,0 +1,139 @@
+"""Tube model predictive control of the three axes about a reference that may change at each step."""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+
+from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
+from safe_inspect.rendezvous.control.lqr import AxisStatus, TrackerOutput
+from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracking_qp import AxisLimits, TrackingQP, TrackingSolution
+from safe_inspect.rendezvous.control.tube import Tube, no_tube
+from safe_inspect.types import FloatArray
+
+# Horizons, as multiples of the one asked for, that are tried where the first step has no solution.
+_LONGER = (2, 4)
+
+
+class InitialState(enum.Enum):
+    """How the nominal error z_0 follows from the measured one."""
+
+    NOMINAL = "nominal"  # z_0 = the last z_1; for a ``truth`` tube, whose error may not start anew
+    FREE = "free"  # any z_0 with x - z_0 inside the tube; for a ``jump`` tube
+    MEASURED = "measured"  # z_0 = x; plain model predictive control
+
+
+class TubeMPC:
+    """``u = u_r + v_0 + K (x_hat - r_hat - z_0)``, of the programme of `TrackingQP` for each axis.
+
+    The object keeps the nominal errors of one approach. Where the programme has no solution at the first step,
+    longer horizons are tried, and kept; later, the rest of the last solution is flown; failing that the axis is
+    regulated with clipped force and its status says so: the tube's guarantee then no longer holds.
+
+    A new reference moves the limits of z. Where that is by no more than the bound of references allows, they are
+    relaxed to hold the rest of the last solution: it kept those about the reference before, which is within the bound
+    too. So what was feasible remains so.
+
+    Source:
+        Limon, Alvarado, Alamo and Camacho, "Robust tube-based MPC for tracking of constrained linear systems with
+        additive disturbances", 2010.
+    """
+
+    def __init__(
+        self,
+        axis: Axis,
+        tube: Tube,
+        limits: TrackingLimits | None = None,
+        horizon: int = 20,
+        weights: TrackingWeights | None = None,
+        initial: InitialState | None = None,
+    ) -> None:
+        """Set the programmes up.
+
+        Args:
+            axis: The axes' model.
+            tube: The tube; its `start` decides `initial` where that is not given.
+            limits: Limits before tightening.
+            horizon: Steps N of the programme.
+            weights: Weights of the cost; by default those of the largest force.
+            initial: How z_0 is found.
+        """
+        self.axis, self.tube, self.limits = axis, tube, limits or TrackingLimits()
+        self.initial = initial or (InitialState.NOMINAL if tube.start is None else InitialState.FREE)
+        if self.initial is InitialState.FREE and tube.start is None:
+            raise ValueError("a free initial state needs a `jump` tube; use initial: nominal for a `truth` tube")
+        self._horizon, self._weights = horizon, weights or TrackingWeights.of_force(self.limits.force)
+        self._regulator = lqr_gain(axis, self._weights)
+        self._programmes: dict[int, TrackingQP] = {}
+        self._reference: TrackedReference | None = None
+        self._solutions: list[TrackingSolution | None] = [None, None, None]
+        self._factors = [1, 1, 1]
+        # How far two references may be apart that keep the bound, by which the tube about one is wider than the tube.
+        self._jump = 2.0 * float((tube.position - tube.clearance).max())
+        self.tightened = TightenedLimits(axis, TrackedReference(np.zeros((1, 3)), np.zeros((1, 3))), tube, self.limits)
+
+    def step(self, estimate: FloatArray, reference: TrackedReference, k: int) -> TrackerOutput:
+        """Return the force at a step.
+
+        Args:
+            estimate: Position [m] and velocity [m/s] of the chaser in W, shape (6,).
+            reference: What to follow from step 0 on; a new object where it has changed.
+            k: The step.
+        """
+        if reference is not self._reference:
+            self._reference = reference
+            self.tightened = TightenedLimits(self.axis, reference, self.tube, self.limits)
+        error = np.asarray(estimate).reshape(2, 3).T - np.stack((reference.position[k], reference.velocity[k]), axis=1)
+        nominal, nominal_force = np.zeros((3, 2)), np.zeros(3)
+        feedback, status = np.zeros(3), []
+        for i in range(3):
+            solution, how = self._solve(i, error[i], self.tightened.at(k, i))
+            self._solutions[i] = solution
+            status.append(how)
+            if solution is None:
+                nominal[i] = error[i]
+                feedback[i] = self._regulator @ error[i]
+            else:
+                nominal[i], nominal_force[i] = solution.states[0], solution.forces[0]
+                feedback[i] = self.tube.gain_at(k) @ (error[i] - nominal[i])
+        demand = self.tightened.feed_forward[k] + nominal_force + feedback
+        force = np.clip(demand, -self.limits.force, self.limits.force)
+        return TrackerOutput(force, nominal, nominal_force, tuple(status))
+
+    def _solve(self, i: int, error: FloatArray, limits: AxisLimits) -> tuple[TrackingSolution | None, AxisStatus]:
+        """Return the solution of axis i for its error x_hat - r_hat, shape (2,), and how it was found."""
+        last = self._solutions[i]
+        start = last.states[1] if last is not None and self.initial is InitialState.NOMINAL else error
+        if last is not None and self.initial is InitialState.NOMINAL:
+            limits = limits.holding(last, self._jump)
+        # The horizon of the last solution: with a shorter one what was feasible need not remain so.
+        solution = self._programme(self._factors[i]).solve(start, limits)
+        if solution is not None:
+            return solution, AxisStatus.SOLVED if self._factors[i] == 1 else AxisStatus.LONGER_HORIZON
+        if last is not None and len(last.forces) > 1:
+            return TrackingSolution(last.states[1:], last.forces[1:], last.steady), AxisStatus.SHIFTED
+        for factor in _LONGER:
+            solution = self._programme(factor).solve(start, limits)
+            if solution is not None:
+                self._factors[i] = factor
+                return solution, AxisStatus.LONGER_HORIZON
+        return None, AxisStatus.REGULATOR
+
+    def _programme(self, factor: int) -> TrackingQP:
+        """Return the programme with `factor` times the horizon."""
+        if factor not in self._programmes:
+            start = self.tube.start if self.initial is InitialState.FREE else None
+            self._programmes[factor] = TrackingQP(
+                self.axis.A, self.axis.B, factor * self._horizon, self._weights, start
+            )
+        return self._programmes[factor]
+
+
+def plain_mpc(
+    axis: Axis, limits: TrackingLimits | None = None, horizon: int = 20, weights: TrackingWeights | None = None
+) -> TubeMPC:
+    """Return model predictive control that ignores disturbances, for comparison."""
+    return TubeMPC(axis, no_tube(1), limits, horizon, weights, InitialState.MEASURED)

@@ -1,0 +1,93 @@
+"""Limits of the nominal errors: the chaser's limits less the reference and less the tube."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.tracking_qp import AxisLimits
+from safe_inspect.rendezvous.control.tube import Tube
+from safe_inspect.types import FloatArray
+
+_UNLIMITED = 1e31  # the solver takes 1e30 and more as infinite
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedReference:
+    """What to follow, at the steps of control.
+
+    Attributes:
+        position: In W [m], shape (K, 3).
+        velocity: In W [m/s], shape (K, 3).
+        tide: Acceleration that needs no force, on an orbit [m/s^2], shape (K, 3); None in free space.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    tide: FloatArray | None = None
+
+    def feed_forward(self, axis: Axis) -> FloatArray:
+        """Return the forces that follow it, of each step the mean [N], shape (K, 3); the last is repeated."""
+        force = axis.feed_forward(self.velocity)
+        if self.tide is None:
+            return force
+        mean = self.tide.copy()
+        mean[:-1] = 0.5 * (self.tide[:-1] + self.tide[1:])
+        return force - axis.mass * mean
+
+
+@dataclass(frozen=True)
+class TrackingLimits:
+    """What tracking must keep, along each axis of W.
+
+    Attributes:
+        force: Largest force [N].
+        speed: Largest speed [m/s]; more than a plan may use, so that errors may be corrected.
+        keep_in: Half sizes of the box about the origin of W [m]; None for no box.
+    """
+
+    force: float = 0.30
+    speed: float = 0.20
+    keep_in: Sequence[float] | None = (0.8, 3.0, 0.8)
+
+
+class TightenedLimits:
+    """Limits of z and v that hold from a step to the end of the reference: ``(X - r_k) - tube`` over all k after it.
+
+    They only grow with time, so that what was feasible remains so.
+    """
+
+    def __init__(self, axis: Axis, reference: TrackedReference, tube: Tube, limits: TrackingLimits) -> None:
+        """Intersect the limits, from the end of the reference to its start."""
+        self.feed_forward = reference.feed_forward(axis)
+        steps = np.minimum(np.arange(len(reference.position)), len(tube.position) - 1)
+        unlimited = np.full(3, _UNLIMITED)
+        box = unlimited if limits.keep_in is None else np.asarray(limits.keep_in, dtype=float)
+        half = np.stack((box, np.full(3, limits.speed), np.full(3, limits.force)), axis=1)
+        centre = np.stack((reference.position, reference.velocity, self.feed_forward), axis=2)
+        half_k = half - np.stack((tube.position, tube.velocity, tube.force), axis=1)[steps][:, None, :]
+        # (K, 3 axes, position velocity force), each the intersection over the rest of the reference
+        self.upper = _remaining_least(half_k - centre)
+        self.lower = -_remaining_least(half_k + centre)
+
+    def reserve(self, k: int = 0) -> FloatArray:
+        """Return what remains of position [m], velocity [m/s] and force [N] about z = 0, v = 0 from step k on, (3, 3).
+
+        The rows are the axes of W.
+
+        A negative entry means that the reference itself cannot be followed within that limit.
+        """
+        return np.asarray(np.minimum(self.upper[k], -self.lower[k]))
+
+    def at(self, k: int, axis: int) -> AxisLimits:
+        """Return the limits of an axis of W from step k on."""
+        lower, upper = self.lower[k, axis], self.upper[k, axis]
+        return AxisLimits(lower[:2], upper[:2], float(lower[2]), float(upper[2]))
+
+
+def _remaining_least(values: FloatArray) -> FloatArray:
+    """Return the least of each value and all after it, along the first axis."""
+    return np.asarray(np.minimum.accumulate(values[::-1])[::-1])

@@ -1,0 +1,275 @@
+"""The actions of the coordinator's table: what a mission does when it passes from one state to another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from safe_inspect.dynamics.tide import largest_tide
+from safe_inspect.rendezvous.bound.conformal import Bound
+from safe_inspect.rendezvous.bound.query import BoundQuery, Updates
+from safe_inspect.rendezvous.control.design import TubeDesign
+from safe_inspect.rendezvous.control.monitor import reference_problem
+from safe_inspect.rendezvous.control.tightening import TrackedReference
+from safe_inspect.rendezvous.coordination.context import Following, MissionContext
+from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.coordination.escape import EscapeOptions, find_escape
+from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time
+from safe_inspect.rendezvous.planner.certificate import certify
+from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
+from safe_inspect.rendezvous.planner.spline import spline_basis
+from safe_inspect.rendezvous.tracking import DesignRequest, reference_of
+
+#: Rounding of references, in metres and metres a second.
+_ROUNDING = 1e-6
+#: Shortest rest of an approach that is planned anew on the way [s].
+_SHORTEST = 30.0
+
+
+def nothing(context: MissionContext) -> None:
+    """Do nothing."""
+
+
+def start_observing(context: MissionContext) -> None:
+    """Hold the place where the chaser is, and watch the target."""
+    context.hold_point = context.estimate.chaser.position.copy()
+    context.plan_failures = context.bound_failures = 0
+    context.following, context.on_approach = None, False
+    context.demands = PlanDemands.first(context.config.mission.length)
+
+
+def observe_again(context: MissionContext) -> None:
+    """Watch the target a second time."""
+    context.has_observed_again = True
+    start_observing(context)
+
+
+def return_to_observe(context: MissionContext) -> None:
+    """Watch the target again after a retreat."""
+    context.has_retreated = True
+    start_observing(context)
+
+
+def end_observation_coarse(context: MissionContext) -> None:
+    """Go on without the wanted accuracy, and say so."""
+    context.coarse = True
+    errors = context.estimate.errors
+    context.report("coarse", {"attitude_sigma": errors.attitude, "rate_sigma": errors.rate})
+
+
+def make_plan(context: MissionContext) -> None:
+    """Plan an approach with waits, from where the chaser is held."""
+    mission = context.config.mission
+    count = round(mission.wait_limit / mission.wait_step)
+    waits = tuple(mission.wait_step * index for index in range(count + 1))
+    has_failed = context.plan_failures or context.bound_failures
+    durations = mission.durations if has_failed else mission.durations[:1]
+    _plan(context, waits, durations)
+
+
+def make_plan_again(context: MissionContext) -> None:
+    """Plan with what the newest tube asks for; on the way, at once."""
+    if context.on_approach:
+        make_plan_now(context)
+    else:
+        make_plan(context)
+
+
+def make_plan_now(context: MissionContext) -> None:
+    """Plan an approach that starts at once, with the newest estimate."""
+    durations = context.config.mission.durations
+    _plan(context, (0.0,), durations[:1] if context.plan is None else (context.plan.duration,))
+
+
+def replan_on_the_way(context: MissionContext) -> None:
+    """Plan the rest of the approach anew, from the chaser's own state."""
+    context.replans += 1
+    context.on_approach = True
+    mission, plan = context.config.mission, context.plan
+    elapsed = 0.0 if plan is None else context.time - plan.t_start
+    context.demands = context.demands.later(elapsed)
+    remaining = 0.0 if plan is None else plan.t_start + plan.duration - context.time
+    shortest = mission.step * round(max(remaining, _SHORTEST) / mission.step)
+    _plan(context, (0.0,), tuple(dict.fromkeys((shortest, *mission.durations))))
+
+
+def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[float, ...]) -> None:
+    context.plan, context.planned_at = None, context.time
+    estimate, mission = context.estimate, context.config.mission
+    if context.fails("planner"):
+        context.plan_failures += 1
+        context.report("plan", {"status": "fault"})
+        return
+    query = PlanQuery(
+        t0=context.time,
+        state=estimate.relative,
+        orientation=estimate.target.orientation,
+        angular_velocity=estimate.target.angular_velocity,
+        inertia=estimate.inertia,
+        mating_point=context.target.mating_point,
+        boxes=context.target.boxes,
+        R_MT=context.target.R_MT,
+        limits=context.demands.limits(context.limits, estimate.relative[:3]),
+        margin=context.demands.margin,
+        durations=durations,
+        waits=waits,
+        mean_motion=mission.mean_motion,
+        length=mission.length,
+    )
+    plan: Plan = context.config.planner(query)
+    context.plan, context.query = plan, query
+    context.plan_failures = 0 if plan.solved else context.plan_failures + 1
+    report = plan.report
+    context.report(
+        "plan",
+        {
+            "status": plan.status.value,
+            "message": report.message,
+            "t_start": plan.t_start,
+            "duration": plan.duration,
+            "cost": report.cost,
+            "starts": report.starts,
+            "clearance": report.clearance,
+            "seconds": report.seconds,
+        },
+    )
+
+
+def make_tube(context: MissionContext) -> None:
+    """Bound the reference's error along the plan, and find its tube; it sets what the next plan must keep."""
+    plan, config = context.plan, context.config
+    assert plan is not None, "the table asks for a tube of a plan that was found"
+    mission, actuator = config.mission, config.chaser.actuator
+    bound = reference_bound(context, plan, updated=True)
+    in_model = plan.position_target @ context.target.R_MT.T
+    # The tide of what is off the reference; the tube is far narrower than the scenario.
+    tide = config.chaser.mass * largest_tide(mission.mean_motion, mission.length)
+    request = DesignRequest(
+        plan=plan,
+        bound=bound,
+        clearance=context.target.boxes.distance(in_model) - context.limits.radius,
+        axis=context.axis,
+        limits=context.tracking_limits,
+        force_error=actuator.force_noise + abs(actuator.scale_error) * context.limits.force + tide,
+        period=mission.update_ticks // mission.control_ticks,
+        length=mission.length,
+        gain=context.demands.gain,
+    )
+    design = config.tracker.design(request)
+    if design.accepted and not is_certified(context, plan, design):
+        design = replace(design, refusal="the plan does not keep the tube's clearance")
+    if design.accepted and mission.mean_motion and np.sqrt(3.0) * design.tube.position.max() > 0.9 * mission.length:
+        design = replace(design, refusal="tube: it is as wide as the scenario, and the tide in it is not bounded")
+    context.design = design
+    context.bound_failures = 0 if design.accepted else context.bound_failures + 1
+    context.demands = context.demands.after(design)
+    context.report(
+        "tube",
+        {
+            "accepted": design.accepted,
+            "refusal": design.refusal,
+            "least_reserve": float(design.force_reserve.min()),
+            "margin": [float(design.margin[0]), float(design.margin.max()), float(design.margin[-1])],
+            "bound": [float(bound.position[0]), float(bound.position[-1])],
+            "gain": np.atleast_2d(design.tube.gain)[[0, -1]].tolist(),
+        },
+    )
+
+
+def reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bound:
+    """Return the bound of the error of a plan's reference, with updates on the way or without."""
+    estimate, config = context.estimate, context.config
+    updates = Updates(config.mission.update_period, 0.0, estimate.correlation) if updated else None
+    query = BoundQuery(plan, estimate.inertia, estimate.errors, updates, config.chaser.mass)
+    bound: Bound = config.bound(query, context.streams)
+    return bound
+
+
+def start_approach(context: MissionContext) -> None:
+    """Follow the plan."""
+    plan, design = context.plan, context.design
+    assert plan is not None, "the table starts no approach without a plan"
+    assert design is not None, "nor without its tube"
+    context.on_approach = True
+    context.infeasible = 0
+    context.nominal = np.zeros((3, 2))
+    tracker = context.config.tracker(design)
+    context.following = Following(new_reference(context), context.step, tracker)
+    context.unrenewed = reference_bound(context, plan, updated=False)
+    context.reference_problem, context.has_left_bound = "", False
+    renew_escape(context)
+
+
+def new_reference(context: MissionContext) -> TrackedReference:
+    """Return the reference of the plan with the newest estimate."""
+    mission, plan = context.config.mission, context.plan
+    assert plan is not None, "the table follows no reference without a plan"
+    tail = round(mission.hold_limit / mission.step) + 1
+    return reference_of(plan, context.estimate, context.target.mating_point, tail, mission.step, mission.mean_motion)
+
+
+def renew_reference(context: MissionContext) -> None:
+    """Follow the newest estimate, and note what is wrong with its reference.
+
+    Beyond the limits it asks for a new plan. Beyond the bound that an estimate keeps without updates it is only logged:
+    the path's clearance is kept in the target's frame, which it does not touch.
+    """
+    following, plan, design, bound = context.following, context.plan, context.design, context.unrenewed
+    assert following is not None, "the reference of an approach"
+    following.reference = reference = new_reference(context)
+    if context.phase is not Phase.TRACK or plan is None or design is None or bound is None:
+        return
+    k = context.step - following.first_step
+    # The plan has the centre of mass at its origin.
+    reference = replace(reference, position=reference.position - context.estimate.target.position)
+    rounded = replace(bound, position=bound.position + _ROUNDING, velocity=bound.velocity + _ROUNDING)
+    problem = reference_problem(design, plan, rounded, reference, k)
+    if problem:
+        if not context.has_left_bound:
+            context.report("reference", {"problem": problem})
+        context.has_left_bound = True
+        wide = replace(
+            bound, position=np.full_like(bound.position, np.inf), velocity=np.full_like(bound.velocity, np.inf)
+        )
+        context.reference_problem = reference_problem(design, plan, wide, reference, k)
+
+
+def renew_escape(context: MissionContext) -> None:
+    """Look for a way out; without one the last stays, and the log says so."""
+    mission = context.config.mission
+    options = EscapeOptions(mission.escapes, mission.length)
+    found = find_escape(context.estimate, context.target, context.limits, options)
+    if found is None:
+        context.report("no_escape", {"clearance": context.clearance()})
+    else:
+        context.escape = found
+
+
+def retreat(context: MissionContext) -> None:
+    """Leave for a place outside of what the target sweeps."""
+    late = f"out of time in {context.phase.value}" if out_of_time(context) else ""
+    context.cause = fault_name(context) or context.cause or late or f"retreat from {context.phase.value}"
+    renew_escape(context)
+    context.following = None
+    context.hold_point = context.estimate.chaser.position.copy()
+
+
+def finish(context: MissionContext) -> None:
+    """End the mission at the mating point."""
+    context.cause = ""
+
+
+def abort(context: MissionContext) -> None:
+    """End the mission without success."""
+    context.cause = fault_name(context) or context.cause or f"given up in {context.phase.value}"
+
+
+def is_certified(context: MissionContext, plan: Plan, design: TubeDesign) -> bool:
+    """Return whether a plan keeps the clearance of its tube, between its samples too."""
+    assert context.query is not None, "a plan that was found has a query"
+    query = replace(context.query, margin=design.margin_at)
+    points = plan.control_points
+    basis = spline_basis(len(points), len(plan.times), plan.duration)
+    return certify(query, basis, points, plan.t_start - query.t0).certified

@@ -1,0 +1,167 @@
+"""The memory of one mission: where things are, what is planned and followed, and what has happened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, rotate
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.bound.conformal import Bound
+from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.design import TubeDesign
+from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.coordination.escape import Escape
+from safe_inspect.rendezvous.estimate import StateEstimate
+from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
+from safe_inspect.rendezvous.plugins.base import TrackerRun
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+
+@dataclass(eq=False)
+class Following:
+    """A reference that is followed.
+
+    Attributes:
+        reference: Positions and velocities at the steps of control.
+        first_step: The mission's step of control at which the reference starts.
+        tracker: What follows it.
+    """
+
+    reference: TrackedReference
+    first_step: int
+    tracker: TrackerRun
+
+
+@dataclass(eq=False)
+class MissionContext:
+    """The memory of one mission.
+
+    Attributes:
+        config: The experiment.
+        target: The target.
+        limits: The chaser's limits.
+        axis: The chaser along one axis.
+        tracking_limits: What tracking must keep.
+        streams: The random streams of the mission.
+        hold: Follows a reference without a tube, for all that is no approach.
+        report: Called with an event's name and its data.
+        estimate: The newest estimate.
+        step: Number of the step of control.
+        time: The time [s].
+        phase: The coordinator's state.
+        since: When the state was entered [s].
+        hold_point: Where the chaser waits, in W [m], shape (3,).
+        plan: The newest plan.
+        query: What it was made for.
+        planned_at: When it was made [s].
+        design: The tube of the plan, and what is left of force.
+        unrenewed: Bound of the error of the plan's reference without updates on the way.
+        reference_problem: Which limit the newest reference breaks; empty for none.
+        has_left_bound: Whether a reference of this approach was beyond that bound.
+        demands: What the next plan must keep.
+        following: The reference of the approach.
+        escape: The newest way out.
+        plan_failures: Plans in a row that failed.
+        bound_failures: Tubes in a row that failed.
+        replans: How often the approach was planned anew on the way.
+        infeasible: Steps in a row without a solution of the tracker.
+        nominal: Nominal error of the last step, position [m] and velocity [m/s], shape (3, 2).
+        on_approach: Whether the chaser is on its way, so that it cannot wait for another plan.
+        has_observed_again: Whether the target was watched a second time.
+        has_retreated: Whether the chaser has retreated.
+        coarse: Whether watching ended without the wanted accuracy.
+        settled_since: Since when the chaser is at the mating point [s]; None while it is not.
+        camera_time: When the camera last worked [s].
+        imu_time: When the inertial unit last worked [s].
+        pointing_error: Angle between the commanded and the true attitude [rad].
+        cause: Why the mission ended.
+    """
+
+    config: RendezvousConfig
+    target: Target
+    limits: Limits
+    axis: Axis
+    tracking_limits: TrackingLimits
+    streams: Streams
+    hold: TrackerRun
+    report: Callable[[str, dict[str, Any]], None]
+    estimate: StateEstimate
+    step: int = 0
+    time: float = 0.0
+    phase: Phase = Phase.CHECKOUT
+    since: float = 0.0
+    hold_point: FloatArray = field(default_factory=lambda: np.zeros(3))
+    plan: Plan | None = None
+    query: PlanQuery | None = None
+    planned_at: float = -1.0
+    design: TubeDesign | None = None
+    unrenewed: Bound | None = None
+    reference_problem: str = ""
+    has_left_bound: bool = False
+    demands: PlanDemands = field(default_factory=PlanDemands)
+    following: Following | None = None
+    escape: Escape | None = None
+    plan_failures: int = 0
+    bound_failures: int = 0
+    replans: int = 0
+    infeasible: int = 0
+    nominal: FloatArray = field(default_factory=lambda: np.zeros((3, 2)))
+    on_approach: bool = False
+    has_observed_again: bool = False
+    has_retreated: bool = False
+    coarse: bool = False
+    settled_since: float | None = None
+    camera_time: float = -math.inf
+    imu_time: float = -math.inf
+    pointing_error: float = 0.0
+    cause: str = ""
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the state was entered [s]."""
+        return self.time - self.since
+
+    def fails(self, kind: str) -> bool:
+        """Return whether something is failing now."""
+        return any(
+            fault.kind == kind and fault.start <= self.time < fault.start + fault.duration
+            for fault in self.config.mission.faults
+        )
+
+    def clearance(self) -> float:
+        """Return the estimated distance from the chaser's sphere to the target's boxes [m]."""
+        return clearance(self.target, self.estimate.chaser.position, self.estimate.target, self.limits.radius)
+
+
+def clearance(target: Target, position: FloatArray, body: Any, radius: float) -> float:
+    """Return the distance of the chaser's sphere to the target's boxes [m].
+
+    Args:
+        target: The target.
+        position: Of the chaser in W [m], shape (3,).
+        body: The target's state.
+        radius: Of the chaser's sphere [m].
+    """
+    return float(clearances(target, (position - body.position)[None], body.orientation[None], radius)[0])
+
+
+def clearances(target: Target, positions: FloatArray, orientations: FloatArray, radius: float) -> FloatArray:
+    """Return the distances of the chaser's sphere to the target's boxes [m], shape (K,).
+
+    Args:
+        target: The target.
+        positions: Of the chaser relative to the target's centre of mass, in W [m], shape (K, 3).
+        orientations: Attitudes q_WT of the target, shape (K, 4).
+        radius: Of the chaser's sphere [m].
+    """
+    in_target = rotate(conjugate(orientations), positions)
+    return target.boxes.distance(in_target @ target.R_MT.T) - radius

@@ -1,0 +1,202 @@
+"""A way out: a path from any state to rest outside the sphere that the target sweeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, rotate, to_matrix
+from safe_inspect.rendezvous.estimate import StateEstimate
+from safe_inspect.rendezvous.planner.query import Limits
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import BoolArray, FloatArray
+
+# Lengths are shares of the scenario's, which is 1 m in a room.
+#: Distance beyond the swept sphere and the chaser's radius at which an escape ends.
+STANDOFF = 0.3
+#: How far within the keep-in box an escape ends, so that an approach and its tube may start there.
+_INSET = 0.25
+#: Clearance that an escape keeps beyond the chaser's radius.
+ESCAPE_CLEARANCE = 0.02
+#: Share of the force that an escape may use; the rest is left to feedback.
+_FORCE_SHARE = 0.8
+#: Times at which a path is checked; between them the Lipschitz constant of the distance counts.
+_SAMPLES = 161
+#: The faces and the diagonals of a cube.
+_DIRECTIONS = np.array(
+    [[*axis] for axis in (*np.eye(3), *-np.eye(3))] + [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
+    dtype=np.float64,
+)
+
+
+@dataclass(frozen=True)
+class EscapeOptions:
+    """How an escape is looked for.
+
+    Attributes:
+        durations: Durations that are tried, the shortest first [s].
+        length: Length of the scenario [m].
+    """
+
+    durations: tuple[float, ...] = (10.0, 14.0, 20.0, 28.0, 40.0)
+    length: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Escape:
+    """A path in W from a state to rest.
+
+    Attributes:
+        times: Times of the samples [s], shape (K,).
+        position: Relative to the target's centre of mass, in W [m], shape (K, 3).
+        velocity: In W [m/s], shape (K, 3).
+    """
+
+    times: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+
+    def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return position [m] and velocity [m/s] at times [s], each of shape (K, 3); at rest after the end."""
+        from scipy.interpolate import CubicHermiteSpline  # slow to import
+
+        inside = np.clip(times, self.times[0], self.times[-1])
+        path = CubicHermiteSpline(self.times, self.position, self.velocity)
+        return path(inside), path(inside, 1)
+
+
+def safe_radius(target: Target, limits: Limits, length: float = 1.0) -> float:
+    """Return the distance from the target's centre at which an escape ends [m], in a scenario of a length [m]."""
+    return target.swept_radius + limits.radius + STANDOFF * length
+
+
+def find_escape(
+    estimate: StateEstimate, target: Target, limits: Limits, options: EscapeOptions | None = None
+) -> Escape | None:
+    """Return the shortest escape that is certified, of those outwards and along the faces and diagonals of T.
+
+    An escape is ``p = R_WT(tau) s``: s a polynomial of degree five from the chaser's state to a goal at rest. With
+    tau = 0 it is one in W; otherwise tau' goes from 1 to 0, and the path first turns with the target.
+
+    Certified is a path that stays clear of the target's boxes, as they are predicted to turn, between its samples too:
+    the distance changes at most by ``(|v| + |w| |p|) dt``. It keeps the limits of force and the keep-in box; the limit
+    of speed is that of plans and does not count.
+
+    Args:
+        estimate: Where all things are.
+        target: The target's shape.
+        limits: The chaser's limits.
+        options: How it is looked for.
+    """
+    options = options or EscapeOptions()
+    position = estimate.chaser.position - estimate.target.position
+    outwards = position[None] if position.any() else np.empty((0, 3))
+    directions = np.concatenate([outwards, _DIRECTIONS @ to_matrix(estimate.target.orientation).T])
+    goals = _goals(directions, safe_radius(target, limits, options.length), limits.keep_in, options.length)
+    for duration in options.durations:
+        times = estimate.time + duration * np.linspace(0.0, 1.0, _SAMPLES)
+        q, w = estimate.predict(times)
+        for turning in (False, True):
+            position, velocity = _paths(estimate, goals, duration, turning)
+            fits = _within_limits(position, velocity, duration, limits)
+            if fits.any():
+                distance = _lowest_distances(target, (q, w), position, velocity, duration, limits)
+                fits &= distance >= limits.radius + ESCAPE_CLEARANCE * options.length
+            if fits.any():
+                first = int(fits.argmax())
+                return Escape(times, position[first], velocity[first])
+    return None
+
+
+def _goals(directions: FloatArray, radius: float, keep_in: FloatArray | None, length: float) -> FloatArray:
+    """Return the points at a radius along directions, where possible moved within the keep-in box less an inset."""
+    goals = radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    if keep_in is None:
+        return np.asarray(goals)
+    longest = int(np.argmax(keep_in))
+    keep_in = np.maximum(np.asarray(keep_in) - _INSET * length, 0.5 * np.asarray(keep_in))
+    goals = np.clip(goals, -keep_in, keep_in)
+    others = np.delete(np.arange(3), longest)
+    along = np.sqrt(np.maximum(radius**2 - (goals[:, others] ** 2).sum(axis=1), 0.0))
+    side = np.where(goals[:, longest] < 0.0, -1.0, 1.0)
+    goals[:, longest] = side * np.minimum(along, keep_in[longest])
+    return np.asarray(goals)
+
+
+def _paths(estimate: StateEstimate, goals: FloatArray, duration: float, turning: bool) -> tuple[FloatArray, FloatArray]:
+    """Return positions [m] and velocities [m/s] in W of the paths to some goals, shape (G, K, 3) each."""
+    share = np.linspace(0.0, 1.0, _SAMPLES)
+    start = estimate.chaser.position - estimate.target.position
+    velocity = estimate.chaser.velocity
+    if not turning:
+        return _polynomials(start, velocity, goals, duration, share)
+    # tau' = 1 - 3 s^2 + 2 s^3 goes from 1 to 0 with the share s of the time.
+    tau = duration * (share - share**3 + 0.5 * share**4)
+    slope = 1.0 - 3.0 * share**2 + 2.0 * share**3
+    q, w = estimate.predict(estimate.time + tau)
+    in_target = rotate(conjugate(q[0]), start)
+    moving = rotate(conjugate(q[0]), velocity) - np.cross(w[0], in_target)
+    p, v = _polynomials(in_target, moving, rotate(conjugate(q[-1]), goals), duration, share)
+    return rotate(q, p), rotate(q, v + slope[:, None] * np.cross(w, p))
+
+
+def _polynomials(
+    position: FloatArray, velocity: FloatArray, goals: FloatArray, duration: float, share: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions and velocities from a state without acceleration to rest at goals, shape (G, K, 3) each."""
+    first = velocity * duration
+    rest = goals - position - first
+    zero = np.zeros_like(rest)
+    coefficients = np.stack(
+        [
+            zero + position,
+            zero + first,
+            zero,
+            10.0 * rest + 4.0 * first,
+            -15.0 * rest - 7.0 * first,
+            6.0 * rest + 3.0 * first,
+        ]
+    )
+    powers = share[:, None] ** np.arange(6)
+    slopes = np.arange(1, 6) * share[:, None] ** np.arange(5) / duration
+    return np.einsum("kn,nga->gka", powers, coefficients), np.einsum("kn,nga->gka", slopes, coefficients[1:])
+
+
+def _within_limits(position: FloatArray, velocity: FloatArray, duration: float, limits: Limits) -> BoolArray:
+    """Return which paths keep the limit of force and the keep-in box, shape (G,)."""
+    acceleration = np.diff(velocity, axis=1) / (duration / (_SAMPLES - 1))
+    fits: BoolArray = limits.mass * np.abs(acceleration).max(axis=(1, 2)) <= _FORCE_SHARE * limits.force
+    if limits.keep_in is not None:
+        allowed = np.maximum(np.asarray(limits.keep_in), np.abs(position[:, :1])) + 1e-9
+        fits &= (np.abs(position) <= allowed).all(axis=(1, 2))
+    return fits
+
+
+def _lowest_distances(
+    target: Target,
+    turning: tuple[FloatArray, FloatArray],
+    position: FloatArray,
+    velocity: FloatArray,
+    duration: float,
+    limits: Limits,
+) -> FloatArray:
+    """Return lower bounds of the distances of paths to the boxes [m], shape (G,).
+
+    Samples h apart with distances a and b bound what is between them by ``(a + b - L h) / 2``.
+
+    Args:
+        target: The target's shape.
+        turning: Its attitudes, shape (K, 4), and rates [rad/s], shape (K, 3), at the samples.
+        position: Of the paths in W [m], shape (G, K, 3).
+        velocity: Of the paths in W [m/s], shape (G, K, 3).
+        duration: Of the paths [s].
+        limits: The chaser's limits.
+    """
+    q, w = turning
+    step = duration / (_SAMPLES - 1)
+    in_model = rotate(conjugate(q), position) @ target.R_MT.T
+    distance = target.boxes.distance(in_model.reshape(-1, 3)).reshape(position.shape[:2])
+    rate = np.linalg.norm(velocity, axis=2) + np.linalg.norm(w, axis=1) * np.linalg.norm(position, axis=2)
+    lipschitz = np.maximum(rate[:, 1:], rate[:, :-1]) + np.sqrt(3.0) * limits.force / limits.mass * step
+    return np.asarray(0.5 * (distance[:, 1:] + distance[:, :-1] - lipschitz * step).min(axis=1))

@@ -1,0 +1,177 @@
+"""The guards of the coordinator's table: questions about a mission, without effect."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.rendezvous.coordination.context import MissionContext
+from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.escape import safe_radius
+
+#: Nominal error of the tracker beyond which an approach is planned anew, as a share of the scenario's length: what the
+#: margin of clearance leaves it.
+_NOMINAL_ERROR = 0.01
+#: How often an approach may be planned anew on the way.
+_MOST_REPLANS = 10
+#: Speed below which the chaser is at rest [m/s].
+_REST = 0.01
+#: Rounding of times [s].
+_ROUNDING = 1e-9
+
+
+def always(context: MissionContext) -> bool:
+    """Return that it holds."""
+    return True
+
+
+def checked_out(context: MissionContext) -> bool:
+    """Return whether all sensors have worked for long enough."""
+    return bool(context.elapsed >= context.config.mission.checkout - _ROUNDING and _sensors_work(context))
+
+
+def checkout_too_long(context: MissionContext) -> bool:
+    """Return whether the sensors do not all work in time."""
+    return bool(context.elapsed >= context.config.mission.checkout_limit - _ROUNDING)
+
+
+def fault(context: MissionContext) -> bool:
+    """Return whether something fails that makes it unsafe to go on."""
+    return bool(fault_name(context))
+
+
+def fault_name(context: MissionContext) -> str:
+    """Return what fails: a sensor, the estimate, or the clearance; empty for nothing."""
+    mission = context.config.mission
+    if (
+        not np.isfinite(context.estimate.translation).all()
+        or not np.isfinite(context.estimate.target.orientation).all()
+    ):
+        return "estimate not finite"
+    if context.time - context.imu_time > mission.imu_silence + _ROUNDING:
+        return "inertial unit silent"
+    near = context.phase in (Phase.TRACK, Phase.MP_HOLD)
+    if near and context.time - context.camera_time > mission.camera_silence + _ROUNDING:
+        return "camera silent"
+    decided = near or context.phase in (Phase.PLAN, Phase.WAIT)
+    if decided and context.estimate.alarm:
+        return context.estimate.alarm
+    if context.clearance() < 0.0:
+        return "no clearance"
+    return ""
+
+
+def out_of_time(context: MissionContext) -> bool:
+    """Return whether the mission takes too long."""
+    return bool(context.time >= context.config.mission.time_limit - _ROUNDING)
+
+
+def observed(context: MissionContext) -> bool:
+    """Return whether the target was watched long enough and is known well enough."""
+    mission, estimate = context.config.mission, context.estimate
+    errors = estimate.errors
+    accurate = errors.attitude <= mission.attitude_sigma and errors.rate <= mission.rate_sigma
+    return bool(context.elapsed >= mission.observe - _ROUNDING and accurate)
+
+
+def observed_at_most(context: MissionContext) -> bool:
+    """Return whether the target was watched as long as is allowed."""
+    return bool(context.elapsed >= context.config.mission.observe_limit - _ROUNDING)
+
+
+def characterised(context: MissionContext) -> bool:
+    """Return whether the target's axes and its motion are known."""
+    return bool(np.isfinite(context.estimate.target.angular_velocity).all()) and not context.estimate.problem
+
+
+def may_observe_again(context: MissionContext) -> bool:
+    """Return whether the target was watched only once, from a place where the chaser can stay."""
+    return not context.has_observed_again and not context.on_approach
+
+
+def plan_found(context: MissionContext) -> bool:
+    """Return whether the newest plan may be flown."""
+    return context.plan is not None and context.plan.solved
+
+
+def plans_exhausted(context: MissionContext) -> bool:
+    """Return whether no further plan may be tried: after too many, or where the chaser cannot wait for one."""
+    return context.plan_failures >= context.config.mission.plan_attempts or context.on_approach
+
+
+def estimate_is_new(context: MissionContext) -> bool:
+    """Return whether the target was seen again since the last plan."""
+    return context.estimate.updated > context.planned_at
+
+
+def tube_fits(context: MissionContext) -> bool:
+    """Return whether the plan leaves enough force and clearance to its tube."""
+    return context.design is not None and context.design.accepted
+
+
+def may_bound_again(context: MissionContext) -> bool:
+    """Return whether a further plan may be tried with the margin of the newest tube."""
+    return context.bound_failures < context.config.mission.bound_attempts
+
+
+def start_is_planned(context: MissionContext) -> bool:
+    """Return whether it is time to start, with a plan that was made now."""
+    return start_reached(context) and context.planned_at == context.time
+
+
+def start_reached(context: MissionContext) -> bool:
+    """Return whether it is time to start."""
+    return context.plan is not None and context.time >= context.plan.t_start - _ROUNDING
+
+
+def arrived(context: MissionContext) -> bool:
+    """Return whether the plan is over."""
+    plan = context.plan
+    return plan is not None and context.time >= plan.t_start + plan.duration - _ROUNDING
+
+
+def off_plan(context: MissionContext) -> bool:
+    """Return whether the tracker, or the error that it started with, asks for a new plan."""
+    too_far = float(np.linalg.norm(context.nominal[:, 0])) > _NOMINAL_ERROR * context.config.mission.length
+    return context.infeasible >= 2 or too_far or bool(context.reference_problem)
+
+
+def may_replan(context: MissionContext) -> bool:
+    """Return whether the approach asks for a new plan and may have one."""
+    return off_plan(context) and context.replans < _MOST_REPLANS
+
+
+def settled(context: MissionContext) -> bool:
+    """Return whether the chaser has stayed at the mating point."""
+    since = context.settled_since
+    return since is not None and context.time - since >= context.config.mission.hold - _ROUNDING
+
+
+def hold_too_long(context: MissionContext) -> bool:
+    """Return whether the chaser does not settle at the mating point."""
+    return bool(context.elapsed >= context.config.mission.hold_limit - _ROUNDING)
+
+
+def escaped(context: MissionContext) -> bool:
+    """Return whether the chaser is at rest outside of what the target sweeps."""
+    chaser, target = context.estimate.chaser, context.estimate.target
+    distance = float(np.linalg.norm(chaser.position - target.position))
+    length = context.config.mission.length
+    is_far = distance >= safe_radius(context.target, context.limits, length) - 0.02 * length
+    return is_far and float(np.linalg.norm(chaser.velocity)) <= _REST
+
+
+def may_return(context: MissionContext) -> bool:
+    """Return whether the chaser has escaped for the first time, and has time for another approach."""
+    if out_of_time(context):
+        return False
+    return escaped(context) and not context.has_retreated and not context.fails("camera") and not context.fails("imu")
+
+
+def retreat_too_long(context: MissionContext) -> bool:
+    """Return whether the chaser does not come to rest outside."""
+    return bool(context.elapsed >= context.config.mission.retreat_limit - _ROUNDING)
+
+
+def _sensors_work(context: MissionContext) -> bool:
+    period = context.config.mission.update_period
+    return context.time - context.camera_time <= period + _ROUNDING and context.time - context.imu_time <= _ROUNDING

@@ -1,0 +1,46 @@
+"""The table of a mission: what leads from each state to which other."""
+
+from __future__ import annotations
+
+from safe_inspect.rendezvous.coordination import actions, guards
+from safe_inspect.rendezvous.coordination.context import MissionContext
+from safe_inspect.rendezvous.coordination.coordinator import Phase, TableRow
+
+#: States in which a fault leads to a retreat, with the rows that are looked at before their others.
+_ACTIVE = (Phase.OBSERVE, Phase.PLAN, Phase.WAIT, Phase.TRACK, Phase.MP_HOLD)
+
+#: States in which the chaser may be near the target: a mission that is out of time retreats from them.
+_NEAR = (Phase.PLAN, Phase.BOUND, Phase.WAIT, Phase.TRACK, Phase.MP_HOLD)
+
+TABLE: tuple[TableRow[MissionContext], ...] = (
+    *(
+        TableRow(state, guards.out_of_time, actions.abort, Phase.ABORTED)
+        for state in (Phase.CHECKOUT, Phase.OBSERVE, Phase.CHARACTERISE)
+    ),
+    *(TableRow(state, guards.out_of_time, actions.retreat, Phase.RETREAT) for state in _NEAR),
+    *(TableRow(state, guards.fault, actions.retreat, Phase.RETREAT) for state in _ACTIVE),
+    TableRow(Phase.CHECKOUT, guards.checked_out, actions.start_observing, Phase.OBSERVE),
+    TableRow(Phase.CHECKOUT, guards.checkout_too_long, actions.abort, Phase.ABORTED),
+    TableRow(Phase.OBSERVE, guards.observed, actions.nothing, Phase.CHARACTERISE),
+    TableRow(Phase.OBSERVE, guards.observed_at_most, actions.end_observation_coarse, Phase.CHARACTERISE),
+    TableRow(Phase.CHARACTERISE, guards.characterised, actions.make_plan, Phase.PLAN),
+    TableRow(Phase.CHARACTERISE, guards.may_observe_again, actions.observe_again, Phase.OBSERVE),
+    TableRow(Phase.CHARACTERISE, guards.always, actions.retreat, Phase.RETREAT),
+    TableRow(Phase.PLAN, guards.plan_found, actions.make_tube, Phase.BOUND),
+    TableRow(Phase.PLAN, guards.plans_exhausted, actions.retreat, Phase.RETREAT),
+    TableRow(Phase.PLAN, guards.estimate_is_new, actions.make_plan, Phase.PLAN),
+    TableRow(Phase.BOUND, guards.tube_fits, actions.nothing, Phase.WAIT),
+    TableRow(Phase.BOUND, guards.may_bound_again, actions.make_plan_again, Phase.PLAN),
+    TableRow(Phase.BOUND, guards.may_observe_again, actions.observe_again, Phase.OBSERVE),
+    TableRow(Phase.BOUND, guards.always, actions.retreat, Phase.RETREAT),
+    TableRow(Phase.WAIT, guards.start_is_planned, actions.start_approach, Phase.TRACK),
+    TableRow(Phase.WAIT, guards.start_reached, actions.make_plan_now, Phase.PLAN),
+    TableRow(Phase.TRACK, guards.arrived, actions.nothing, Phase.MP_HOLD),
+    TableRow(Phase.TRACK, guards.may_replan, actions.replan_on_the_way, Phase.PLAN),
+    TableRow(Phase.TRACK, guards.off_plan, actions.retreat, Phase.RETREAT),
+    TableRow(Phase.MP_HOLD, guards.settled, actions.finish, Phase.DONE),
+    TableRow(Phase.MP_HOLD, guards.hold_too_long, actions.retreat, Phase.RETREAT),
+    TableRow(Phase.RETREAT, guards.may_return, actions.return_to_observe, Phase.OBSERVE),
+    TableRow(Phase.RETREAT, guards.escaped, actions.abort, Phase.ABORTED),
+    TableRow(Phase.RETREAT, guards.retreat_too_long, actions.abort, Phase.ABORTED),
+)

@@ -1,0 +1,272 @@
+"""The models of a rendezvous experiment's files: chaser, mission and experiment."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from safe_inspect.config.models.experiment import Model
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.units import (
+    Length,
+    NonNegativeAngularRate,
+    NonNegativeDuration,
+    NonNegativeSpeed,
+    PositiveAngularRate,
+    PositiveDuration,
+    PositiveForce,
+    PositiveLength,
+    PositiveMass,
+    PositiveSpeed,
+    Speed,
+    quantity,
+)
+
+PositiveAngle = quantity("rad", gt=0)
+NonNegativeForce = quantity("N", ge=0)
+PositiveTorque = quantity("N m", gt=0)
+NonNegativeTorque = quantity("N m", ge=0)
+PositiveMoment = quantity("kg m^2", gt=0)
+_Vector = tuple[Length, Length, Length]  # type: ignore[valid-type]
+_VelocityVector = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
+
+#: The step of control, at which plans are sampled [s].
+_STEP = 0.2
+
+
+class ActuatorConfig(Model):
+    """Errors of the actuators.
+
+    Attributes:
+        scale_error: Relative error of all forces and torques.
+        lag: Time constant of the response [s].
+        force_noise: Half width of the uniform error of a force [N].
+        torque_noise: Half width of the uniform error of a torque [N m].
+    """
+
+    scale_error: float = Field(default=0.0, gt=-1.0, lt=1.0)
+    lag: NonNegativeDuration = 0.0  # type: ignore[valid-type]
+    force_noise: NonNegativeForce = 0.0  # type: ignore[valid-type]
+    torque_noise: NonNegativeTorque = 0.0  # type: ignore[valid-type]
+
+
+class LimitsConfig(Model):
+    """What the chaser may do, along each axis.
+
+    Attributes:
+        speed: Largest speed of a plan [m/s].
+        tracking_speed: Largest speed while an error is corrected [m/s].
+        planned_force: Largest force of a plan [N].
+        force: Largest force of the actuators [N].
+        torque: Largest torque of the actuators [N m].
+        keep_in: Half sizes of the box about W's origin that the chaser's centre stays in [m]; null for none.
+        line_of_sight_rate: Largest rate of the direction to the target [rad/s].
+        cone: Half angle of the cone about the mating point's direction in which it is approached [rad]; null for none.
+    """
+
+    speed: PositiveSpeed = 0.115  # type: ignore[valid-type]
+    tracking_speed: PositiveSpeed = 0.2  # type: ignore[valid-type]
+    planned_force: PositiveForce = 0.168  # type: ignore[valid-type]
+    force: PositiveForce = 0.30  # type: ignore[valid-type]
+    torque: PositiveTorque = 0.025  # type: ignore[valid-type]
+    keep_in: tuple[PositiveLength, PositiveLength, PositiveLength] | None = (0.8, 3.0, 0.8)  # type: ignore[valid-type]
+    line_of_sight_rate: PositiveAngularRate = 0.17  # type: ignore[valid-type]
+    cone: PositiveAngle | None = None  # type: ignore[valid-type]
+
+    @model_validator(mode="after")
+    def _leave_force_to_feedback(self) -> LimitsConfig:
+        if self.planned_force >= self.force:
+            raise ValueError(
+                f"planned_force ({self.planned_force} N) leaves nothing of force ({self.force} N) to feedback; lower it"
+            )
+        return self
+
+
+class ChaserConfig(Model):
+    """The chaser. Defaults: Astrobee.
+
+    Attributes:
+        mass: Mass [kg].
+        inertia: Principal moments about the axes of B [kg m^2].
+        radius: Radius of the sphere that holds it [m].
+        position: Position at the start, in W [m].
+        velocity: Velocity at the start, in W [m/s].
+        limits: What it may do.
+        actuator: Errors of its actuators.
+        camera_position: Position of the camera in B [m]; it looks along x of B.
+    """
+
+    mass: PositiveMass = 9.583788668  # type: ignore[valid-type]
+    inertia: tuple[PositiveMoment, PositiveMoment, PositiveMoment] = (  # type: ignore[valid-type]
+        0.153427995,
+        0.14271405,
+        0.162302759,
+    )
+    radius: PositiveLength = 0.25  # type: ignore[valid-type]
+    position: _Vector = (0.0, -1.5, 0.0)
+    velocity: _VelocityVector = (0.0, 0.0, 0.0)
+    limits: LimitsConfig = LimitsConfig()
+    actuator: ActuatorConfig = ActuatorConfig()
+    camera_position: _Vector = (0.13, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _is_rigid(self) -> ChaserConfig:
+        least, middle, largest = sorted(self.inertia)
+        if least + middle < largest * (1.0 - 1e-12):
+            raise ValueError(
+                f"inertia: no body has the moments {least:g}, {middle:g} and {largest:g} kg m^2: the sum of the two "
+                "smaller must not be below the largest"
+            )
+        return self
+
+
+class Fault(Model):
+    """Something that fails during a mission.
+
+    Attributes:
+        kind: ``camera``: it gives nothing; ``imu``: likewise; ``imu_bias``: its biases jump; ``tumble``: something
+            strikes the target at the start, and its motion changes for good; ``planner``: it finds no plan;
+            ``solver``: the tracker's programme gives no solution, and the reference is followed by regulation.
+        start: When it begins [s].
+        duration: How long it lasts [s].
+    """
+
+    kind: Literal["camera", "imu", "imu_bias", "tumble", "planner", "solver"]
+    start: NonNegativeDuration  # type: ignore[valid-type]
+    duration: PositiveDuration  # type: ignore[valid-type]
+
+
+class MissionConfig(Model):
+    """Rates, guards and time limits of a mission.
+
+    Attributes:
+        tick: Length of a tick of the truth [s].
+        control_ticks: Ticks from one command to the next.
+        update_ticks: Ticks from one update of the reference to the next; a multiple of `control_ticks`.
+        checkout: How long all sensors must have worked before the mission starts [s].
+        checkout_limit: When the mission is given up without that [s].
+        observe: How long the target is watched at least [s].
+        observe_limit: How long it is watched at most [s].
+        attitude_sigma: Error of the target's axes below which watching may end [rad].
+        rate_sigma: Error of the target's rate below which watching may end [rad/s].
+        durations: Durations of the approach that are tried, in this order [s].
+        wait_limit: Longest wait before an approach [s].
+        wait_step: Step between two waits that are tried [s].
+        plan_attempts: How often planning may fail before the chaser retreats.
+        bound_attempts: How often a plan may fail against its tube before the target is watched anew.
+        hold: How long the chaser must stay at the mating point [s].
+        hold_limit: When the mission is given up there [s].
+        hold_position: Largest error of position there [m].
+        hold_speed: Largest error of velocity there [m/s].
+        hold_angle: Largest error of pointing there [rad].
+        camera_silence: How long the camera may give nothing while the chaser is near the target [s].
+        imu_silence: How long the inertial unit may give nothing [s].
+        escapes: Durations of a way out that are tried, in this order [s].
+        retreat_limit: When a retreat is given up [s].
+        time_limit: When an approach or a wait ends at the latest, by a retreat [s].
+        mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. The axes of W do not turn.
+        length: Length of the scenario [m], about the radius that the target sweeps. The clearances that planner, tube
+            and escape keep for themselves are shares of it, and it is the unit of the planner's optimiser.
+        faults: What fails.
+    """
+
+    tick: PositiveDuration = 0.008  # type: ignore[valid-type]
+    control_ticks: int = Field(default=25, ge=1)
+    update_ticks: int = Field(default=125, ge=1)
+    checkout: NonNegativeDuration = 2.0  # type: ignore[valid-type]
+    checkout_limit: PositiveDuration = 10.0  # type: ignore[valid-type]
+    observe: NonNegativeDuration = 120.0  # type: ignore[valid-type]
+    observe_limit: PositiveDuration = 300.0  # type: ignore[valid-type]
+    attitude_sigma: PositiveAngle = 0.052359878  # type: ignore[valid-type]
+    rate_sigma: PositiveAngularRate = 0.001745329  # type: ignore[valid-type]
+    durations: Annotated[tuple[PositiveDuration, ...], Field(min_length=1)] = (60.0, 80.0, 45.0)  # type: ignore[valid-type]
+    wait_limit: NonNegativeDuration = 60.0  # type: ignore[valid-type]
+    wait_step: PositiveDuration = 1.0  # type: ignore[valid-type]
+    plan_attempts: int = Field(default=3, ge=1)
+    bound_attempts: int = Field(default=6, ge=1)
+    hold: PositiveDuration = 5.0  # type: ignore[valid-type]
+    hold_limit: PositiveDuration = 20.0  # type: ignore[valid-type]
+    hold_position: PositiveLength = 0.03  # type: ignore[valid-type]
+    hold_speed: NonNegativeSpeed = 0.01  # type: ignore[valid-type]
+    hold_angle: PositiveAngle = 0.052359878  # type: ignore[valid-type]
+    camera_silence: PositiveDuration = 5.0  # type: ignore[valid-type]
+    imu_silence: PositiveDuration = 0.2  # type: ignore[valid-type]
+    escapes: Annotated[tuple[PositiveDuration, ...], Field(min_length=1)] = (10.0, 14.0, 20.0, 28.0, 40.0)  # type: ignore[valid-type]
+    retreat_limit: PositiveDuration = 120.0  # type: ignore[valid-type]
+    time_limit: PositiveDuration = 900.0  # type: ignore[valid-type]
+    mean_motion: NonNegativeAngularRate = 0.0  # type: ignore[valid-type]
+    length: PositiveLength = 1.0  # type: ignore[valid-type]
+    faults: tuple[Fault, ...] = ()
+
+    @model_validator(mode="after")
+    def _check_rates(self) -> MissionConfig:
+        if self.update_ticks % self.control_ticks:
+            raise ValueError(
+                f"update_ticks ({self.update_ticks}) must be a multiple of control_ticks ({self.control_ticks})"
+            )
+        if abs(self.step - _STEP) > 1e-9:
+            raise ValueError(
+                f"tick times control_ticks is {self.step:g} s, and plans are sampled every {_STEP} s; let it be that"
+            )
+        for name, seconds in (
+            ("hold_limit", self.hold_limit),
+            ("wait_step", self.wait_step),
+            *(("durations", duration) for duration in self.durations),
+        ):
+            if abs(seconds / _STEP - round(seconds / _STEP)) > 1e-6:
+                raise ValueError(f"{name}: {seconds:g} s is no multiple of the step of control, {_STEP} s")
+        return self
+
+    @property
+    def step(self) -> float:
+        """The step of control [s]."""
+        return float(self.tick * self.control_ticks)
+
+    @property
+    def impulses(self) -> tuple[float, ...]:
+        """When something strikes the target [s]."""
+        return tuple(sorted(fault.start for fault in self.faults if fault.kind == "tumble"))
+
+    @property
+    def update_period(self) -> float:
+        """Time between two updates of the reference [s]."""
+        return float(self.tick * self.update_ticks)
+
+
+def _plugin(kind: str, default: str | dict[str, Any]) -> Any:
+    return Annotated[functor_field(kind), Field(default=default, validate_default=True)]
+
+
+class RendezvousConfig(Model):
+    """A rendezvous experiment.
+
+    Attributes:
+        seed: Seed of all missions.
+        mission: Rates, guards and time limits.
+        chaser: The chaser.
+        target: The target's shape, inertia and mating point.
+        tumble: How it tumbles at the start.
+        estimator: What the chaser knows.
+        planner: Plans the approach.
+        bound: Bounds the error of the reference.
+        tracker: Follows the reference.
+    """
+
+    seed: int = Field(default=0, ge=0, lt=2**64)
+    mission: MissionConfig = MissionConfig()
+    chaser: ChaserConfig = ChaserConfig()
+    target: _plugin("target_model", "EnvisatTarget")  # type: ignore[valid-type]
+    tumble: _plugin("tumble", "TriAxialTumble")  # type: ignore[valid-type]
+    estimator: _plugin("state_estimator", "TruthEstimator")  # type: ignore[valid-type]
+    planner: _plugin("approach_planner", "SplineSCPPlanner")  # type: ignore[valid-type]
+    bound: _plugin("uncertainty_bound", "ConformalBound")  # type: ignore[valid-type]
+    tracker: _plugin("tracker", "TubeMPCTracker")  # type: ignore[valid-type]
+
+    @model_validator(mode="after")
+    def _check_orbit(self) -> RendezvousConfig:
+        if self.mission.mean_motion and self.chaser.limits.keep_in is None:
+            raise ValueError(
+                "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
+            )
+        return self

@@ -1,0 +1,162 @@
+"""The planner: from a query to a certified plan."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from safe_inspect.rendezvous.planner.certificate import certify
+from safe_inspect.rendezvous.planner.checks import start_problem
+from safe_inspect.rendezvous.planner.cost import Cost, ForceCost
+from safe_inspect.rendezvous.planner.problem import ApproachProblem, approach_problem, sampled_plan
+from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanReport, PlanStatus
+from safe_inspect.rendezvous.planner.scp import ScpOptions, ScpResult, optimise_scp
+from safe_inspect.rendezvous.planner.starts import bent_starts
+from safe_inspect.rendezvous.planner.units import PlanUnits
+from safe_inspect.rendezvous.planner.waiting import ranked_problems
+from safe_inspect.types import FloatArray
+
+#: Finds control points near those that it starts from.
+ApproachOptimiser = Callable[[ApproachProblem, FloatArray, ScpOptions], ScpResult]
+#: Gives further starts of a problem, as the table of solved approaches does.
+Starts = Callable[[ApproachProblem], list[FloatArray]]
+_TRIED = 3  # of the ranked waits and durations
+
+
+@dataclass(frozen=True, eq=False)
+class PlannerOptions:
+    """How plans are made.
+
+    Attributes:
+        control_points: Control points of an axis.
+        samples: Samples at which the constraints are held.
+        multi_start: Whether the bent starts are tried even where the cheapest spline leads to a plan.
+        retry: Whether they are tried where it does not.
+        scp: How the iteration goes.
+        optimise: The optimiser.
+        cost: What is minimised.
+        starts: Further starts, tried before the bent ones.
+    """
+
+    control_points: int = 20
+    samples: int = 121
+    multi_start: bool = False
+    retry: bool = True
+    scp: ScpOptions = field(default_factory=ScpOptions)
+    optimise: ApproachOptimiser = optimise_scp
+    cost: Cost = field(default_factory=ForceCost)
+    starts: Starts | None = None
+
+
+def plan_approach(query: PlanQuery, options: PlannerOptions | None = None) -> Plan:
+    """Return the cheapest certified plan that is found.
+
+    Waits and durations are ranked by their cheapest splines; the three best are optimised, from their cheapest splines
+    and, where that fails, from bent ones. A plan is SOLVED only with the certificate of clearance.
+
+    Args:
+        query: The query.
+        options: How plans are made.
+
+    Returns:
+        The plan. A query without one gives a status, not an exception.
+
+    Raises:
+        ImportError: The solver is not installed.
+    """
+    options, began = options or PlannerOptions(), time.perf_counter()
+    if query.length != 1.0:
+        units = PlanUnits.of(query)
+        scaled = plan_approach(units.query, options)
+        return units.restored(scaled, time.perf_counter() - began)
+    wrong = start_problem(query)
+    if wrong:
+        return _without(PlanStatus.START_INFEASIBLE, query, wrong, began)
+    problems, wrong = ranked_problems(query, options.control_points, options.samples)
+    if not problems:
+        return _without(PlanStatus.TERMINAL_INFEASIBLE, query, wrong, began)
+    best: Plan | None = None
+    for some in [True, False] if options.retry and not options.multi_start else [True]:
+        for problem in problems[:_TRIED]:
+            starts = [problem.cold()] if some else []
+            if options.multi_start or not some:
+                starts += [*(options.starts(problem) if options.starts else []), *bent_starts(problem)]
+            for start in starts:
+                best = _better(best, _plan_from(problem, start, options))
+        assert best is not None, "each problem has a start"
+        if best.solved:
+            break
+    assert best is not None, "as said"
+    return replace(best, report=replace(best.report, seconds=time.perf_counter() - began))
+
+
+def warm_approach(query: PlanQuery, previous: Plan, options: PlannerOptions | None = None) -> Plan:
+    """Return a plan that starts from a previous one's control points, with the query's newest estimate.
+
+    The wait is what is left until the previous plan starts. Where this fails, or the chaser moves before that, the plan
+    is made anew.
+
+    Args:
+        query: The query.
+        previous: A plan with control points.
+        options: How plans are made.
+    """
+    options, began = options or PlannerOptions(), time.perf_counter()
+    if query.length != 1.0:
+        units = PlanUnits.of(query)
+        scaled = warm_approach(units.query, units.scaled(previous), options)
+        return units.restored(scaled, time.perf_counter() - began)
+    wait = max(previous.t_start - query.t0, 0.0)
+    exact = replace(query, waits=(wait,), durations=(previous.duration,))
+    if len(previous.control_points) == options.control_points and not start_problem(exact):
+        problems, _ = ranked_problems(exact, options.control_points, options.samples)
+        if problems:
+            start = problems[0].ends.copy()
+            start[problems[0].basis.free] = previous.control_points[problems[0].basis.free]
+            plan = _plan_from(problems[0], start, options)
+            if plan.solved:
+                return replace(plan, report=replace(plan.report, seconds=time.perf_counter() - began))
+    return plan_approach(query, options)
+
+
+def _plan_from(problem: ApproachProblem, start: FloatArray, options: PlannerOptions) -> Plan:
+    """Return the plan of one start; without a certificate the samples are doubled once."""
+    query, wait, duration = problem.query, problem.wait, problem.basis.duration
+    iterations = 0
+    for samples in (options.samples, 2 * options.samples - 1):
+        if samples != options.samples:
+            problem = approach_problem(query, wait, duration, options.control_points, samples)
+        result = options.optimise(replace(problem, cost_function=options.cost), start, options.scp)
+        iterations += result.iterations
+        report = PlanReport(cost=result.cost, iterations=iterations, starts=1, violation=result.violation)
+        if not result.feasible:
+            message = f"a constraint is broken by {result.violation:.2g} m"
+            if not np.isfinite(result.violation):
+                message = "no spline of this duration keeps the limits of speed, force and keep-in"
+            return Plan(PlanStatus.NOT_CONVERGED, query.t0 + wait, duration, report=replace(report, message=message))
+        proof = certify(query, problem.basis, result.points, wait)
+        if proof.certified:
+            report = replace(report, clearance=proof.clearance)
+            return sampled_plan(query, problem.basis, result.points, wait, report)
+        start = result.points
+    message = f"the clearance is {proof.clearance:.3f} m below radius and margin {proof.time:.1f} s after the start"
+    return Plan(PlanStatus.NOT_CERTIFIED, query.t0 + wait, duration, report=replace(report, message=message))
+
+
+def _better(best: Plan | None, other: Plan) -> Plan:
+    """Return the better of two plans, with the iterations and starts of both."""
+    if best is None:
+        return other
+    wins = other.solved and (not best.solved or other.report.cost < best.report.cost)
+    chosen = other if wins else best
+    iterations = best.report.iterations + other.report.iterations
+    starts = best.report.starts + other.report.starts
+    return replace(chosen, report=replace(chosen.report, iterations=iterations, starts=starts))
+
+
+def _without(status: PlanStatus, query: PlanQuery, message: str, began: float) -> Plan:
+    seconds = time.perf_counter() - began
+    return Plan(status, query.t0, query.durations[0], report=PlanReport(message=message, seconds=seconds))

@@ -1,0 +1,169 @@
+"""An approach of one start time and duration, with the target's motion predicted at its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, rotate, to_matrix
+from safe_inspect.dynamics.tide import tidal_acceleration
+from safe_inspect.dynamics.tumble import angular_acceleration, tumble
+from safe_inspect.rendezvous.planner.cost import Cost, ForceCost
+from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
+from safe_inspect.rendezvous.planner.spline import SplineBasis, spline_basis
+from safe_inspect.types import FloatArray
+
+_OUTPUT_STEP = 0.2  # s
+
+
+@dataclass(frozen=True, eq=False)
+class ApproachProblem:
+    """What an optimiser of control points needs.
+
+    Attributes:
+        query: The query.
+        wait: Time before the approach starts [s].
+        basis: The spline.
+        ends: Control points of the two ends, zero between them [m], shape (n, 3).
+        start: Position, velocity and acceleration at the start in W, shape (3, 3).
+        end: The same at the mating point, shape (3, 3).
+        R_MW: Takes coordinates in W to M at the samples, shape (K, 3, 3).
+        mating_direction: Unit vectors to the mating point in W at the samples [-], shape (K, 3).
+        margin: Clearance to keep beyond the chaser's radius at the samples [m], shape (K,).
+        camera_axis: The camera's axis in W at the samples, shape (K, 3), or None.
+        cost_function: What is minimised.
+    """
+
+    query: PlanQuery
+    wait: float
+    basis: SplineBasis
+    ends: FloatArray
+    start: FloatArray
+    end: FloatArray
+    R_MW: FloatArray
+    mating_direction: FloatArray
+    margin: FloatArray
+    camera_axis: FloatArray | None
+    cost_function: Cost = field(default_factory=ForceCost)
+
+    @property
+    def limits(self) -> Limits:
+        """The chaser's limits."""
+        return self.query.limits
+
+    def cost(self, points: FloatArray) -> float:
+        """Return the cost of control points [m], shape (n, 3)."""
+        return self.cost_function.value(self.basis, self.limits.mass, points)
+
+    def cold(self) -> FloatArray:
+        """Return the control points of the cheapest approach that nothing is in the way of."""
+        return self.basis.cheapest(self.ends)
+
+
+def approach_problem(query: PlanQuery, wait: float, duration: float, count: int, samples: int) -> ApproachProblem:
+    """Return the problem of an approach.
+
+    Args:
+        query: The query.
+        wait: Time before the approach starts [s].
+        duration: Duration of the approach [s].
+        count: Number of control points of an axis.
+        samples: Number of samples at which the constraints are held.
+    """
+    basis = spline_basis(count, samples, float(duration))
+    times = basis.times
+    q, w = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], wait + times)
+    return _with_motion(query, wait, basis, q[0], w[0, -1])
+
+
+def approach_problems(
+    query: PlanQuery, waits: tuple[float, ...], duration: float, count: int, samples: int
+) -> list[ApproachProblem]:
+    """Return the problems of several waits, the target's motion computed together; see `approach_problem`."""
+    basis = spline_basis(count, samples, float(duration))
+    times = (np.asarray(waits)[:, None] + basis.times).ravel()
+    q, w = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], times)
+    q, w = q.reshape(len(waits), samples, 4), w.reshape(len(waits), samples, 3)
+    return [_with_motion(query, wait, basis, q[i], w[i, -1]) for i, wait in enumerate(waits)]
+
+
+def _with_motion(
+    query: PlanQuery, wait: float, basis: SplineBasis, q: FloatArray, w_end: FloatArray
+) -> ApproachProblem:
+    start, end = start_state(query), mating_state(query, q[-1], w_end)
+    times, direction = basis.times, query.mating_point / np.linalg.norm(query.mating_point)
+    return ApproachProblem(
+        query=query,
+        wait=wait,
+        basis=basis,
+        ends=basis.ends(start, end),
+        start=start,
+        end=end,
+        R_MW=query.R_MT @ np.swapaxes(to_matrix(q), -1, -2),
+        mating_direction=rotate(q, np.broadcast_to(direction, (len(q), 3))),
+        margin=np.asarray(query.margin(times), dtype=np.float64),
+        camera_axis=None if query.camera_axis is None else query.camera_axis(times),
+    )
+
+
+def start_state(query: PlanQuery) -> FloatArray:
+    """Return position, velocity and acceleration (zero) at the start in W, one a row, shape (3, 3)."""
+    return np.stack((query.state[:3], query.state[3:], np.zeros(3)))
+
+
+def mating_state(query: PlanQuery, q: FloatArray, w: FloatArray) -> FloatArray:
+    """Return position [m], velocity [m/s] and acceleration [m/s^2] of the mating point in W, one a row, shape (3, 3).
+
+    ``p = R m, v = R (w x m), a = R (w' x m + w x (w x m))``.
+
+    Args:
+        query: The query.
+        q: The target's attitude q_WT, shape (4,).
+        w: Its angular velocity in T [rad/s], shape (3,).
+    """
+    m, turning = query.mating_point, np.cross(w, query.mating_point)
+    acceleration = np.cross(angular_acceleration(query.inertia, w), m) + np.cross(w, turning)
+    return rotate(q[None], np.stack((m, turning, acceleration)))
+
+
+def sampled_plan(query: PlanQuery, basis: SplineBasis, points: FloatArray, wait: float, report: PlanReport) -> Plan:
+    """Return a solved plan with samples every 0.2 s, or a little less.
+
+    ``p_T = R^T p, v_T = R^T v - w x p_T, a_T = R^T a - 2 w x v_T - w' x p_T - w x (w x p_T)``.
+
+    Args:
+        query: The query.
+        basis: The spline.
+        points: Control points [m], shape (n, 3).
+        wait: Time before the approach starts [s].
+        report: How the plan was found.
+    """
+    count = int(np.ceil(basis.duration / _OUTPUT_STEP - 1e-9)) + 1
+    times = np.linspace(0.0, basis.duration, count)
+    p, v, a = basis.at(points, times)
+    q, w = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], wait + times)
+    q, w = q[0], w[0]
+    turn, back = angular_acceleration(query.inertia, w), conjugate(q)
+    p_t = rotate(back, p)
+    v_t = rotate(back, v) - np.cross(w, p_t)
+    a_t = rotate(back, a) - 2.0 * np.cross(w, v_t) - np.cross(turn, p_t) - np.cross(w, np.cross(w, p_t))
+    tide = tidal_acceleration(query.mean_motion, query.t0 + wait + times, p) if query.mean_motion else None
+    return Plan(
+        status=PlanStatus.SOLVED,
+        t_start=query.t0 + wait,
+        duration=basis.duration,
+        control_points=points,
+        times=query.t0 + wait + times,
+        position=p,
+        velocity=v,
+        acceleration=a,
+        force=query.limits.mass * (a if tide is None else a - tide),
+        position_target=p_t,
+        velocity_target=v_t,
+        acceleration_target=a_t,
+        orientation=q,
+        angular_velocity=w,
+        report=report,
+        tide=tide,
+    )

@@ -1,0 +1,248 @@
+"""Sequential convex programming of the free control points, with a trust region and an exact penalty.
+
+Each iteration linearises the constraints, gives each group of rows a slack of L1 cost, keeps the linear limits hard,
+and solves ``min cost + weight sum(slack)`` within the trust region. Source: Nocedal and Wright, "Numerical
+Optimization", Springer 2006, chapter 18 (Sl1QP).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.planner.constraints import ConstraintRows, constraint_rows
+from safe_inspect.rendezvous.planner.problem import ApproachProblem
+from safe_inspect.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class ScpOptions:
+    """How the iteration goes.
+
+    Attributes:
+        iterations: Largest number of iterations.
+        trust: Initial bound of the change of each coordinate of a control point [m].
+        weight: Initial cost of a violation [unit of the cost / m].
+        step: Largest change of a coordinate at which a feasible iteration has converged [m].
+        gain: Relative predicted decrease of the merit at which a feasible iteration has converged.
+        tolerance: Largest violation of a feasible plan [m].
+        reserve: What the linearised constraints ask for beyond zero, for the error of the linearisation [m].
+    """
+
+    iterations: int = 25
+    trust: float = 0.3
+    weight: float = 10.0
+    step: float = 2e-3
+    gain: float = 1e-3
+    tolerance: float = 1e-6
+    reserve: float = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class ScpResult:
+    """Where an iteration ended.
+
+    Attributes:
+        points: Control points [m], shape (n, 3).
+        cost: The cost.
+        violation: Largest violation at the samples [m].
+        iterations: Number of quadratic programmes.
+        feasible: Whether the violation is within the tolerance, and the linear limits hold.
+    """
+
+    points: FloatArray
+    cost: float
+    violation: float
+    iterations: int
+    feasible: bool
+
+
+@dataclass(frozen=True, eq=False)
+class LinearLimits:
+    """Limits on the hulls of velocity and acceleration: ``lower <= rows @ free points <= upper``, an axis a column."""
+
+    rows: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    box: FloatArray
+
+    @classmethod
+    def of(cls, problem: ApproachProblem) -> LinearLimits:
+        """Return the limits of an approach on its free control points."""
+        limits, basis = problem.limits, problem.basis
+        hulls = np.concatenate((basis.velocity_hull, basis.acceleration_hull))
+        bound = np.repeat(
+            (limits.speed, problem.query.planned_acceleration),
+            (len(basis.velocity_hull), len(basis.acceleration_hull)),
+        )
+        touched = np.abs(hulls[:, basis.free]).max(axis=1) > 0.0
+        fixed = hulls[touched] @ problem.ends
+        scale = 1.0 / bound[touched][:, None]
+        box = np.full(3, np.inf) if limits.keep_in is None else limits.keep_in
+        return cls(hulls[touched][:, basis.free] * scale, -1.0 - fixed * scale, 1.0 - fixed * scale, box)
+
+    def hold(self, free: FloatArray, tolerance: float = 1e-6) -> bool:
+        """Whether free control points keep the limits."""
+        hull = self.rows @ free
+        inside = (np.abs(free) <= self.box + tolerance).all()
+        return bool(inside and (hull >= self.lower - tolerance).all() and (hull <= self.upper + tolerance).all())
+
+
+def within_limits(problem: ApproachProblem, points: FloatArray) -> FloatArray | None:
+    """Return the nearest control points that keep the linear limits, or None where there are none.
+
+    Args:
+        problem: The approach.
+        points: Control points [m], shape (n, 3); those of the ends are kept.
+    """
+    linear, free = LinearLimits.of(problem), problem.basis.free
+    wanted = points[free]
+    if linear.hold(wanted):
+        return points
+    count, result = len(wanted), points.copy()
+    for axis in range(3):
+        solved = _solve(
+            csc_matrix(np.eye(count)),
+            -wanted[:, axis],
+            csc_matrix(linear.rows),
+            (linear.lower[:, axis], linear.upper[:, axis]),
+            (np.full(count, -linear.box[axis]), np.full(count, linear.box[axis])),
+        )
+        if solved is None:
+            return None
+        result[free, axis] = solved
+    return result if linear.hold(result[free]) else None
+
+
+def optimise_scp(problem: ApproachProblem, points: FloatArray, options: ScpOptions | None = None) -> ScpResult:
+    """Return the approach that the iteration reaches from a start.
+
+    Args:
+        problem: The approach.
+        points: Control points to start from [m], shape (n, 3); those of the ends are kept.
+        options: How the iteration goes.
+    """
+    options = options or ScpOptions()
+    feasible_points = within_limits(problem, points)
+    if feasible_points is None:
+        return ScpResult(points, problem.cost(points), np.inf, 0, False)
+    points, linear = feasible_points, LinearLimits.of(problem)
+    trust, weight = options.trust, options.weight
+    cost, rows = problem.cost(points), constraint_rows(problem, points)
+    violations = rows.violations()
+    iteration = 0
+    while iteration < options.iterations:
+        iteration += 1
+        candidate, model, slack = _step(problem, linear, points, rows, trust, weight, options.reserve)
+        if candidate is None:
+            trust *= 0.4
+            if trust < options.step:
+                break
+            continue
+        step = float(np.abs(candidate - points).max())
+        new_cost, new_rows = problem.cost(candidate), constraint_rows(problem, candidate)
+        new_violations = new_rows.violations()
+        merit = cost + weight * violations.sum()
+        predicted = merit - model - weight * slack
+        actual = merit - new_cost - weight * new_violations.sum()
+        converged = step < options.step or predicted < options.gain * cost
+        if actual >= 0.1 * predicted or (converged and new_violations.max() <= options.tolerance):
+            points, cost, rows, violations = candidate, new_cost, new_rows, new_violations
+            trust = min(1.5 * trust, 1.0)
+        else:
+            trust *= 0.4
+            converged = converged or trust < options.step
+        if converged:
+            if violations.max() <= options.tolerance or weight >= 1e5:
+                break
+            weight, trust = 10.0 * weight, max(trust, 0.1 * options.trust)
+    violation = float(violations.max())
+    return ScpResult(points, cost, violation, iteration, violation <= options.tolerance)
+
+
+def _step(
+    problem: ApproachProblem,
+    linear: LinearLimits,
+    points: FloatArray,
+    rows: ConstraintRows,
+    trust: float,
+    weight: float,
+    reserve: float,
+) -> tuple[FloatArray | None, float, float]:
+    """Return the solution of the convex subproblem, its modelled cost and its slacks' sum; None without a solution."""
+    basis = problem.basis
+    free, values = basis.free, basis.values[:, :, basis.free]
+    current, size = points[free], 3 * (basis.gram.shape[0] - 6)
+    row = values[0][rows.sample][:, :, None] * rows.to_position[:, None]
+    row += values[1][rows.sample][:, :, None] * rows.to_velocity[:, None]
+    row = row.reshape(len(rows.value), size)
+    active = rows.value < reserve + trust * np.abs(row).sum(axis=1)  # no other can be broken within the trust region
+    row, value = row[active], rows.value[active] - reserve
+    used, slack = np.unique(rows.group[active], return_inverse=True)
+    hull = np.kron(linear.rows, np.eye(3))
+    shift = linear.rows @ current
+    slope, curvature = problem.cost_function.model(basis, problem.limits.mass, points)
+    columns = np.asarray(np.concatenate((hull, row)).T, dtype=np.float64)
+    ones = len(hull) + np.argsort(slack, kind="stable")
+    matrix = _with_slacks(columns, columns.shape[1], ones, np.bincount(slack, minlength=len(used)))
+    dense = np.zeros((size, size))
+    for axis in range(3):
+        dense[axis::3, axis::3] = curvature[axis, free, free]
+    none = np.zeros(0, dtype=np.int64)
+    hessian = _with_slacks(dense, size + len(used), none, np.zeros(len(used), dtype=np.int64))
+    solved = _solve(
+        hessian,
+        np.concatenate((slope[free].ravel(), np.full(len(used), weight))),
+        matrix,
+        (
+            np.concatenate(((linear.lower - shift).ravel(), -value)),
+            np.concatenate(((linear.upper - shift).ravel(), np.full(len(row), np.inf))),
+        ),
+        (
+            np.concatenate((np.maximum(-trust, -linear.box - current).ravel(), np.zeros(len(used)))),
+            np.concatenate((np.minimum(trust, linear.box - current).ravel(), np.full(len(used), np.inf))),
+        ),
+    )
+    if solved is None:
+        return None, 0.0, 0.0
+    change, candidate = solved[:size], points.copy()
+    candidate[free] += change.reshape(-1, 3)
+    cost = problem.cost(points) + float(slope[free].ravel() @ change + 0.5 * change @ dense @ change)
+    return candidate, cost, float(np.maximum(solved[size:], 0.0).sum())
+
+
+def _with_slacks(columns: FloatArray, height: int, rows: IntArray, counts: IntArray) -> csc_matrix:
+    """Return a sparse matrix of dense columns and of columns of ones.
+
+    Args:
+        columns: The dense columns, one a row, shape (n, m).
+        height: Number of rows of the result, at least m.
+        rows: Where the columns of ones are one, column by column.
+        counts: Number of ones of each, shape (k,).
+    """
+    column, row = np.nonzero(columns)
+    data = np.concatenate((columns[column, row], np.ones(len(rows))))
+    ends = np.cumsum(np.concatenate((np.bincount(column, minlength=len(columns)), counts)))
+    total = columns.shape[0] + len(counts)
+    indices = np.concatenate((row, rows)).astype(np.int32)
+    return csc_matrix((data, indices, np.concatenate(([0], ends)).astype(np.int32)), shape=(height, total))
+
+
+def _solve(
+    hessian: csc_matrix,
+    gradient: FloatArray,
+    matrix: csc_matrix,
+    row_bounds: tuple[FloatArray, FloatArray],
+    bounds: tuple[FloatArray, FloatArray],
+) -> FloatArray | None:
+    """Return the solution of a convex quadratic programme, or None."""
+    piqp = require("piqp")
+    solver = piqp.SparseSolver()
+    solver.settings.eps_abs = solver.settings.eps_rel = 1e-9
+    solver.setup(hessian, gradient, None, None, matrix, *row_bounds, *bounds)
+    if solver.solve() != piqp.PIQP_SOLVED:
+        return None
+    return np.array(solver.result.x)  # a copy: the next solve overwrites it

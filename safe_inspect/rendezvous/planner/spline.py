@@ -1,0 +1,137 @@
+"""Clamped uniform B-splines of degree 5 over [0, T]: values, derivatives, their hulls, and the cost of acceleration.
+
+A derivative is a B-spline too, with control points ``D_i = 5 (c_{i+1} - c_i) / (tau_{i+6} - tau_{i+1})``, and a
+B-spline stays in the convex hull of its control points: limits on these hold at all times. Source: de Boor, "A
+Practical Guide to Splines", Springer 1978.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from safe_inspect.types import FloatArray
+
+DEGREE = 5
+#: Control points at each end that position, velocity and acceleration there determine.
+FIXED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class SplineBasis:
+    """Matrices from n control points to what a spline over [0, T] is there.
+
+    Attributes:
+        duration: T [s].
+        values: To the values at the sample times and to their first two derivatives, shape (3, K, n).
+        velocity_hull: To the control points of the first derivative, shape (n - 1, n).
+        acceleration_hull: To the control points of the second derivative, shape (n - 2, n).
+        gram: Integrals of the products of second derivatives of the basis functions, shape (n, n).
+        knots: The knots [s], shape (n + 6,).
+    """
+
+    duration: float
+    values: FloatArray
+    velocity_hull: FloatArray
+    acceleration_hull: FloatArray
+    gram: FloatArray
+    knots: FloatArray
+
+    @functools.cached_property
+    def quadrature(self) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
+        """Gauss's nodes, 8 a span: matrices to the first two derivatives there, each (Q, n), and the weights (Q,)."""
+        times, weights = _gauss(self.gram.shape[0] - DEGREE, 8)
+        basis = BSpline(self.knots, np.eye(self.gram.shape[0]), DEGREE)
+        return (basis(times * self.duration, 1), basis(times * self.duration, 2)), weights * self.duration
+
+    @property
+    def times(self) -> FloatArray:
+        """The sample times [s], shape (K,)."""
+        return np.linspace(0.0, self.duration, self.values.shape[1])
+
+    @property
+    def free(self) -> slice:
+        """The control points that the two ends leave free."""
+        return slice(FIXED, self.gram.shape[0] - FIXED)
+
+    def ends(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return control points that are zero except for the first and last three, shape (n, 3).
+
+        Args:
+            start: Position [m], velocity [m/s] and acceleration [m/s^2] at 0, shape (3, 3), one a row.
+            end: The same at T, shape (3, 3).
+        """
+        points = np.zeros((self.gram.shape[0], 3))
+        for rows, sample, state in ((slice(0, FIXED), 0, start), (slice(-FIXED, None), -1, end)):
+            points[rows] = np.linalg.solve(self.values[:, sample, rows], state)
+        return points
+
+    def cheapest(self, points: FloatArray) -> FloatArray:
+        """Return the control points of the least integral of squared acceleration, those at the ends kept.
+
+        Args:
+            points: Control points [m], shape (n, 3).
+        """
+        free, result = self.free, points.copy()
+        rest = points.copy()
+        rest[free] = 0.0
+        result[free] = np.linalg.solve(self.gram[free, free], -(self.gram @ rest)[free])
+        return result
+
+    def at(self, points: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return value, first and second derivative at some times, each of shape (K, 3)."""
+        spline = BSpline(self.knots, points, DEGREE)
+        return spline(times), spline(times, 1), spline(times, 2)
+
+
+@functools.lru_cache(maxsize=8)
+def _unit_basis(count: int, samples: int) -> SplineBasis:
+    """Return the basis over [0, 1]."""
+    spans = count - DEGREE
+    knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
+    basis = BSpline(knots, np.eye(count), DEGREE)
+    times = np.linspace(0.0, 1.0, samples)
+    first = _difference(knots, DEGREE, count)
+    second = _difference(knots[1:-1], DEGREE - 1, count - 1) @ first
+    nodes, weights = _gauss(spans, 4)  # exact for products of cubics
+    bend = basis(nodes, 2)
+    gram = bend.T @ (bend * weights[:, None])
+    return SplineBasis(1.0, np.stack([basis(times, k) for k in range(3)]), first, second, gram, knots)
+
+
+def _gauss(spans: int, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights of Gauss's quadrature in each of equal spans of [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return ((np.arange(spans)[:, None] + 0.5 * (nodes + 1.0)) / spans).ravel(), np.tile(0.5 * weights / spans, spans)
+
+
+def _difference(knots: FloatArray, degree: int, count: int) -> FloatArray:
+    """Return the map from control points to those of the derivative, shape (count - 1, count)."""
+    widths = knots[degree + 1 : degree + count] - knots[1:count]
+    scale: FloatArray = (degree / widths)[:, None] * (np.eye(count)[1:] - np.eye(count)[:-1])
+    return scale
+
+
+@functools.lru_cache(maxsize=32)
+def spline_basis(count: int, samples: int, duration: float) -> SplineBasis:
+    """Return a basis; the same arguments give the same one.
+
+    Args:
+        count: Number of control points, at least 8.
+        samples: Number of sample times, the ends included.
+        duration: T [s].
+    """
+    if count < 2 * FIXED + 2:
+        raise ValueError(f"planner: control_points must be at least {2 * FIXED + 2}, got {count}")
+    unit = _unit_basis(count, samples)
+    return SplineBasis(
+        duration,
+        unit.values / np.array([1.0, duration, duration**2])[:, None, None],
+        unit.velocity_hull / duration,
+        unit.acceleration_hull / duration**2,
+        unit.gram / duration**3,
+        unit.knots * duration,
+    )

@@ -1,0 +1,175 @@
+"""`read_mission`: a mission as its files have it, for replays and pictures."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, rotate
+from safe_inspect.errors import CheckpointError, SafeInspectError
+from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.log import ARRAYS, CONFIG, EVENTS, SUMMARY
+from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import AnyArray, FloatArray
+
+#: The arrays of a log that every reader may use, with the shape of a step.
+_STEP_SHAPES = {
+    "t": (), "state": (), "x": (6,), "q": (4,), "w": (3,), "target_q": (4,), "target_w": (3,),
+    "estimated_target_q": (4,), "reference": (6,), "z": (3, 2), "v": (3,), "force": (3,), "torque": (3,),
+    "actuator_error": (6,), "clearance": (), "margin": (), "tube": (), "tube_force": (), "pointing_error": (),
+}  # fmt: skip
+_DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+
+
+class FlownPlan(NamedTuple):
+    """A plan as the log has it.
+
+    Attributes:
+        times: Times of the samples [s], shape (K,).
+        position: In W [m], shape (K, 3).
+        force: In W [N], shape (K, 3).
+        position_target: In T [m], shape (K, 3).
+    """
+
+    times: FloatArray
+    position: FloatArray
+    force: FloatArray
+    position_target: FloatArray
+
+
+class PhaseInterval(NamedTuple):
+    """A time in one phase.
+
+    Attributes:
+        phase: The phase.
+        start: When it was entered [s].
+        end: When it was left [s].
+    """
+
+    phase: Phase
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class MissionRecord:
+    """A mission that was flown.
+
+    Attributes:
+        config: The experiment.
+        target: The target.
+        arrays: The arrays of every step of control, by name, the steps first.
+        plans: The plans that were flown.
+        events: What happened, in order.
+        summary: How it ended.
+    """
+
+    config: RendezvousConfig
+    target: Target
+    arrays: dict[str, AnyArray]
+    plans: tuple[FlownPlan, ...]
+    events: tuple[dict[str, Any], ...]
+    summary: dict[str, Any]
+
+    def phases(self) -> list[PhaseInterval]:
+        """Return the phases in order; those that were left within a step of control are not seen."""
+        time, state = self.arrays["t"], self.arrays["state"]
+        starts = np.flatnonzero(np.diff(state, prepend=state[0] - 1))
+        ends = np.append(time[starts[1:]], time[-1] + self.config.mission.step)
+        phases = list(Phase)
+        return [
+            PhaseInterval(phases[state[k]], float(time[k]), float(end)) for k, end in zip(starts, ends, strict=True)
+        ]
+
+    def approach(self) -> int:
+        """Return the step at which the first approach starts, or 0 without one."""
+        return int(np.argmax(self.arrays["state"] == list(Phase).index(Phase.TRACK)))
+
+    def until(self, time: float) -> MissionRecord:
+        """Return the mission up to a time [s]."""
+        shown = self.arrays["t"] <= time
+        return replace(
+            self,
+            arrays={name: array[shown] for name, array in self.arrays.items()},
+            plans=tuple(plan for plan in self.plans if plan.times[0] <= time),
+        )
+
+    def position_in_target(self) -> FloatArray:
+        """Return the chaser's position in T [m], shape (K, 3)."""
+        return rotate(conjugate(self.arrays["target_q"]), self.arrays["x"][:, :3])
+
+    def mating_distance(self) -> FloatArray:
+        """Return the distance of the chaser from the mating point [m], shape (K,)."""
+        return np.asarray(np.linalg.norm(self.position_in_target() - self.target.mating_point, axis=1))
+
+
+def read_mission(folder: str | os.PathLike[str]) -> MissionRecord:
+    """Read the folder of a mission.
+
+    Raises:
+        CheckpointError: A file is missing or damaged.
+        ConfigError: The experiment is not valid any more.
+    """
+    path = Path(folder).expanduser()
+    for name in (CONFIG, ARRAYS, EVENTS, SUMMARY):
+        if not (path / name).is_file():
+            raise CheckpointError(f"{path}: no {name}; give the folder of a mission")
+    config = load_rendezvous((path / CONFIG).resolve()).config
+    arrays = _arrays(path / ARRAYS)
+    _check_shapes(path / ARRAYS, arrays)
+    plans: list[FlownPlan] = []
+    while (file := path / f"plan_{len(plans)}.npz").is_file():
+        own = _arrays(file)
+        missing = [name for name in FlownPlan._fields if name not in own]
+        if missing:
+            raise _damaged(file, f"no array {missing[0]}")
+        plans.append(FlownPlan(**{name: own[name] for name in FlownPlan._fields}))
+    lines = (path / EVENTS).read_text(encoding="utf-8", errors="replace").splitlines()
+    events = tuple(_json(path / EVENTS, line) for line in lines if line.strip())
+    summary = _json(path / SUMMARY, (path / SUMMARY).read_text(encoding="utf-8", errors="replace"))
+    return MissionRecord(config, config.target(), arrays, tuple(plans), events, summary)
+
+
+def _arrays(file: Path) -> dict[str, AnyArray]:
+    try:
+        with np.load(file) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except _DAMAGED as error:
+        raise _damaged(file, str(error).partition("\n")[0] or type(error).__name__) from None
+
+
+def _check_shapes(file: Path, arrays: dict[str, AnyArray]) -> None:
+    steps = len(arrays["t"]) if "t" in arrays and arrays["t"].ndim == 1 else 0
+    for name, shape in _STEP_SHAPES.items():
+        if name not in arrays:
+            raise _damaged(file, f"no array {name}")
+        if not steps or arrays[name].shape != (steps, *shape):
+            raise _damaged(file, f"{name} has the shape {arrays[name].shape}, not {(steps or 'K', *shape)}")
+    if not np.isin(arrays["state"], np.arange(len(Phase))).all():
+        raise _damaged(file, "state has a number that is no phase")
+    for name in ("x", "q", "target_q"):
+        if not np.isfinite(arrays[name]).all():
+            raise _damaged(file, f"{name} is not finite")
+
+
+def _json(file: Path, text: str) -> dict[str, Any]:
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise _damaged(file, str(error)) from None
+    if not isinstance(value, dict):
+        raise _damaged(file, "no mapping of names to values")
+    return value
+
+
+def _damaged(file: Path, reason: str) -> SafeInspectError:
+    return CheckpointError(f"{file}: the file cannot be read ({reason}); fly the mission again")

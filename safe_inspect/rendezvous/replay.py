@@ -1,0 +1,76 @@
+"""Replay of a mission from its files alone: the commands are flown again and what was logged is compared."""
+
+from __future__ import annotations
+
+import os
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.rendezvous.chaser import ChaserState, last
+from safe_inspect.rendezvous.coordination.context import clearances
+from safe_inspect.rendezvous.mission import dynamics_of
+from safe_inspect.rendezvous.record import read_mission
+from safe_inspect.rendezvous.truth import target_motion
+from safe_inspect.types import FloatArray
+
+
+class Replay(NamedTuple):
+    """A mission that was flown again.
+
+    Attributes:
+        time: Times of the ticks [s], shape (K,).
+        translation: Position [m] and velocity [m/s] of the chaser in W, shape (K, 6).
+        orientation: Attitude q_WB of the chaser, shape (K, 4).
+        target: Attitude q_WT of the target, shape (K, 4).
+        clearance: Distance of the chaser's sphere to the target's boxes [m], shape (K,).
+        translation_difference: Largest difference to the log, in metres and metres a second.
+        orientation_difference: Largest difference of a component of q_WB to the log.
+        clearance_difference: Largest difference of the least clearance of a step to the log [m].
+    """
+
+    time: FloatArray
+    translation: FloatArray
+    orientation: FloatArray
+    target: FloatArray
+    clearance: FloatArray
+    translation_difference: float
+    orientation_difference: float
+    clearance_difference: float
+
+
+def replay(folder: str | os.PathLike[str]) -> Replay:
+    """Fly the commands of a mission's log again, from the logged start.
+
+    Raises:
+        CheckpointError: A file is missing or damaged.
+    """
+    record = read_mission(folder)
+    config, target, logged = record.config, record.target, record.arrays
+    mission = config.mission
+    steps, ticks = len(logged["t"]), mission.control_ticks
+    dynamics = dynamics_of(config)
+    state = ChaserState(logged["x"][:1], logged["q"][:1], logged["w"][:1], np.zeros((1, 6)))
+    parts = []
+    for k in range(steps):
+        command = np.concatenate([logged["force"][k], logged["torque"][k]])[None]
+        history = dynamics.advance(state, command, logged["actuator_error"][k][None], ticks, k * mission.step)
+        parts.append(history)
+        state = last(history)
+    translation = np.concatenate([part.translation[0] for part in parts])
+    orientation = np.concatenate([part.orientation[0] for part in parts])
+    time = mission.tick * np.arange(1, steps * ticks + 1)
+    at_start = (logged["target_q"][0], logged["target_w"][0])
+    q, _ = target_motion(target.principal, at_start, mission.impulses, time)
+    clearance = clearances(target, translation[:, :3], q, config.chaser.radius)
+    after = slice(ticks - 1, -1, ticks)  # the log has the states before each step
+    return Replay(
+        time,
+        translation,
+        orientation,
+        q,
+        clearance,
+        float(np.abs(translation[after] - logged["x"][1:]).max(initial=0.0)),
+        float(np.abs(orientation[after] - logged["q"][1:]).max(initial=0.0)),
+        float(np.abs(clearance.reshape(steps, ticks).min(axis=1) - logged["clearance"]).max()),
+    )

@@ -1,0 +1,1 @@
+"""Sensors of the chaser, simulated on the true state."""

@@ -1,0 +1,87 @@
+"""An inertial measurement unit: gyroscopes and accelerometers with noise and wandering biases."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.random.streams import Streams
+from safe_inspect.types import FloatArray
+
+
+@dataclass(frozen=True)
+class ImuNoise:
+    """Errors of the unit, each the standard deviation for one axis.
+
+    Attributes:
+        acceleration: Noise of a sample [m/s^2].
+        rate: Noise of a sample [rad/s].
+        acceleration_bias: Bias at the start [m/s^2].
+        rate_bias: Bias at the start [rad/s].
+        acceleration_walk: Random walk of the bias [m/s^2 per sqrt(s)].
+        rate_walk: Random walk of the bias [rad/s per sqrt(s)].
+    """
+
+    acceleration: float = 2e-3
+    rate: float = 1.5e-4
+    acceleration_bias: float = 1e-3
+    rate_bias: float = 5e-5
+    acceleration_walk: float = 1e-5
+    rate_walk: float = 1e-6
+
+
+class ImuSample(NamedTuple):
+    """One sample in the chaser's frame B.
+
+    Attributes:
+        acceleration: Specific force [m/s^2], shape (3,).
+        rate: Angular velocity [rad/s], shape (3,).
+        acceleration_bias: Its true bias [m/s^2], shape (3,).
+        rate_bias: Its true bias [rad/s], shape (3,).
+    """
+
+    acceleration: FloatArray
+    rate: FloatArray
+    acceleration_bias: FloatArray
+    rate_bias: FloatArray
+
+
+class Imu:
+    """The unit of one mission; only the biases are remembered.
+
+    ``a = R_WB^T p'' + b_a + n_a`` (free fall has no gravity) and ``w = omega + b_g + n_g``.
+
+    Args:
+        noise: Its errors.
+        period: Time between samples [s].
+        streams: The random streams of one mission.
+    """
+
+    def __init__(self, noise: ImuNoise, period: float, streams: Streams) -> None:
+        self._noise, self._period, self._streams = noise, period, streams
+        self._bias = streams.normal("imu.bias", 6)[0] * np.repeat([noise.acceleration_bias, noise.rate_bias], 3)
+        self._count = 0
+
+    def sample(self, rotation: FloatArray, acceleration: FloatArray, angular_velocity: FloatArray) -> ImuSample:
+        """Return the next sample.
+
+        Args:
+            rotation: R_WB, takes coordinates in B to W, shape (3, 3).
+            acceleration: Acceleration of the centre of mass in W, without gravity [m/s^2], shape (3,).
+            angular_velocity: In B [rad/s], shape (3,).
+        """
+        noise = self._noise
+        drawn = self._streams.normal("imu.sample", 12, self._count)[0]
+        error = drawn[:6] * np.repeat([noise.acceleration, noise.rate], 3)
+        bias = self._bias.copy()
+        walk = np.repeat([noise.acceleration_walk, noise.rate_walk], 3) * np.sqrt(self._period)
+        self._bias = self._bias + walk * drawn[6:]
+        self._count += 1
+        return ImuSample(
+            rotation.T @ acceleration + bias[:3] + error[:3],
+            angular_velocity + bias[3:] + error[3:],
+            bias[:3],
+            bias[3:],
+        )

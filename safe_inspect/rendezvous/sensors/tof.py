@@ -1,0 +1,202 @@
+"""A time-of-flight depth camera: rays through the pixels, noise, dropouts and flying pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.target.model import TriangleMesh
+from safe_inspect.types import BoolArray, FloatArray
+
+#: Most words that one index of a stream gives; an image takes several indices.
+_WORDS_PER_INDEX = 8192
+#: Range of a ray that hits nothing, as the ray caster returns it, is above this [m].
+_FAR = 1e30
+
+
+@dataclass(frozen=True)
+class NoiseProfile:
+    """Errors of the camera. The standard deviation of a range is ``sigma0 + k r^2 / max(cos(incidence), 0.15)``.
+
+    Attributes:
+        sigma0: Constant part [m].
+        k: Quadratic part [1/m].
+        dropout: Probability that a pixel gives nothing.
+        grazing: Cosine of the incidence below which a pixel gives nothing.
+        flying: Probability that a pixel at an edge of the depth image flies.
+        flying_range: Largest displacement of a flying pixel along its ray [m].
+    """
+
+    sigma0: float
+    k: float
+    dropout: float = 0.01
+    grazing: float = 0.12
+    flying: float = 0.5
+    flying_range: float = 0.08
+
+
+#: `ideal` has no error at all, the others are measured cameras from the best to the worst.
+PROFILES = {
+    "ideal": NoiseProfile(0.0, 0.0, dropout=0.0, grazing=0.0, flying=0.0),
+    "clean": NoiseProfile(2e-3, 0.0),
+    "nominal": NoiseProfile(3e-3, 1.5e-3),
+    "harsh": NoiseProfile(5e-3, 3e-3),
+}
+
+
+@dataclass(frozen=True)
+class DepthCamera:
+    """Geometry of the camera; C has z forward, x right and y down.
+
+    Attributes:
+        width: Pixels of a row.
+        height: Pixels of a column.
+        focal_length: Focal length along a row [px].
+        least_range: Least measured range [m].
+        largest_range: Largest measured range [m].
+        edge: Difference of depth between neighbours that makes an edge [m].
+        least_points: A frame with fewer points is flagged.
+        focal_length_y: Focal length along a column [px]; None for that along a row.
+        principal_point: Where the optical axis meets the image [px], column and row, with 0 at the centre of the first
+            pixel; None for the middle of the image.
+    """
+
+    width: int = 224
+    height: int = 171
+    focal_length: float = 186.4
+    least_range: float = 0.2
+    largest_range: float = 4.0
+    edge: float = 0.05
+    least_points: int = 50
+    focal_length_y: float | None = None
+    principal_point: tuple[float, float] | None = None
+
+    @cached_property
+    def intrinsics(self) -> tuple[float, float, float, float]:
+        """Focal lengths along rows and columns and the principal point [px], 0 at the centre of the first pixel."""
+        middle = (0.5 * self.width - 0.5, 0.5 * self.height - 0.5)
+        return (
+            self.focal_length,
+            self.focal_length if self.focal_length_y is None else self.focal_length_y,
+            *(middle if self.principal_point is None else self.principal_point),
+        )
+
+    @cached_property
+    def directions(self) -> FloatArray:
+        """Unit vectors through the centres of the pixels in C, shape (height, width, 3)."""
+        fx, fy, cx, cy = self.intrinsics
+        x = (np.arange(self.width) - cx) / fx
+        y = (np.arange(self.height) - cy) / fy
+        rays = np.stack([*np.meshgrid(x, y), np.ones((self.height, self.width))], axis=2)
+        return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
+
+
+@dataclass(frozen=True, eq=False)
+class DepthFrame:
+    """One frame.
+
+    Attributes:
+        time: When it was taken [s].
+        depth: Coordinate z in C of what each pixel sees [m], 0 where it sees nothing, shape (height, width).
+        points: Points in C [m], in the order of the pixels, shape (n, 3).
+        valid: Which pixels see something, shape (height, width).
+        flags: ``out_of_view`` (no point), ``few_points`` and ``inside`` (the camera is within the target).
+    """
+
+    time: float
+    depth: FloatArray
+    points: FloatArray
+    valid: BoolArray
+    flags: tuple[str, ...]
+
+
+class DepthRenderer:
+    """Takes frames of a mesh; a frame is a function of the pose, the streams and the frame's number alone."""
+
+    def __init__(self, camera: DepthCamera, mesh: TriangleMesh, profile: NoiseProfile) -> None:
+        self._camera = camera
+        self._profile = profile
+        self._scene: Any = require("embreex.rtcore_scene").EmbreeScene()
+        # The scene refers to the triangles and does not own them.
+        self._triangles = require("embreex.mesh_construction").TriangleMesh(
+            self._scene, np.ascontiguousarray(mesh.corners, np.float32)
+        )
+
+    def render(
+        self, rotation: FloatArray, translation: FloatArray, streams: Streams, frame: int, time: float
+    ) -> DepthFrame:
+        """Return one frame.
+
+        Args:
+            rotation: R_MC, takes coordinates in the camera's frame C to the target's frame M, shape (3, 3).
+            translation: The camera's position in M [m], shape (3,).
+            streams: The random streams of one mission.
+            frame: Number of the frame.
+            time: When it is taken [s].
+        """
+        camera, profile = self._camera, self._profile
+        shape = (camera.height, camera.width)
+        distance, cosine, inside = self._cast(rotation, translation)
+        seen = np.isfinite(distance) & (cosine >= profile.grazing)
+        edges = _edges(np.where(seen, distance * camera.directions[..., 2], np.inf), camera.edge)
+        safe = np.where(seen, distance, 0.0)
+        sigma = profile.sigma0 + profile.k * safe**2 / np.maximum(cosine, 0.15)
+        measured = safe + sigma * _normal(streams, "camera.noise", shape, frame)
+        flies = edges & (_uniform(streams, "camera.flying", shape, frame) < profile.flying)
+        shift = (2.0 * _uniform(streams, "camera.shift", shape, frame) - 1.0) * profile.flying_range
+        measured = np.where(flies, measured + shift, measured)
+        kept = _uniform(streams, "camera.dropout", shape, frame) >= profile.dropout
+        valid = seen & kept & (measured >= camera.least_range) & (measured <= camera.largest_range)
+        points = measured[valid][:, None] * camera.directions[valid]
+        flags = ("out_of_view",) if len(points) == 0 else ("few_points",) * (len(points) < camera.least_points)
+        depth = np.where(valid, measured * camera.directions[..., 2], 0.0)
+        return DepthFrame(time, depth, points, valid, (*flags, *(("inside",) * inside)))
+
+    def _cast(self, rotation: FloatArray, translation: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
+        """Return the range of the first hit, infinite without one, the cosine of incidence, and if from inside."""
+        rays = np.ascontiguousarray(self._camera.directions.reshape(-1, 3) @ rotation.T, np.float32)
+        origins = np.ascontiguousarray(np.broadcast_to(translation, rays.shape), np.float32)
+        hit = self._scene.run(origins, rays, output=True)
+        missed = (hit["primID"] < 0) | (hit["tfar"] > _FAR)
+        normal = hit["Ng"].astype(np.float64)
+        length = np.linalg.norm(normal, axis=1)
+        cosine = -np.einsum("ri,ri->r", normal, rays) / np.where(length > 0.0, length, 1.0)
+        inside = bool((~missed & (cosine < -1e-3)).any())
+        distance = np.where(missed, np.inf, hit["tfar"].astype(np.float64))
+        shape = (self._camera.height, self._camera.width)
+        return distance.reshape(shape), np.abs(cosine).reshape(shape), inside
+
+
+def _edges(depth: FloatArray, jump: float) -> BoolArray:
+    """Return which pixels differ from one of four neighbours by more than `jump`; nothing seen is infinitely far."""
+    found = np.zeros(depth.shape, np.bool_)
+    finite = np.where(np.isfinite(depth), depth, 1e9)
+    for axis in (0, 1):
+        apart = np.abs(np.diff(finite, axis=axis)) > jump
+        low = [slice(None)] * 2
+        high = [slice(None)] * 2
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        found[tuple(low)] |= apart
+        found[tuple(high)] |= apart
+    return found
+
+
+def _uniform(streams: Streams, purpose: str, shape: tuple[int, int], frame: int) -> FloatArray:
+    return _fill(streams.uniform, purpose, shape, frame)
+
+
+def _normal(streams: Streams, purpose: str, shape: tuple[int, int], frame: int) -> FloatArray:
+    return _fill(streams.normal, purpose, shape, frame)
+
+
+def _fill(draw: Any, purpose: str, shape: tuple[int, int], frame: int) -> FloatArray:
+    """Draw an image in blocks that do not overlap those of other frames."""
+    size = shape[0] * shape[1]
+    blocks = -(-size // _WORDS_PER_INDEX)
+    parts = [draw(purpose, _WORDS_PER_INDEX, frame * blocks + block)[0] for block in range(blocks)]
+    return np.concatenate(parts)[:size].reshape(shape)

@@ -1,0 +1,67 @@
+"""A target made of boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.rendezvous.target.model import TriangleMesh
+from safe_inspect.types import FloatArray
+
+#: The corners of a unit box by their signs, and the twelve triangles of its faces seen from outside.
+_SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ]
+)  # fmt: skip
+
+
+def aligned_boxes(centre: FloatArray, half_size: FloatArray) -> OrientedBoxes:
+    """Return boxes whose axes are those of the frame; centres and half sizes [m], shape (B, 3)."""
+    return OrientedBoxes(centre, half_size, np.broadcast_to(np.eye(3), (len(centre), 3, 3)))
+
+
+def join_boxes(*parts: OrientedBoxes) -> OrientedBoxes:
+    """Return all boxes of several sets in one."""
+    return OrientedBoxes(
+        np.concatenate([part.centre for part in parts]),
+        np.concatenate([part.half_size for part in parts]),
+        np.concatenate([part.rotation for part in parts]),
+    )
+
+
+def scale_boxes(boxes: OrientedBoxes, scale: float) -> OrientedBoxes:
+    """Return boxes scaled about the origin."""
+    return OrientedBoxes(boxes.centre * scale, boxes.half_size * scale, boxes.rotation)
+
+
+def mesh_of_boxes(boxes: OrientedBoxes) -> TriangleMesh:
+    """Return the faces of all boxes, twelve triangles for each."""
+    corners = boxes.centre[:, None, :] + np.einsum("bij,kj,bj->bki", boxes.rotation, _SIGNS, boxes.half_size)
+    faces = _FACES[None, :, :] + 8 * np.arange(len(boxes))[:, None, None]
+    return TriangleMesh(corners.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int64))
+
+
+def inertia_of_boxes(boxes: OrientedBoxes, mass: float) -> FloatArray:
+    """Return the inertia about the common centre of mass of boxes of one density that do not overlap.
+
+    For each box of mass m and half sizes h: ``m/3 R diag(|h|^2 - h^2) R^T + m (|c|^2 I - c c^T)``.
+
+    Args:
+        boxes: The boxes.
+        mass: Their common mass [kg].
+
+    Returns:
+        Inertia in the boxes' frame [kg m^2], shape (3, 3).
+    """
+    volume = boxes.half_size.prod(axis=1)
+    share = mass * volume / volume.sum()
+    offset = boxes.centre - (share[:, None] * boxes.centre).sum(axis=0) / mass
+    square = boxes.half_size**2
+    own = (square.sum(axis=1, keepdims=True) - square) / 3.0
+    inertia = np.einsum("b,bij,bj,bkj->ik", share, boxes.rotation, own, boxes.rotation)
+    distance = np.einsum("b,bi,bi->", share, offset, offset)
+    result: FloatArray = inertia + distance * np.eye(3) - np.einsum("b,bi,bj->ij", share, offset, offset)
+    return result

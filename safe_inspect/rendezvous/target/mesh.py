@@ -1,0 +1,130 @@
+"""A target from a mesh file of the user's."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_inspect.dynamics.inertia import principal_axes
+from safe_inspect.errors import ConfigError
+from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.target.box import aligned_boxes
+from safe_inspect.rendezvous.target.model import Target, TriangleMesh
+from safe_inspect.types import AnyArray, FloatArray
+
+#: Least half size of a covering box [m]; a flat piece of a mesh has none of its own.
+_LEAST_HALF_SIZE = 1e-4
+#: Where a cell is cut, as shares of its length.
+_CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+
+
+def read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
+    """Return a mesh file as trimesh has it.
+
+    Raises:
+        ConfigError: The file cannot be read, or its surface is not closed.
+    """
+    name = os.fspath(path)
+    try:
+        mesh = require("trimesh").load(name, force="mesh")
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{name}: the mesh cannot be read ({error}); give an STL, PLY or OBJ file") from None
+    if not mesh.is_volume:
+        raise ConfigError(
+            f"{name}: the mesh is no closed surface with outward faces (watertight: {mesh.is_watertight}, consistent "
+            f"winding: {mesh.is_winding_consistent}); close its holes and let all faces look outwards"
+        )
+    mesh.apply_scale(scale)
+    return mesh
+
+
+def mesh_target(mesh: Any, inertia: FloatArray | None, mating_point: FloatArray, boxes: int, name: str = "") -> Target:
+    """Return the target of a closed mesh, moved so that its centre of mass is the origin.
+
+    Args:
+        mesh: The mesh, as `read_mesh` returns it.
+        inertia: Inertia about the centre of mass along the mesh's axes, shape (3, 3), with the mesh's origin at the
+            centre of mass; None for a body of uniform density, whose centre of mass is the volume's.
+        mating_point: In T [m], shape (3,).
+        boxes: Largest number of boxes that cover it.
+        name: The file, for messages.
+
+    Raises:
+        ConfigError: The inertia is that of no body.
+    """
+    if inertia is None:
+        mesh = mesh.copy()
+        mesh.apply_translation(-mesh.center_mass)
+        inertia = np.asarray(mesh.moment_inertia, dtype=np.float64)
+        inertia = 0.5 * (inertia + inertia.T)
+    try:
+        principal_axes(inertia)
+    except ValueError as error:
+        raise ConfigError(f"{name or 'mesh'}: {error}") from None
+    surface = TriangleMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
+    return Target(covering_boxes(mesh, boxes), surface, inertia, np.asarray(mating_point, dtype=np.float64))
+
+
+def covering_boxes(mesh: Any, count: int) -> OrientedBoxes:
+    """Return at most `count` axis-aligned boxes that cover a closed mesh with its inside.
+
+    Box by box, the plane is cut that lowers the common volume most. The solid's part in a cell ends at a side of the
+    cell either on the surface, which the bounds of the cell's triangles hold, or nowhere: then all of that side, its
+    middle too, is inside the solid.
+    """
+    whole = _Cell((np.asarray(mesh.vertices), np.asarray(mesh.faces)), np.asarray(mesh.bounds, np.float64))
+    cells = [whole]
+    while len(cells) < count:
+        cuts = [(gain, index, halves) for index, cell in enumerate(cells) for gain, halves in [_best_cut(mesh, cell)]]
+        gain, index, halves = max(cuts, key=lambda cut: cut[0])
+        if gain <= 0.01 * whole.volume:
+            break
+        cells[index : index + 1] = halves
+    bounds = np.array([cell.bounds for cell in cells])
+    half = np.maximum(0.5 * (bounds[:, 1] - bounds[:, 0]), _LEAST_HALF_SIZE)
+    return aligned_boxes(bounds.mean(axis=1), half)
+
+
+class _Cell(NamedTuple):
+    """The triangles within a box (vertices and faces), and the box (low and high corner [m], shape (2, 3))."""
+
+    surface: tuple[FloatArray, AnyArray]
+    bounds: FloatArray
+
+    @property
+    def volume(self) -> float:
+        return float(np.maximum(self.bounds[1] - self.bounds[0], 2.0 * _LEAST_HALF_SIZE).prod())
+
+
+def _best_cut(mesh: Any, cell: _Cell) -> tuple[float, list[_Cell]]:
+    """Return the volume that the best cut of a cell saves [m^3], and its two halves."""
+    low, high = cell.bounds
+    best: tuple[float, list[_Cell]] = (0.0, [cell])
+    for axis in range(3):
+        for share in _CUTS:
+            plane = low[axis] + share * (high[axis] - low[axis])
+            halves = [_half(mesh, cell, axis, plane, side) for side in (0, 1)]
+            found = [half for half in halves if half is not None]
+            gain = cell.volume - sum(half.volume for half in found)
+            if len(found) == 2 and gain > best[0]:
+                best = (gain, found)
+    return best
+
+
+def _half(mesh: Any, cell: _Cell, axis: int, plane: float, side: int) -> _Cell | None:
+    """Return the part of a cell below (side 0) or above a plane, its box made tight; None when it has no surface."""
+    normal, origin, bounds = np.zeros(3), np.zeros(3), cell.bounds.copy()
+    normal[axis], origin[axis], bounds[1 - side, axis] = 2.0 * side - 1.0, plane, plane
+    vertices, faces, _ = require("trimesh").intersections.slice_faces_plane(*cell.surface, normal, origin)
+    if len(faces) == 0:
+        return None
+    surface = vertices[faces].reshape(-1, 3)
+    middles = np.repeat(bounds.mean(axis=0)[None], 6, axis=0)
+    for index in range(6):
+        middles[index, index // 2] = bounds[index % 2, index // 2]
+    inside = mesh.contains(middles).reshape(3, 2).T
+    tight = np.array([surface.min(axis=0), surface.max(axis=0)])
+    return _Cell((vertices, faces), np.where(inside, bounds, tight))

@@ -1,0 +1,70 @@
+"""What is known of the target: shape, inertia, principal axes and mating point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from safe_inspect.dynamics.inertia import principal_axes
+from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """A surface of triangles, counter-clockwise as seen from outside.
+
+    Attributes:
+        vertices: Vertices [m], shape (V, 3).
+        faces: Indices of the corners of each triangle, shape (F, 3).
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+
+    @property
+    def corners(self) -> FloatArray:
+        """The corners of each triangle [m], shape (F, 3, 3)."""
+        found: FloatArray = self.vertices[self.faces]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The target, in its model frame M with the centre of mass at the origin.
+
+    T is the frame of the principal axes, J1 <= J2 <= J3, with the same origin.
+
+    Attributes:
+        boxes: Boxes that cover the shape, in M; clearance is kept from them.
+        mesh: The surface that sensors see, in M.
+        inertia: Inertia about the centre of mass in M [kg m^2], shape (3, 3); a common factor does not matter.
+        mating_point: Where the chaser's centre of mass shall be, in T [m], shape (3,).
+    """
+
+    boxes: OrientedBoxes
+    mesh: TriangleMesh
+    inertia: FloatArray
+    mating_point: FloatArray
+
+    def __post_init__(self) -> None:
+        principal_axes(self.inertia)  # refuses an impossible inertia
+
+    @cached_property
+    def principal(self) -> FloatArray:
+        """Principal moments J1 <= J2 <= J3 [kg m^2], shape (3,)."""
+        return principal_axes(self.inertia)[0]
+
+    @cached_property
+    def R_MT(self) -> FloatArray:  # noqa: N802
+        """The rotation that takes coordinates in T to M, shape (3, 3)."""
+        return principal_axes(self.inertia)[1]
+
+    @cached_property
+    def swept_radius(self) -> float:
+        """Radius of the sphere about the centre of mass that holds all boxes [m]."""
+        signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
+        offsets = np.einsum("bij,kj,bj->bki", self.boxes.rotation, signs, self.boxes.half_size)
+        return float(np.linalg.norm(self.boxes.centre[:, None, :] + offsets, axis=2).max())

@@ -1,0 +1,73 @@
+"""What docking and contact are, as row kernels of one chaser in one environment."""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiling import njit
+from safe_inspect.geometry.distance import distance
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, RowInput
+from safe_inspect.types import FloatArray
+
+
+@njit
+def is_docked(
+    reach: float,
+    speed: float,
+    position: FloatArray,
+    velocity: FloatArray,
+    mating_position: FloatArray,
+    mating_velocity: FloatArray,
+) -> bool:
+    """Return whether a chaser is at the mating point and moves with it.
+
+    Args:
+        reach: Largest distance to the mating point [m].
+        speed: Largest speed relative to it [m/s].
+        position: Position of the chaser [m], shape (3,).
+        velocity: Its velocity [m/s], shape (3,).
+        mating_position: Position of the mating point [m], shape (3,).
+        mating_velocity: Its velocity [m/s], shape (3,).
+    """
+    return distance(position, mating_position) <= reach and distance(velocity, mating_velocity) <= speed
+
+
+@njit
+def is_in_contact(radius: float, clearance: float) -> bool:
+    """Return whether the clearance of a chaser's centre is below its radius [m]."""
+    return clearance < radius
+
+
+@njit
+def docking_error(
+    time_scale: float,
+    position: FloatArray,
+    velocity: FloatArray,
+    mating_position: FloatArray,
+    mating_velocity: FloatArray,
+) -> float:
+    """Return ``sqrt(|p - p_m|^2 + (T |v - v_m|)^2)`` [m].
+
+    Args:
+        time_scale: T: what a relative velocity weighs [s].
+        position: Position p of the chaser [m], shape (3,).
+        velocity: Its velocity v [m/s], shape (3,).
+        mating_position: Position p_m of the mating point [m], shape (3,).
+        mating_velocity: Its velocity v_m [m/s], shape (3,).
+    """
+    apart, lag = distance(position, mating_position), time_scale * distance(velocity, mating_velocity)
+    return math.sqrt(apart * apart + lag * lag)
+
+
+def docking_inputs(before: bool = False) -> tuple[RowInput, RowInput, RowInput, RowInput]:
+    """Return position and velocity of the chaser, then of the mating point, as inputs of a row kernel.
+
+    Args:
+        before: Whether those before the step are read.
+    """
+    return (
+        OwnArray("position", before),
+        OwnArray("velocity", before),
+        EnvironmentArray("mating_point_position", before),
+        EnvironmentArray("mating_point_velocity", before),
+    )

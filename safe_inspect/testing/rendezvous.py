@@ -1,0 +1,217 @@
+"""The contract of the plugins of a rendezvous: shapes, the same results for the same inputs, and inputs left alone."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
+from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext
+from safe_inspect.rendezvous.planner.approach import plan_approach
+from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
+from safe_inspect.rendezvous.plugins.base import (
+    ApproachPlanner,
+    DepthCameraModel,
+    StateEstimator,
+    TargetModel,
+    Tracker,
+    Tumble,
+    UncertaintyBound,
+)
+from safe_inspect.rendezvous.plugins.bound import MaxSampleBound
+from safe_inspect.rendezvous.target.envisat import envisat
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.rendezvous.tracking import DesignRequest
+from safe_inspect.testing.estimation import ESTIMATION_CHECKS
+from safe_inspect.testing.report import WRITES, Report
+from safe_inspect.testing.teams import SampleParts
+from safe_inspect.types import AnyArray
+
+
+def _check_target_model(plugin: TargetModel, parts: SampleParts, report: Report) -> None:
+    """Check a target model: a body whose mating point is outside of its boxes."""
+    target, again = plugin(), plugin()
+    _same(report, "the target", _arrays(target), _arrays(again))
+    _finite(report, "the mating point", target.mating_point, (3,))
+    _finite(report, "the mesh", target.mesh.vertices, (len(target.mesh.vertices), 3))
+    outside = target.boxes.distance((target.R_MT @ target.mating_point)[None])[0]
+    report.expect(outside > 0.0, "mating point", "the mating point is inside a box", "move it, or the boxes")
+
+
+def _check_tumble(plugin: Tumble, parts: SampleParts, report: Report) -> None:
+    """Check a tumble: a unit quaternion and an angular velocity."""
+    q, w = plugin(_streams())
+    _finite(report, "the attitude", q, (4,))
+    _finite(report, "the angular velocity", w, (3,))
+    report.expect(abs(float(q @ q) - 1.0) < 1e-12, "unit", f"the attitude is {q}", "return a unit quaternion")
+    _same(report, "the tumble", [q, w], [*plugin(_streams())])
+
+
+def _check_depth_camera(plugin: DepthCameraModel, parts: SampleParts, report: Report) -> None:
+    """Check a depth camera: a depth of every pixel, and the points of the valid ones."""
+
+    def take() -> Any:
+        return plugin(_target()).render(np.eye(3), np.array([0.0, 0.0, -1.5]), _streams(), 3, 0.6)
+
+    frame, again = take(), take()
+    _finite(report, "the depth", frame.depth, (plugin.geometry.height, plugin.geometry.width))
+    _finite(report, "the points", frame.points, (int(frame.valid.sum()), 3))
+    _same(report, "the frame", [frame.depth, frame.points], [again.depth, again.points])
+
+
+def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: Report) -> None:
+    """Check an estimator: estimates of a chaser and a target, some of them blind."""
+    chaser, body = _bodies()
+
+    def estimates() -> list[AnyArray]:
+        run = plugin(EstimatorContext(_target(), 1.0, 0.2, _streams()))
+        found = [run.update(0.2 * k, chaser, body, blind=k > 7) for k in range(12)]
+        return [array for estimate in found for array in (*estimate.chaser, *estimate.target)]
+
+    with _unchanged([*chaser, *body], report, "the estimator"):
+        first = estimates()
+    for array in first:
+        _finite(report, "an estimate", array, array.shape)
+    _same(report, "the estimates", first, estimates())
+
+
+def _check_approach_planner(plugin: ApproachPlanner, parts: SampleParts, report: Report) -> None:
+    """Check a planner: a plan with samples, and a status where there is none."""
+    query = _query()
+    with _unchanged([query.state, query.orientation, query.angular_velocity], report, "the planner"):
+        plan, again = plugin(query), plugin(query)
+    _same(report, "the plan", [plan.control_points, plan.position], [again.control_points, again.position])
+    if plan.solved:
+        for name in ("position", "velocity", "acceleration", "force", "position_target"):
+            _finite(report, f"`{name}` of the plan", getattr(plan, name), (len(plan.times), 3))
+    inside = plugin(_query(np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    report.expect(
+        not inside.solved and isinstance(inside.status, PlanStatus),
+        "status",
+        "a start inside the target gives a plan that may be flown",
+        "return a status that says why there is no plan",
+    )
+
+
+def _check_uncertainty_bound(plugin: UncertaintyBound, parts: SampleParts, report: Report) -> None:
+    """Check a bound: not negative, at every sample of the plan."""
+    query, count = _bound_query(), len(_plan().times)
+    bound, again = plugin(query, _streams()), plugin(query, _streams())
+    for name in ("position", "velocity", "force"):
+        _finite(report, f"`{name}` of the bound", getattr(bound, name), (count,))
+        report.expect((getattr(bound, name) >= 0.0).all(), "sign", f"`{name}` is negative", "return a half width")
+    _same(report, "the bound", [bound.position, bound.force], [again.position, again.force])
+
+
+def _check_tracker(plugin: Tracker, parts: SampleParts, report: Report) -> None:
+    """Check a tracker: a force within the limits, the same for the same run of estimates."""
+    plan, query, limits = _plan(), _bound_query(), TrackingLimits()
+    bound = MaxSampleBound()(query, _streams())
+    far = np.ones(len(plan.times))
+    design = plugin.design(DesignRequest(plan, bound, far, Axis(query.mass), limits, 3e-3, 5))
+    reference = TrackedReference(plan.position, plan.velocity)
+    estimate = np.concatenate([plan.position[0] + 0.01, plan.velocity[0]])
+
+    def forces() -> AnyArray:
+        run = plugin(design)
+        return np.array([run.step(estimate, reference, k).force for k in range(3)])
+
+    with _unchanged([estimate, plan.position, plan.velocity], report, "the tracker"):
+        found = forces()
+    _finite(report, "the forces", found, (3, 3))
+    largest = np.abs(found).max()
+    report.expect(largest <= limits.force, "limits", f"it asks for {largest} N", "clip the force at the limits")
+    _same(report, "the forces", [found], [forces()])
+
+
+_CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
+    "approach_planner": _check_approach_planner,
+    "depth_camera": _check_depth_camera,
+    "state_estimator": _check_state_estimator,
+    "target_model": _check_target_model,
+    "tracker": _check_tracker,
+    "tumble": _check_tumble,
+    "uncertainty_bound": _check_uncertainty_bound,
+}
+#: The kinds that `check_rendezvous` knows.
+RENDEZVOUS_KINDS = (*_CHECKS, *ESTIMATION_CHECKS)
+
+
+def check_rendezvous(plugin: Any, parts: SampleParts, report: Report) -> None:
+    """Check a plugin of a rendezvous, of any kind."""
+    with report.attempt(f"the {plugin.kind.replace('_', ' ')}", "it must work for the sample target"):
+        if plugin.kind in ESTIMATION_CHECKS:
+            ESTIMATION_CHECKS[plugin.kind](plugin, _target(), _streams(), report)
+        else:
+            _CHECKS[plugin.kind](plugin, parts, report)
+
+
+def _streams() -> Streams:
+    return Streams(3, np.zeros(1, np.int64), np.zeros(1, np.int64))
+
+
+@functools.cache
+def _target() -> Target:
+    return envisat(0.05, np.array([0.25, 0.0, 0.42]))
+
+
+def _bodies() -> tuple[BodyState, BodyState]:
+    still, level, rate = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.05 * np.array([0.7, 0.5, 0.5])
+    return BodyState(np.array([0.0, -1.5, 0.0]), still, level, still), BodyState(still, still, level, rate)
+
+
+def _query(state: AnyArray | None = None) -> PlanQuery:
+    chaser, body = _bodies()
+    target = _target()
+    return PlanQuery(
+        t0=0.0,
+        state=np.concatenate([chaser.position, chaser.velocity]) if state is None else state,
+        orientation=body.orientation,
+        angular_velocity=body.angular_velocity,
+        inertia=target.principal,
+        mating_point=target.mating_point,
+        boxes=target.boxes,
+        R_MT=target.R_MT,
+    )
+
+
+@functools.cache
+def _plan() -> Plan:
+    return plan_approach(_query())
+
+
+def _bound_query() -> BoundQuery:
+    return BoundQuery(_plan(), _target().principal, EstimateErrors(0.005, 0.0005), Updates(1.0, 0.0, 0.5))
+
+
+def _arrays(target: Target) -> list[AnyArray]:
+    boxes = target.boxes
+    return [boxes.centre, boxes.half_size, boxes.rotation, target.mesh.vertices, target.inertia, target.mating_point]
+
+
+def _finite(report: Report, what: str, array: Any, shape: tuple[int, ...]) -> None:
+    right = isinstance(array, np.ndarray) and array.shape == shape and bool(np.isfinite(array).all())
+    found = f"shape {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+    report.expect(right, "shape", f"{what}: {found}, or not finite", f"return finite floats of shape {shape}")
+
+
+def _same(report: Report, what: str, first: Sequence[AnyArray], second: Sequence[AnyArray]) -> None:
+    equal = all(one.tobytes() == other.tobytes() for one, other in zip(first, second, strict=True))
+    remedy = "draw from `streams` alone, and remember nothing between calls"
+    report.expect(equal, "repeat", f"{what} of two calls with the same inputs differ", remedy)
+
+
+@contextmanager
+def _unchanged(arrays: Sequence[AnyArray], report: Report, what: str) -> Iterator[None]:
+    """Note a breach when an array changes within the block."""
+    before = [array.tobytes() for array in arrays]
+    yield
+    kept = all(array.tobytes() == bytes_before for array, bytes_before in zip(arrays, before, strict=True))
+    report.expect(kept, "read-only", f"{what} changes an array that it is given", WRITES)

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from safe_inspect.cli.main import main
+from safe_inspect.config.data import configs_root
+
+_FILE = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
+_QUICK = ["mission.observe=1 s", "mission.checkout=0.4 s", "mission.wait_limit=0 s"]
+
+
+def test_a_dry_run_prints_the_resolved_experiment(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rendezvous", _FILE, "--dry-run", "tumble.config.rate=2 deg/s"]) == 0
+    printed = capsys.readouterr().out
+    assert "rate: 2 deg/s" in printed
+    assert "functor: EnvisatTarget" in printed
+
+
+def test_a_mistake_is_printed_without_a_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rendezvous", _FILE, "planner={functor: SplinePlanner}"]) == 2
+    assert "did you mean `SplineSCPPlanner`?" in capsys.readouterr().err
+
+
+def test_its_file_is_validated_like_others(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", _FILE]) == 0
+    assert "is valid: rendezvous, EnvisatTarget, TriAxialTumble, SplineSCPPlanner" in capsys.readouterr().out
+    assert main(["validate", _FILE, "mission.observ=3 s"]) == 2
+    assert "did you mean `observe`?" in capsys.readouterr().err
+
+
+def test_one_mission_leaves_its_files_and_a_failed_one_another_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["rendezvous", _FILE, *_QUICK, "--output", str(tmp_path / "run")]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("success\n")
+    assert "least clearance" in printed
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["success"] is True
+    assert main(["rendezvous", _FILE, *_QUICK, "mission.time_limit=0.8 s"]) == 1
+    assert capsys.readouterr().out.startswith("failed: given up in OBSERVE\n")
+
+
+def test_missions_in_two_processes_are_those_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import pyarrow.parquet as pq
+
+    tables = []
+    for workers in ("1", "2"):
+        folder = tmp_path / workers
+        limited = [*_QUICK, "mission.time_limit=10 s"]
+        code = main(["rendezvous", _FILE, *limited, "--missions", "2", "--workers", workers, "--output", str(folder)])
+        assert code == 1
+        assert "0 of 2 missions succeeded" in capsys.readouterr().out
+        tables.append(pq.read_table(folder / "missions.parquet").drop_columns(["planning_time"]))
+        assert (folder / "mission_0001" / "log.npz").is_file()
+        # The same command finds its missions there; another experiment is refused.
+        again = ["rendezvous", _FILE, *limited, "--missions", "2", "--output", str(folder)]
+        assert main(again) == 1
+        assert "0 of 2 missions succeeded" in capsys.readouterr().out
+        assert main([*again, "seed=1"]) == 2
+        assert "holds missions of another experiment (seed: 0 there, 1 here)" in capsys.readouterr().err
+        assert main(["rendezvous", _FILE, *limited, "--output", str(folder)]) == 2
+        assert "holds the missions of a campaign" in capsys.readouterr().err
+    assert tables[0].equals(tables[1])

@@ -1,0 +1,31 @@
+"""A plan to a tumbling target that heeds no limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.rendezvous.planner.direct import direct_approach
+from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
+
+
+@pytest.fixture(scope="session")
+def query() -> PlanQuery:
+    """An approach from 1.5 m at rest, to a target that turns at 5 degrees per second."""
+    rate = np.array([0.7, 0.5, 0.5])
+    return PlanQuery(
+        t0=0.0,
+        state=np.array([0.0, -1.5, 0.0, 0.0, 0.0, 0.0]),
+        orientation=np.array([0.1, -0.3, 0.5, 0.8]) / np.sqrt(0.99),
+        angular_velocity=np.deg2rad(5.0) * rate / np.linalg.norm(rate),
+        inertia=np.array([0.1314, 0.9661, 1.0]),
+        mating_point=np.array([0.25, 0.0, 0.42]),
+        boxes=OrientedBoxes(np.zeros((1, 3)), np.full((1, 3), 0.1), np.eye(3)[None]),
+        R_MT=np.eye(3),
+    )
+
+
+@pytest.fixture(scope="session")
+def plan(query) -> Plan:
+    return direct_approach(query)

@@ -1,0 +1,101 @@
+"""Bad input of every kind gives one message of where, what, and what to do, and no traceback."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safe_inspect.cli.main import main
+
+from .test_experiment import SHIPPED
+
+_OPEN = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    (tmp_path / "open.obj").write_text(_OPEN)
+    (tmp_path / "junk.npz").write_text("junk")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("target={functor: MeshTarget, config: {path: FILES/open.obj}}", "open.obj: the mesh is no closed surface"),
+        ("target={functor: MeshTarget, config: {path: FILES/none.stl}}", "none.stl: the mesh cannot be read"),
+        (
+            "target={functor: BoxTarget, config: {inertia: [[1, 0, 0], [0, 1, 0], [0, 0, 3]]}}",
+            "target.config.inertia: no body has the principal moments 1, 1 and 3 kg m^2",
+        ),
+        (
+            "target={functor: BoxTarget, config: {inertia: [[1, 0.5, 0], [0, 1, 0], [0, 0, 1.5]]}}",
+            "target.config.inertia: inertia must be a symmetric matrix",
+        ),
+        ("chaser.inertia=[1 kg m^2, 1 kg m^2, 5 kg m^2]", "inertia: no body has the moments 1, 1 and 5 kg m^2"),
+        ("target.config.mating_point=[0.05 m, 0 m, 0 m]", "would overlap the target by 0.302 m there; move the point"),
+        ("target.config.mating_point=[5 m, 0 m, 0 m]", "the point is 5 m from the centre of mass, and no corner"),
+        ("target.config.mating_point=[0 m, 0 m, 0 m]", "the mating point is the target's centre of mass"),
+        ("chaser.position=[0 m, 0 m, 0 m]", "chaser.position: the chaser would overlap the target"),
+        ("tumble.config.rate=-5 deg/s", "tumble.config.rate: wants a number of 0 or more"),
+        ("tumble.config.direction=[0, 0, 0]", "is no direction and no attitude"),
+        (
+            "tumble={functor: RandomTumble, config: {least_rate: 5 deg/s, largest_rate: 2 deg/s}}",
+            "least_rate (0.08727 rad/s) is more than largest_rate",
+        ),
+        ("planner.config.table=FILES/junk.npz", "junk.npz: no table of approaches can be read (it is no .npz file)"),
+        ("planner.config.table=FILES/other.npz", "other.npz: no table of approaches can be read"),
+        ("planner.config.table=FILES/none.npz", "none.npz: no table of approaches can be read"),
+    ],
+)
+def test_a_mistake_is_one_message(override: str, message: str, files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    quick = ["mission.checkout=0 s", "mission.observe=0 s"]
+    assert main(["rendezvous", str(SHIPPED), *quick, override.replace("FILES", str(files))]) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.count("error:") == 1
+    assert "Traceback" not in printed
+
+
+def test_a_missing_library_is_one_message(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "piqp"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "meta_path", [_Without("piqp"), *sys.meta_path])
+    assert main(["rendezvous", str(SHIPPED), "mission.checkout=0 s", "mission.observe=0 s"]) == 2
+    assert (
+        "needs 'piqp', which is not installed; install the extra: pip install .[rendezvous]" in capsys.readouterr().err
+    )
+
+
+class _Without:
+    """Finds a library not to be installed."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def find_spec(self, name: str, *_: object) -> None:
+        if name == self.name:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("config.resolved.yml", "a: [", "config.resolved.yml: the file is damaged"),
+        ("missions.jsonl", "garbage\n", "missions.jsonl:1: the line is damaged; remove it"),
+    ],
+)
+def test_a_damaged_campaign_is_one_message(
+    file: str, text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["rendezvous", str(SHIPPED), "mission.checkout=0.4 s", "mission.time_limit=1 s", "--missions", "1"]
+    command += ["--output", str(tmp_path / "campaign")]
+    assert main(command) == 1
+    (tmp_path / "campaign" / file).write_text(text)
+    capsys.readouterr()
+    assert main(command) == 2
+    assert message in capsys.readouterr().err

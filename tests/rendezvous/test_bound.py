@@ -1,0 +1,173 @@
+"""Bounds of the reference's error: their limits, their growth and their coverage."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.bound.conformal import conformal_bound, max_sample_bound
+from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
+from safe_inspect.rendezvous.bound.samples import ErrorSamples, sample_errors
+from safe_inspect.rendezvous.planner.direct import direct_approach
+
+INERTIA = np.array([0.1314, 0.9661, 1.0])
+ERRORS = EstimateErrors(np.deg2rad(0.7), np.deg2rad(0.07), 0.005, 0.02, 0.002, 0.0005)
+
+
+def streams(count: int, seed: int = 0) -> Streams:
+    return Streams(seed, np.arange(count), np.zeros(count, dtype=np.int64))
+
+
+@pytest.fixture
+def bound_query(plan) -> BoundQuery:
+    return BoundQuery(plan, INERTIA, ERRORS, Updates(2.0, 0.4, 0.3))
+
+
+@pytest.fixture(scope="module")
+def many(query) -> ErrorSamples:
+    """A thousand trials, of a plan with one sample a second."""
+    plan = direct_approach(query, step=1.0)
+    return sample_errors(BoundQuery(plan, INERTIA, ERRORS, Updates(5.0)), streams(1000, 7))
+
+
+@pytest.mark.parametrize("updates", [None, Updates(1.0), Updates(5.0, 0.6, 0.9)])
+def test_without_errors_the_bound_is_zero(plan, updates):
+    samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(), updates), streams(20))
+    for bound in (max_sample_bound(samples), conformal_bound(samples, 0.2, 10)):
+        for values in (bound.position, bound.velocity, bound.force, bound.jump):
+            assert not values.any()
+
+
+@pytest.mark.parametrize("updates", [None, Updates(2.0, 0.2, 0.5)])
+def test_small_errors_act_linearly(plan, updates):
+    def bound(factor: float):
+        errors = EstimateErrors(*(1e-5 * factor * np.array(dataclasses.astuple(ERRORS))))
+        return conformal_bound(sample_errors(BoundQuery(plan, INERTIA, errors, updates), streams(60)), 0.1, 20)
+
+    one, two = bound(1.0), bound(2.0)
+    for a, b in ((one.position, two.position), (one.velocity, two.velocity), (one.force, two.force)):
+        np.testing.assert_allclose(b, 2.0 * a, rtol=1e-3)
+    np.testing.assert_allclose(two.jump, 2.0 * one.jump, rtol=1e-3)
+
+
+def test_rarer_updates_make_larger_bounds(plan):
+    """Compared by the root mean square error late in the approach: bounds by themselves scatter."""
+    late = []
+    for updates in (Updates(1.0), Updates(5.0), Updates(20.0), None):
+        samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(rate=1e-3), updates), streams(100))
+        late.append(np.sqrt((samples.position[:, 150:] ** 2).mean()))
+    assert np.all(np.diff(late) > 0.0)
+
+
+def test_latency_makes_larger_bounds(plan):
+    late = []
+    for latency in (0.0, 1.0, 4.0):
+        query = BoundQuery(plan, INERTIA, EstimateErrors(rate=1e-3), Updates(2.0, latency))
+        late.append(np.sqrt((sample_errors(query, streams(100)).position[:, 150:] ** 2).mean()))
+    assert np.all(np.diff(late) > 0.0)
+
+
+def test_an_error_of_attitude_moves_the_reference_by_at_most_its_angle_times_the_distance(plan):
+    samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(attitude=0.01), Updates(0.2)), streams(200))
+    radius = np.linalg.norm(plan.position_target, axis=1)
+    drawn = 0.01 * streams(200).normal("bound.attitude", 3 * len(plan.times)).reshape(200, -1, 3)
+    ratio = np.linalg.norm(samples.position, axis=2) / (np.linalg.norm(drawn, axis=2) * radius)
+    assert ratio.max() <= 1.0 + 1e-9
+    assert ratio.max() > 0.95
+
+
+def test_errors_of_centre_and_navigation_shift_the_reference(plan):
+    centre = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(centre=0.01), None), streams(50))
+    drawn = 0.01 * streams(50).normal("bound.centre", 3)
+    np.testing.assert_allclose(centre.position, np.broadcast_to(drawn[:, None], centre.position.shape), atol=1e-12)
+    assert not centre.force.any()
+    own = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(position=0.01, velocity=0.02), None), streams(50))
+    drawn = 0.02 * streams(50).normal("bound.velocity", 3)
+    np.testing.assert_allclose(own.velocity, np.broadcast_to(-drawn[:, None], own.velocity.shape), atol=1e-12)
+
+
+def test_jumps_are_the_changes_of_the_error_at_updates(bound_query):
+    """Without latency the step before an update is one step short of the window's end."""
+    samples = sample_errors(dataclasses.replace(bound_query, updates=Updates(2.0)), streams(30))
+    at = np.arange(1, samples.jump_position.shape[1] + 1) * 10
+    change = samples.position[:, at] - samples.position[:, at - 1]
+    drift = 0.2 * 2.0 * np.abs(samples.velocity).max()
+    assert np.abs(samples.jump_position - change).max() <= drift
+    assert np.abs(samples.jump_position).max() > 5.0 * drift
+
+
+def test_successive_errors_are_correlated(plan):
+    query = BoundQuery(plan, INERTIA, EstimateErrors(centre=1.0), Updates(1.0, 0.0, 0.8))
+    errors = sample_errors(query, streams(400)).position[:, ::5]
+    assert errors.std() == pytest.approx(1.0, abs=0.03)
+    assert (errors[:, 1:] * errors[:, :-1]).mean() == pytest.approx(0.8, abs=0.05)
+
+
+def test_large_errors_of_inertia_stay_physical(plan):
+    errors = EstimateErrors(inertia=3.0)
+    for inertia in (INERTIA, np.array([1.0, 1.0, 1.0]), np.array([0.5, 0.5, 1.0]), np.array([0.2, 1.0, 1.0])):
+        samples = sample_errors(BoundQuery(plan, inertia, errors, None), streams(100))
+        assert np.isfinite(samples.position).all()
+
+
+def test_the_largest_sample_holds_all_trials(bound_query):
+    samples = sample_errors(bound_query, streams(50))
+    bound = max_sample_bound(samples)
+    assert bound.covers(samples).all()
+    assert bound.level == pytest.approx(50.0 / 51.0)
+    assert bound.position == pytest.approx(np.abs(samples.position).max(axis=(0, 2)))
+
+
+def test_the_conformal_bound_covers_what_it_promises(many):
+    """New trials by repeated splitting; the mean coverage of one split scatters by 2.2 %, of fifteen by less."""
+    generator = np.random.default_rng(0)
+    coverage = []
+    for _ in range(15):
+        order = generator.permutation(len(many))
+        bound = conformal_bound(many[order[:299]], 0.05)
+        coverage.append(bound.covers(many[order[299:]]).mean())
+    assert np.mean(coverage) == pytest.approx(0.95, abs=0.02)
+    assert bound.level == pytest.approx(0.95)
+
+
+def test_the_bound_of_jumps_covers_at_least_what_it_promises(many):
+    bound = conformal_bound(many[:400], 0.05)
+    rest = many[400:]
+    position = np.abs(rest.jump_position).max(axis=(1, 2)) <= bound.jump[0]
+    velocity = np.abs(rest.jump_velocity).max(axis=(1, 2)) <= bound.jump[1]
+    assert (position & velocity).mean() > 0.93
+
+
+def test_a_smaller_epsilon_makes_a_larger_bound(many):
+    widths = [conformal_bound(many, epsilon).position.max() for epsilon in (0.2, 0.1, 0.05, 0.01)]
+    assert np.all(np.diff(widths) > 0.0)
+
+
+def test_too_few_trials_are_refused(many):
+    with pytest.raises(ValueError, match="take 199 or more"):
+        conformal_bound(many[:110], 0.01)
+    assert conformal_bound(many[:199], 0.01).level == pytest.approx(0.99)
+
+
+def test_times_between_the_samples_of_the_plan_are_refused(bound_query):
+    with pytest.raises(ValueError, match=r"updates.period: 0.3 s is no multiple"):
+        sample_errors(dataclasses.replace(bound_query, updates=Updates(0.3)), streams(2))
+    with pytest.raises(ValueError, match="must be in"):
+        sample_errors(dataclasses.replace(bound_query, updates=Updates(1.0, 0.0, 1.0)), streams(2))
+
+
+def test_a_trial_does_not_depend_on_the_others(bound_query):
+    alone = sample_errors(bound_query, streams(8)[5:6])
+    together = sample_errors(bound_query, streams(8))[5:6]
+    np.testing.assert_array_equal(alone.position, together.position)
+    np.testing.assert_array_equal(alone.jump_velocity, together.jump_velocity)
+
+
+def test_the_query_is_left_as_it_is(bound_query):
+    before = {name: np.array(value) for name, value in vars(bound_query.plan).items() if isinstance(value, np.ndarray)}
+    sample_errors(bound_query, streams(3))
+    for name, value in before.items():
+        np.testing.assert_array_equal(getattr(bound_query.plan, name), value)

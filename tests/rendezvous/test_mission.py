@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from safe_inspect.rendezvous.campaign.missions import fly_missions, write_missions
+from safe_inspect.rendezvous.campaign.tables import mission_table, missions_table
+from safe_inspect.rendezvous.coordination import actions
+from safe_inspect.rendezvous.coordination.context import clearances
+from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
+from safe_inspect.rendezvous.mission import Mission, MissionResult
+from safe_inspect.rendezvous.replay import replay
+
+from .test_experiment import SHIPPED
+
+_QUICK = ["mission.observe=2 s", "mission.checkout=0.4 s"]
+_SHORT = ["mission.observe=1 s", "mission.wait_limit=0 s", "mission.durations=[45 s, 60 s]", "mission.hold=1 s"]
+_ERRORS = ["estimator.config.attitude_sigma=0.5 deg", "estimator.config.rate_sigma=0.05 deg/s"]
+
+
+def _load(*overrides: str) -> Rendezvous:
+    return load_rendezvous(SHIPPED, [*_QUICK, *overrides])
+
+
+def _phases(result: MissionResult) -> list[str]:
+    return [event["data"]["to"] for event in result.log.events if event["event"] == "transition"]
+
+
+@pytest.fixture(scope="module")
+def flown() -> MissionResult:
+    """A whole mission, as short as it may be."""
+    return Mission(_load(*_SHORT, *_ERRORS).config, 2).run()
+
+
+def test_a_mission_goes_from_start_to_mating_point(flown: MissionResult) -> None:
+    summary = flown.summary
+    assert summary["success"], summary
+    phases = _phases(flown)
+    assert phases[:5] == ["OBSERVE", "CHARACTERISE", "PLAN", "BOUND", "WAIT"]
+    assert phases[-3:] == ["TRACK", "MP_HOLD", "DONE"]
+    assert summary["least_clearance"] > 0.1
+    assert summary["mating_position_error"] < 0.03
+    assert summary["largest_gauge"] < 1.0
+    assert summary["worst_status"] == 0
+    assert 0.0 < summary["attitude_error"] < np.deg2rad(5.0)
+
+
+def test_the_log_agrees_with_the_geometry(flown: MissionResult) -> None:
+    arrays = flown.log.arrays()
+    target = _load().config.target()
+    at_steps = clearances(target, arrays["x"][:, :3], arrays["target_q"], 0.25)
+    assert (arrays["clearance"][:-1] <= at_steps[1:] + 1e-12).all()
+    assert flown.summary["least_clearance"] == arrays["clearance"].min()
+    track = arrays["state"] == [*Phase].index(Phase.TRACK)
+    # The margin that the tube asks for is kept.
+    assert (arrays["clearance"][track] >= arrays["tube"][track] * np.sqrt(3.0)).all()
+    assert (np.abs(arrays["force"]) <= 0.3).all()
+    assert (np.abs(arrays["x"][:, :3]) <= np.array([0.8, 3.0, 0.8])).all()
+
+
+def test_the_same_seed_gives_the_same_bytes(flown: MissionResult) -> None:
+    again = Mission(_load(*_SHORT, *_ERRORS).config, 2).run()
+    first, second = flown.log.arrays(), again.log.arrays()
+    assert first.keys() == second.keys()
+    for name, array in first.items():
+        assert array.tobytes() == second[name].tobytes(), name
+
+
+def test_a_written_mission_is_replayed_to_the_bit(flown: MissionResult, tmp_path: Path) -> None:
+    flown.log.write(tmp_path, _load(*_SHORT, *_ERRORS).text, flown.summary)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "config.resolved.yml", "events.jsonl", "log.npz", "plan_0.npz", "summary.json",
+    }  # fmt: skip
+    again = replay(tmp_path)
+    assert again.translation_difference == 0.0
+    assert again.orientation_difference == 0.0
+    assert again.clearance_difference < 1e-9
+    assert again.clearance.min() == pytest.approx(flown.summary["least_clearance"], abs=1e-9)
+    events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
+    assert all(set(event) == {"tick", "t", "state", "event", "data"} for event in events)
+    assert json.loads((tmp_path / "summary.json").read_text())["success"] is True
+
+
+def _ends_with(result: MissionResult, *phases: str) -> None:
+    assert tuple(_phases(result)[-len(phases) :]) == phases, _phases(result)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "phases", "cause"),
+    [
+        (["mission.faults=[{kind: camera, start: 0 s, duration: 100 s}]"], ["ABORTED"], "given up in CHECKOUT"),
+        (
+            ["mission.faults=[{kind: planner, start: 0 s, duration: 100 s}]"],
+            ["RETREAT", "ABORTED"],
+            "retreat from PLAN",
+        ),
+        (["mission.observe=400 s", "mission.time_limit=3 s"], ["ABORTED"], "given up in OBSERVE"),
+        (["chaser.limits.planned_force=0.01 N"], ["RETREAT", "ABORTED"], "retreat from PLAN"),
+    ],
+    ids=["camera", "planner", "time", "no plan"],
+)
+def test_a_fault_ends_the_mission_in_safety(overrides: list[str], phases: list[str], cause: str) -> None:
+    result = Mission(_load(*overrides).config).run()
+    _ends_with(result, *phases)
+    assert result.summary["success"] is False
+    assert result.summary["cause"] == cause
+    assert result.summary["least_clearance"] > 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "cause"), [("camera", "camera silent"), ("imu", "inertial unit silent")])
+def test_a_sensor_that_fails_on_the_approach_leads_to_a_clear_retreat(kind: str, cause: str) -> None:
+    fault = f"mission.faults=[{{kind: {kind}, start: 45 s, duration: 900 s}}]"
+    result = Mission(_load("mission.wait_limit=0 s", *_ERRORS, fault).config, 2).run()
+    _ends_with(result, "RETREAT", "ABORTED")
+    assert result.summary["cause"] == cause
+    assert result.summary["least_clearance"] > 0.0
+    assert result.summary["escape_missing"] == 0
+    assert np.linalg.norm(result.log.arrays()["x"][-1, :3]) > 1.5
+
+
+@pytest.mark.slow
+def test_a_mission_that_is_out_of_time_on_the_approach_retreats() -> None:
+    result = Mission(_load(*_SHORT, *_ERRORS, "mission.time_limit=30 s").config, 2).run()
+    _ends_with(result, "TRACK", "RETREAT", "ABORTED")
+    assert result.summary["cause"] == "out of time in TRACK"
+    assert result.summary["least_clearance"] > 0.0
+    assert np.linalg.norm(result.log.arrays()["x"][-1, :3]) > 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["camera", "imu", "planner"])
+def test_a_mission_goes_on_after_a_fault_that_ends(kind: str) -> None:
+    fault = f"mission.faults=[{{kind: {kind}, start: 20 s, duration: 8 s}}]"
+    result = Mission(_load(*_SHORT, *_ERRORS, fault).config, 2).run()
+    assert result.summary["success"], _phases(result)
+    assert ("RETREAT" in _phases(result)) is (kind != "planner")
+    assert result.summary["least_clearance"] > 0.05
+
+
+@pytest.mark.slow
+def test_an_approach_is_planned_anew_where_the_solver_fails() -> None:
+    fault = "mission.faults=[{kind: solver, start: 20 s, duration: 0.6 s}]"
+    result = Mission(_load(*_SHORT, *_ERRORS, fault).config, 2).run()
+    assert _phases(result).count("TRACK") > 1
+    assert result.summary["success"], _phases(result)
+    assert result.summary["least_clearance"] > 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("finds_a_plan", [True, False])
+def test_a_reference_beyond_the_limits_leads_to_a_new_plan_on_the_way_or_to_a_retreat(
+    monkeypatch: pytest.MonkeyPatch, finds_a_plan: bool
+) -> None:
+    asked = []
+
+    def problem(design: object, plan: object, bound: object, reference: object, k: int = 0) -> str:
+        asked.append(k)
+        return "beyond a limit" if 95 <= k <= 104 and len([j for j in asked if j >= 95]) <= 2 else ""
+
+    monkeypatch.setattr(actions, "reference_problem", problem)
+    fault = [] if finds_a_plan else ["mission.faults=[{kind: planner, start: 10 s, duration: 100 s}]"]
+    result = Mission(_load("mission.wait_limit=0 s", *fault).config, 2).run()
+    phases = _phases(result)
+    assert phases.count("TRACK") == (2 if finds_a_plan else 1)
+    assert result.summary["success"] is finds_a_plan
+    assert result.summary["least_clearance"] > 0.1
+    if not finds_a_plan:
+        assert phases[phases.index("TRACK") + 1 :][:2] == ["PLAN", "RETREAT"]
+    else:
+        plans = [event["data"] for event in result.log.events if event["event"] == "plan"]
+        assert plans[-1]["t_start"] > plans[0]["t_start"] + 15.0
+
+
+def test_observation_that_stays_coarse_is_flagged() -> None:
+    overrides = ["mission.observe_limit=5 s", "mission.attitude_sigma=0.1 deg", "mission.time_limit=8 s", *_ERRORS]
+    result = Mission(_load(*overrides).config, 2).run()
+    assert any(event["event"] == "coarse" for event in result.log.events)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("overrides", [["tracker={functor: LQRTracker}"], ["bound={functor: MaxSampleBound}"],
+                                       ["tracker.config.tube=none"]], ids=["lqr", "max", "plain"])  # fmt: skip
+def test_other_trackers_and_bounds_reach_the_mating_point(overrides: list[str]) -> None:
+    assert Mission(_load(*overrides).config).run().summary["success"]
+
+
+@pytest.mark.slow
+def test_missions_of_a_campaign_are_those_flown_alone(tmp_path: Path) -> None:
+    experiment = _load("tumble={functor: RandomTumble}")
+    shown: list[Any] = []
+    summaries = fly_missions(experiment, 2, None, tmp_path, lambda *done: shown.append(done))
+    assert shown == [(1, 2), (2, 2)]
+    alone = Mission(experiment.config, 1).run().summary
+    compared = [key for key in alone if key != "planning_time"]
+    assert {key: summaries[1][key] for key in compared} == {key: alone[key] for key in compared}
+    write_missions(tmp_path / "missions.parquet", summaries)
+    import pyarrow.parquet as pq
+
+    assert pq.read_table(tmp_path / "missions.parquet").column("success").to_pylist() == [
+        summary["success"] for summary in summaries
+    ]
+    assert "2 of 2 missions succeeded" in missions_table(summaries)
+    assert "success" in mission_table(alone)

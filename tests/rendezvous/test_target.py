@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safe_inspect.dynamics.inertia import principal_axes
+from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.target.box import aligned_boxes, inertia_of_boxes, mesh_of_boxes
+from safe_inspect.rendezvous.target.envisat import envisat, envisat_boxes
+from safe_inspect.rendezvous.target.mesh import covering_boxes, mesh_target, read_mesh
+
+_MATING_POINT = np.array([0.25, 0.0, 0.42])
+
+
+def test_envisat_has_the_published_principal_moments_and_tilt() -> None:
+    target = envisat(1.0, _MATING_POINT)
+    np.testing.assert_allclose(target.principal, [16979.7, 124801.2, 129180.3], atol=0.06)
+    np.testing.assert_allclose(target.principal[:2] / target.principal[2], [0.1314, 0.9661], atol=5e-5)
+    tilt = np.rad2deg(np.arccos(np.diag(target.R_MT)))
+    np.testing.assert_allclose(tilt, [1.1, 4.4, 4.6], atol=0.05)
+    assert target.swept_radius == pytest.approx(20.06, abs=0.01)
+    assert envisat(0.05, _MATING_POINT).swept_radius == pytest.approx(1.003, abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_principal_axes_diagonalise_the_inertia_in_a_right_handed_frame(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    turned, _ = np.linalg.qr(generator.normal(size=(3, 3)))
+    moments = np.sort(generator.uniform(2.0, 3.9, 3))
+    found, axes = principal_axes(turned @ np.diag(moments) @ turned.T)
+    np.testing.assert_allclose(found, moments, rtol=1e-12)
+    np.testing.assert_allclose(axes @ np.diag(found) @ axes.T, turned @ np.diag(moments) @ turned.T, atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    assert axes[0, 0] >= 0.0
+    assert axes[1, 1] >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("inertia", "words"),
+    [
+        (np.diag([1.0, 1.0, 3.0]), "no body has the principal moments"),
+        (np.diag([-1.0, 1.0, 1.0]), "positive definite"),
+        (np.eye(3) + np.eye(3, k=1), "symmetric"),
+    ],
+)
+def test_an_impossible_inertia_is_refused(inertia: np.ndarray, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        principal_axes(inertia)
+
+
+def test_faces_of_boxes_look_outwards_and_close_a_volume() -> None:
+    boxes = envisat_boxes()
+    mesh = mesh_of_boxes(boxes)
+    corners = mesh.corners
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    volume = np.einsum("fi,fi->", corners.mean(axis=1), normal) / 6.0
+    assert volume == pytest.approx(8.0 * boxes.half_size.prod(axis=1).sum())
+    np.testing.assert_allclose(boxes.distance(mesh.vertices[:8]).max(), 0.0, atol=1e-12)
+
+
+def test_inertia_of_boxes_agrees_with_the_meshes() -> None:
+    boxes = aligned_boxes(np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]), np.array([[1.0, 2.0, 0.5], [2.0, 0.3, 0.4]]))
+    mesh = require("trimesh").Trimesh(*_arrays(boxes))
+    volume = 8.0 * boxes.half_size.prod(axis=1).sum()
+    np.testing.assert_allclose(inertia_of_boxes(boxes, 7.0), mesh.moment_inertia * 7.0 / volume, rtol=1e-9, atol=1e-9)
+
+
+def _arrays(boxes):  # type: ignore[no-untyped-def]
+    mesh = mesh_of_boxes(boxes)
+    return mesh.vertices, mesh.faces
+
+
+def test_a_mesh_file_becomes_a_target_covered_by_boxes(tmp_path: Path) -> None:
+    trimesh = require("trimesh")
+    trimesh.creation.annulus(r_min=0.3, r_max=0.5, height=0.2).export(tmp_path / "ring.stl")
+    target = mesh_target(read_mesh(tmp_path / "ring.stl", 2.0), None, _MATING_POINT, 12)
+    assert 2 < len(target.boxes) <= 12
+    sampled = trimesh.Trimesh(target.mesh.vertices, target.mesh.faces)
+    surface, _ = trimesh.sample.sample_surface(sampled, 2000, seed=1)
+    inside = trimesh.sample.volume_mesh(sampled, 500)
+    assert target.boxes.distance(np.concatenate([surface, inside])).max() < 1e-9
+    volume = 8.0 * target.boxes.half_size.prod(axis=1).sum()
+    assert volume < 0.9 * np.prod(sampled.extents)
+
+
+def test_boxes_hold_what_is_deep_inside_a_solid() -> None:
+    trimesh = require("trimesh")
+    solid = trimesh.creation.box((2.0, 2.0, 2.0))
+    dent = covering_boxes(solid, 8)
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))
+    assert dent.distance(points).max() < 1e-9
+
+
+def test_an_open_mesh_and_a_missing_file_are_refused(tmp_path: Path) -> None:
+    mesh = require("trimesh").creation.box()
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    mesh.export(tmp_path / "open.stl")
+    with pytest.raises(ConfigError, match=r"open.stl: the mesh is no closed surface"):
+        read_mesh(tmp_path / "open.stl")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_mesh(tmp_path / "none.stl")
+    mesh = require("trimesh").creation.box()
+    with pytest.raises(ConfigError, match="box: no body has the principal moments"):
+        mesh_target(mesh, np.diag([1.0, 1.0, 3.0]), _MATING_POINT, 4, "box")
