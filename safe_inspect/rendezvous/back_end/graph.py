@@ -1,0 +1,336 @@
+"""The factor graph of one mission, solved incrementally by iSAM2."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.rendezvous.back_end.factors import (
+    edge_factor,
+    key,
+    model_centre_factors,
+    rotation_kinematic_factors,
+)
+from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
+from safe_inspect.rendezvous.back_end.marginals import marginal_priors, value_of
+from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
+from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.poses import skew
+from safe_inspect.types import FloatArray
+
+#: Standard deviation that fixes G at the first frame [rad, m], and of the model's pose before it is measured.
+_FIXED, _LOOSE = 1e-5, 10.0
+#: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
+_UNMEASURED = 0.3
+#: Of the bias at a jump [m/s^2, rad/s].
+_BIAS_JUMP = (0.05, 5e-3)
+#: Least standard deviation of the bias's walk between two frames [m/s^2, rad/s].
+_LEAST_WALK = (1e-5, 1e-6)
+
+
+class PoseGraph:
+    """Estimates chaser and target from edges and inertial measurements.
+
+    Variables of each frame are ``X = T_WB``, velocity, bias and ``G = T_GB``; constant are the centre of mass, o in G
+    and p in W, and the pose T_GM of the known model. Frames are those of a front end, in ascending order; G is B at
+    the first frame that an edge reaches.
+
+    Source:
+        Kaess et al., "iSAM2: Incremental smoothing and mapping using the Bayes tree", IJRR 31 (2012).
+
+    Args:
+        options: What is assumed.
+        start: The chaser at the first frame.
+        centre: Where the centre of mass may be.
+        frame: Number of the first frame.
+    """
+
+    def __init__(self, options: GraphOptions, start: ChaserStart, centre: CentrePrior, frame: int = 0) -> None:
+        self._gtsam = gtsam = require("gtsam")
+        self._options = options
+        self._is_qr, self._solver = False, self._new_solver("CHOLESKY")
+        self._factors, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        #: All factors with the frames that they are about, for a graph that is built anew.
+        self._kept: list[tuple[tuple[int, ...], Any]] = []
+        self._frames: list[int] = []
+        self._reached: set[int] = set()
+        self._has_model = False
+        pose = gtsam.Pose3(start.pose)
+        imu = options.imu
+        bias = gtsam.imuBias.ConstantBias()
+        self._add_frame(frame, pose, start.velocity, bias)
+        sigmas = np.repeat([options.attitude, options.position], 3)
+        biases = np.repeat([imu.acceleration_bias, imu.rate_bias], 3)
+        self._add(gtsam.PriorFactorPose3(key("X", frame), pose, self._diagonal(sigmas)), frame)
+        self._add(gtsam.PriorFactorVector(key("V", frame), start.velocity, self._same(3, options.velocity)), frame)
+        self._add(gtsam.PriorFactorConstantBias(key("B", frame), bias, self._diagonal(biases)), frame)
+        self._values.insert(key("P"), centre.position)
+        self._add(gtsam.PriorFactorPoint3(key("P"), centre.position, self._same(3, centre.sigma)))
+        self._centre = centre
+        self._state: dict[str, Any] = {}
+        self._solution = gtsam.Values()
+        self._solve(frame)
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames of the graph, in ascending order."""
+        return tuple(self._frames)
+
+    @property
+    def last(self) -> tuple[Any, FloatArray, Any]:
+        """Pose T_WB, velocity and bias at the last frame, for `ImuBuffer`."""
+        return self._state["X"], self._state["V"], self._state["B"]
+
+    def update(self, frame: int, edges: Sequence[Edge], imu: ImuBuffer, *, jumped: bool = False) -> None:
+        """Add a frame.
+
+        Edges whose earlier frame is not in the graph are left out.
+
+        Args:
+            frame: Number of the frame.
+            edges: What the front end has measured, to this frame or between earlier ones.
+            imu: Measurements since the last frame of the graph; it is restarted.
+            jumped: Whether the bias may have jumped since then.
+        """
+        if len(self._frames) >= self._options.largest:
+            self._forget()
+        before, gtsam = self._frames[-1], self._gtsam
+        pose, velocity = imu.predict(*self.last)
+        self._add_frame(frame, pose, velocity, self._state["B"])
+        keys = [key("X", before), key("V", before), key("X", frame), key("V", frame), key("B", before)]
+        if imu.duration > 0.0:
+            self._add(gtsam.ImuFactor(*keys, imu.measurements), before, frame)
+        else:
+            rest = gtsam.BetweenFactorPose3(keys[0], keys[2], gtsam.Pose3(), self._same(6, _UNMEASURED))
+            self._add(rest, before, frame)
+            self._add(
+                gtsam.BetweenFactorVector(keys[1], keys[3], np.zeros(3), self._same(3, _UNMEASURED)), before, frame
+            )
+        own = self._options.imu
+        walk = np.sqrt(max(imu.duration, 1e-3)) * np.array([own.acceleration_walk, own.rate_walk])
+        walk = np.maximum(walk, _BIAS_JUMP if jumped else _LEAST_WALK)
+        between = gtsam.BetweenFactorConstantBias(
+            key("B", before), key("B", frame), gtsam.imuBias.ConstantBias(), self._diagonal(np.repeat(walk, 3))
+        )
+        self._add(between, before, frame)
+        for edge in edges:
+            self._add_edge(edge)
+        self._solve(frame)
+        imu.restart(self._state["B"])
+
+    def estimate(self) -> GraphEstimate:
+        """Return what is known at the last frame."""
+        frame, state = self._frames[-1], self._state
+        reached = frame in self._reached
+        centre = np.asarray(self._solver.calculateEstimatePoint3(key("P")))
+        glued = np.asarray(self._solver.calculateEstimatePoint3(key("O"))) if self._reached else np.zeros(3)
+        cov_x, cov_p, cross, velocity = self._marginals(frame)
+        rotation = state["X"].rotation().matrix()
+        seen = rotation.T @ (centre - state["X"].translation())
+        by_chaser = np.hstack([skew(seen), -np.eye(3)])
+        mixed = by_chaser @ cross @ rotation
+        relative = by_chaser @ cov_x @ by_chaser.T + rotation.T @ cov_p @ rotation + mixed + mixed.T
+        return GraphEstimate(
+            frame=frame,
+            chaser=state["X"].matrix(),
+            velocity=np.array(state["V"]),
+            bias=np.array(state["B"].vector()),
+            relative=self._solver.calculateEstimatePose3(key("G", frame)).matrix() if reached else None,
+            centre=centre,
+            centre_glued=glued,
+            model=self._solver.calculateEstimatePose3(key("M")).matrix() if self._has_model else None,
+            chaser_covariance=np.array(cov_x),
+            velocity_covariance=np.array(velocity),
+            centre_covariance=relative,
+        )
+
+    def chaser_poses(self, newest: int | None = None) -> FloatArray:
+        """Return T_WB of all frames or of the newest, smoothed, shape (F, 4, 4)."""
+        frames = self._frames if newest is None else self._frames[-newest:]
+        return np.stack([self._solver.calculateEstimatePose3(key("X", frame)).matrix() for frame in frames])
+
+    def relative_poses(self) -> dict[int, FloatArray]:
+        """Return T_GB, smoothed, of the frames that an edge has reached."""
+        values = self._solver.calculateEstimate()
+        return {frame: values.atPose3(key("G", frame)).matrix() for frame in self._frames if frame in self._reached}
+
+    def batch(self) -> Any:
+        """Return the optimum of all factors by Levenberg-Marquardt, as a `gtsam.Values`."""
+        graph = self._solver.getFactorsUnsafe()
+        return self._gtsam.LevenbergMarquardtOptimizer(graph, self._solver.calculateEstimate()).optimize()
+
+    def _add_edge(self, edge: Edge) -> None:
+        gtsam = self._gtsam
+        first, second, pose = edge.first, edge.second, gtsam.Pose3(edge.pose)
+        if second not in self._frames or (first != MODEL and first not in self._frames):
+            return
+        if not self._reached:
+            root = second if first == MODEL else first
+            self._reach(root, gtsam.Pose3())
+            self._add(gtsam.PriorFactorPose3(key("G", root), gtsam.Pose3(), self._same(6, _FIXED)), root)
+            guess = self._state["X"].transformTo(self._centre.position) if root == self._frames[-1] else None
+            if guess is None:
+                guess = self._solver.calculateEstimatePose3(key("X", root)).transformTo(self._centre.position)
+            self._values.insert(key("O"), guess)
+            self._add(gtsam.PriorFactorPoint3(key("O"), guess, self._same(3, _LOOSE)))
+        if first == MODEL:
+            if second not in self._reached:
+                if not self._has_model:  # nothing relates the model to what was seen before: G starts anew
+                    self._forget_edges()
+                    self._add_edge(edge)
+                    return
+                self._reach(second, self._pose_of("M").compose(pose))
+            if not self._has_model:
+                self._has_model = True
+                model = self._pose_of("G", second).compose(pose.inverse())
+                self._values.insert(key("M"), model)
+                self._values.insert(key("Z"), np.zeros(3))
+                self._add(gtsam.PriorFactorPose3(key("M"), model, self._same(6, _LOOSE)))
+                for factor in model_centre_factors(self._options.model_centre):
+                    self._add(factor)
+            self._add(edge_factor(edge, key("M"), key("G", second), self._options.huber), second)
+            return
+        if first not in self._reached and second not in self._reached:
+            return
+        if first not in self._reached:
+            self._reach(first, self._pose_of("G", second).compose(pose.inverse()))
+        if second not in self._reached:
+            self._reach(second, self._pose_of("G", first).compose(pose))
+        self._add(edge_factor(edge, key("G", first), key("G", second), self._options.huber), first, second)
+
+    def _pose_of(self, letter: str, index: int = 0) -> Any:
+        name = key(letter, index)
+        return self._values.atPose3(name) if self._values.exists(name) else self._solver.calculateEstimatePose3(name)
+
+    def _reach(self, frame: int, relative: Any) -> None:
+        """Add G and the rotation kinematic factor of a frame."""
+        self._reached.add(frame)
+        self._values.insert(key("G", frame), relative)
+        guess = self._pose_of("X", frame).transformTo(self._centre.position)
+        self._values.insert(key("Y", frame), guess)
+        for factor in rotation_kinematic_factors(frame, self._options.kinematic):
+            self._add(factor, frame)
+
+    def _add_frame(self, frame: int, pose: Any, velocity: FloatArray, bias: Any) -> None:
+        self._frames.append(frame)
+        self._values.insert(key("X", frame), pose)
+        self._values.insert(key("V", frame), velocity)
+        self._values.insert(key("B", frame), bias)
+
+    def _add(self, factor: Any, *frames: int) -> None:
+        self._factors.add(factor)
+        self._kept.append((frames, factor))
+
+    def _solve(self, frame: int) -> None:
+        gtsam = self._gtsam
+        values = self._values
+        try:
+            self._solver.update(self._factors, values)
+            self._solver.update()
+        except RuntimeError:
+            self._solution.insert(values)
+            self._use_qr()
+        self._factors, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self._solution = self._solver.calculateEstimate()
+        self._state = {
+            "X": self._solution.atPose3(key("X", frame)),
+            "V": np.asarray(self._solution.atVector(key("V", frame))),
+            "B": self._solution.atConstantBias(key("B", frame)),
+        }
+
+    def _marginals(self, frame: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return the covariances of X and p, the one between them, and that of the velocity."""
+        x, p, v = key("X", frame), key("P"), key("V", frame)
+        try:
+            if not self._reached:  # nothing connects them yet
+                marginals = [self._solver.marginalCovariance(name) for name in (x, p, v)]
+                return marginals[0], marginals[1], np.zeros((6, 3)), marginals[2]
+            joint = self._solver.jointMarginalCovariance([x, p])
+            return joint.at(x, x), joint.at(p, p), joint.at(x, p), self._solver.marginalCovariance(v)
+        except RuntimeError:
+            if self._is_qr:
+                raise
+            self._use_qr()
+            return self._marginals(frame)
+
+    def _new_solver(self, factorization: str) -> Any:
+        parameters = self._gtsam.ISAM2Params()
+        parameters.setRelinearizeThreshold(self._options.relinearise)
+        parameters.relinearizeSkip = 1
+        parameters.setFactorization(factorization)
+        return self._gtsam.ISAM2(parameters)
+
+    def _use_qr(self) -> None:
+        """Solve all factors anew by QR, three times slower: Cholesky's squares have lost a variable to rounding."""
+        graph = self._gtsam.NonlinearFactorGraph()
+        for _, factor in self._kept:
+            graph.add(factor)
+        self._is_qr, self._solver = True, self._new_solver("QR")
+        self._solver.update(graph, self._solution)
+        self._solver.update()
+
+    def _forget_edges(self) -> None:
+        """Leave out all that is about G, so that another frame becomes its root; the chaser's motion stays."""
+        gtsam, kept = self._gtsam, {ord(letter) for letter in "xvbp"}
+        old, values = self._kept, gtsam.Values()
+        names = [(at, factor, factor.keys()) for at, factor in old]
+        factors = [(at, factor) for at, factor, keys in names if all(gtsam.symbolChr(name) in kept for name in keys)]
+        for letter in "XVB":
+            for frame in self._frames:
+                name = key(letter, frame)
+                values.insert(
+                    name, value_of(self._values if self._values.exists(name) else self._solution, letter, name)
+                )
+        values.insert(key("P"), self._solution.atPoint3(key("P")))
+        self._solver = gtsam.ISAM2(self._solver.params())
+        self._factors, self._values, self._kept, self._reached = gtsam.NonlinearFactorGraph(), values, [], set()
+        for at, factor in factors:
+            self._add(factor, *at)
+
+    def _forget(self) -> None:
+        """Build the graph anew from its younger half, with priors for what the older half has shown.
+
+        See `marginal_priors` for what the older half leaves.
+        """
+        gtsam, solver = self._gtsam, self._solver
+        kept = set(self._frames[len(self._frames) // 2 :])
+        values = solver.calculateEstimate()
+        first = min(kept)
+        rooted = [frame for frame in sorted(kept) if frame in self._reached][:1]
+        poses = [("X", first), ("M", 0)] if self._has_model else [("X", first)]
+        poses += [("G", frame) for frame in rooted]
+        blocks = [*poses, ("V", first), ("B", first), ("P", 0), *([("O", 0)] if self._reached else [])]
+        priors = marginal_priors(solver, values, blocks)
+        old = self._kept
+        frames = sorted(kept)
+        self._solver, self._kept = gtsam.ISAM2(solver.params()), []
+        for at, factor in priors:
+            self._add(factor, *at)
+        constant = {key(letter) for letter in "OPMZ"}
+        for at, factor in old:
+            is_prior_of_constant = not at and len(factor.keys()) == 1 and factor.keys()[0] != key("Z")
+            is_old = any(frame not in kept for frame in at)
+            if not is_old and not is_prior_of_constant:
+                self._add(factor, *at)
+        for letter in "XVB":
+            for frame in frames:
+                self._values.insert(key(letter, frame), value_of(values, letter, key(letter, frame)))
+        for frame in frames:
+            if frame in self._reached:
+                self._values.insert(key("G", frame), values.atPose3(key("G", frame)))
+                self._values.insert(key("Y", frame), values.atPoint3(key("Y", frame)))
+        for name in constant:
+            if values.exists(name):
+                value = values.atPose3(name) if name == key("M") else values.atPoint3(name)
+                self._values.insert(name, value)
+        self._frames, self._reached = frames, self._reached & kept
+        self._solve(frames[-1])
+
+    def _diagonal(self, sigmas: FloatArray) -> Any:
+        return self._gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+
+    def _same(self, size: int, sigma: float) -> Any:
+        return self._gtsam.noiseModel.Isotropic.Sigma(size, sigma)

@@ -1,0 +1,95 @@
+"""A factor graph and the inertial measurements that drive it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from safe_inspect.rendezvous.back_end.graph import PoseGraph
+from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
+from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
+from safe_inspect.rendezvous.edges import Edge
+from safe_inspect.types import FloatArray
+
+
+class BackEndRun(Protocol):
+    """The back end of one mission; frames are those of the front end, in ascending order."""
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames that it holds, in ascending order."""
+
+    @property
+    def rotation(self) -> FloatArray:
+        """R_B'B by the gyroscopes, from B now to B' at the last frame, shape (3, 3)."""
+
+    def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
+        """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s]."""
+
+    def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
+        """Add a frame at the time of the last sample; `jumped` where the bias may have jumped since the last frame."""
+
+    def estimate(self) -> GraphEstimate:
+        """Return what is known at the last frame."""
+
+    def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
+
+    def chaser_poses(self, newest: int | None = None) -> FloatArray:
+        """Return T_WB of all frames or of the newest, smoothed, shape (F, 4, 4)."""
+
+    def relative_poses(self) -> dict[int, FloatArray]:
+        """Return T_GB, smoothed, of the frames that an edge has reached."""
+
+
+class GraphBackEnd:
+    """iSAM2 on the factor graph of `PoseGraph`.
+
+    Args:
+        options: What is assumed.
+        period: Time between samples of the inertial unit [s].
+        start: The chaser at the first frame, which is frame 0.
+        centre: Where the centre of mass may be.
+    """
+
+    def __init__(self, options: GraphOptions, period: float, start: ChaserStart, centre: CentrePrior) -> None:
+        self._buffer = ImuBuffer(options.imu, period)
+        self._graph = PoseGraph(options, start, centre)
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames of the graph, in ascending order."""
+        return self._graph.frames
+
+    @property
+    def rotation(self) -> FloatArray:
+        """R_B'B by the gyroscopes, from B now to B' at the last frame, shape (3, 3)."""
+        return self._buffer.rotation
+
+    def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
+        """Take a sample of the inertial unit, in B, at the end of a period [s]."""
+        self._buffer.add(acceleration, rate, period)
+
+    def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
+        """Add a frame at the time of the last sample."""
+        self._graph.update(frame, edges, self._buffer, jumped=jumped)
+
+    def estimate(self) -> GraphEstimate:
+        """Return what is known at the last frame."""
+        return self._graph.estimate()
+
+    def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
+        pose, velocity = self._buffer.predict(*self._graph.last)
+        rate = self._buffer.last_rate - self._graph.last[2].gyroscope()
+        return pose.matrix(), np.asarray(velocity), np.asarray(rate)
+
+    def chaser_poses(self, newest: int | None = None) -> FloatArray:
+        """Return T_WB of all frames or of the newest, smoothed, shape (F, 4, 4)."""
+        return self._graph.chaser_poses(newest)
+
+    def relative_poses(self) -> dict[int, FloatArray]:
+        """Return T_GB, smoothed, of the frames that an edge has reached."""
+        return self._graph.relative_poses()

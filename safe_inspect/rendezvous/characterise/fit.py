@@ -1,0 +1,231 @@
+"""The fit of a free rigid body to all measured rotations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, to_matrix
+from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.rendezvous.characterise.history import History
+from safe_inspect.rendezvous.characterise.ratios import inertia_of
+from safe_inspect.rendezvous.edges import MODEL
+from safe_inspect.types import BoolArray, FloatArray
+
+#: Steps of the differences that the Jacobians are made of [rad, rad/s, -, rad/s].
+_STEPS = np.repeat([1e-6, 1e-7, 1e-5, 1e-7], [3, 3, 2, 3])
+#: Scale of the parameters for the solver's trust region [rad, rad/s, -, rad/s].
+_SCALES = np.repeat([1e-2, 1e-3, 0.3, 1e-4], [3, 3, 2, 3])
+#: Number of unknowns of the motion, and of all.
+_MOTION, _ALL = 8, 11
+#: Least standard deviation of the drift [rad/s].
+_LEAST_DRIFT = 1e-8
+
+
+class Motion(NamedTuple):
+    """A tumble at one time.
+
+    Attributes:
+        time: The time [s].
+        orientation: q_WT, shape (4,).
+        angular_velocity: In T [rad/s], shape (3,).
+        logits: Of the ratios, shape (2,).
+    """
+
+    time: float
+    orientation: FloatArray
+    angular_velocity: FloatArray
+    logits: FloatArray
+
+    def moved(self, steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return inertia (n, 3), attitudes (n, 4) and angular velocities (n, 3) after steps of the tangent, (n, 8)."""
+        return (
+            inertia_of(self.logits + steps[:, 6:8]),
+            multiply(self.orientation, exp(steps[:, :3])),
+            self.angular_velocity + steps[:, 3:6],
+        )
+
+    def at(self, time: float) -> Motion:
+        """Return the tumble at another time [s]."""
+        q, w = tumble(*self.moved(np.zeros((1, 8))), np.array([time - self.time]))
+        return Motion(time, q[0, 0], w[0, 0], self.logits)
+
+    def transition(self, time: float) -> FloatArray:
+        """Return the derivative of the tangent at another time [s] by that of this one, shape (8, 8)."""
+        size = _STEPS[:_MOTION]
+        steps = np.concatenate((np.diag(size), -np.diag(size)))
+        moved = self.moved(steps)
+        q, w = (value[:, 0] for value in tumble(*moved, np.array([time - self.time])))
+        turn = log(multiply(conjugate(q[8:]), q[:8]))
+        return np.concatenate((turn.T, (w[:8] - w[8:]).T, np.diag(2.0 * size)[6:])) / (2.0 * size)
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How a motion is fitted.
+
+    Attributes:
+        prior: Logits that the inertia ratios are drawn to, and their standard deviation; None for none.
+        q_MT: Principal axes in the model, shape (4,); None where poses to the model are not used.
+        soft: Residual beyond which an edge counts less, in standard deviations.
+        telescoping: Share of an edge's variance that is an error of its frames' views, so that it cancels along a
+            chain of edges.
+        memory: Time over which errors of poses to the model stay alike [s]; 0 for independent ones.
+        drift: Standard deviation of what the gyroscopes' bias is estimated wrong by [rad/s]; 0 where it is known.
+        evaluations: Largest number of steps.
+        warm: Whether the start is so near that edges which do not agree with it may be left out at once.
+    """
+
+    prior: tuple[FloatArray, float] | None = None
+    q_MT: FloatArray | None = None  # noqa: N815
+    soft: float = 2.0
+    telescoping: float = 0.0
+    memory: float = 0.0
+    drift: float = 0.0
+    evaluations: int = 40
+    warm: bool = False
+
+
+class Fit(NamedTuple):
+    """A fitted motion.
+
+    Attributes:
+        motion: At the first frame.
+        drift: Error of the gyroscopes' bias [rad/s], shape (3,): the chaser's attitude is ``Exp(theta) q_WB`` with
+            ``theta(t) = int R_WB drift dt`` from the first frame on.
+        covariance: Of the motion's tangent, attitude [rad], angular velocity [rad/s], logits, and of the drift, shape
+            (11, 11), for residuals of unit variance.
+        residuals: Of the edges, in standard deviations, shape (E, 3); zero for poses to the model without `q_MT`.
+        used: Which edges are used, shape (E,).
+    """
+
+    motion: Motion
+    drift: FloatArray
+    covariance: FloatArray
+    residuals: FloatArray
+    used: BoolArray
+
+
+class _Problem:
+    """Residuals of all edges and of the prior, and their derivative."""
+
+    def __init__(self, history: History, start: Motion, options: FitOptions) -> None:
+        self._history, self._start, self._options = history, start, options
+        to_model = history.first == MODEL
+        self._known = np.ones(len(to_model), bool) if options.q_MT is not None else ~to_model
+        self.used = self._known.copy()
+        self._whiten = np.linalg.inv(np.linalg.cholesky(history.covariance))
+        self._mixing: FloatArray | None = None
+        self.turned = turned_by_bias(history)
+
+    def correlate(self) -> None:
+        """From now on count what edges of the same frame have in common."""
+        history, share = self._history, self._options.telescoping
+        memory = self._options.memory
+        if share <= 0.0 and memory <= 0.0:
+            return
+        from scipy.linalg import solve_triangular
+
+        incidence = np.zeros((len(history.first), len(history.times)))
+        rows = np.flatnonzero(history.first != MODEL)
+        incidence[rows, history.first[rows]], incidence[rows, history.second[rows]] = -1.0, 1.0
+        correlation = 0.5 * share * incidence @ incidence.T
+        if memory > 0.0:
+            models = np.flatnonzero(history.first == MODEL)
+            at = history.times[history.second[models]]
+            correlation[np.ix_(models, models)] = np.exp(-np.abs(at[:, None] - at) / memory)
+        correlation[np.diag_indices(len(correlation))] = 1.0
+        used = np.flatnonzero(self.used)
+        self._mixing = np.zeros_like(correlation)
+        root = np.linalg.cholesky(correlation[np.ix_(used, used)])
+        self._mixing[np.ix_(used, used)] = solve_triangular(root, np.eye(len(used)), lower=True, check_finite=False)
+
+    def edges(self, parameters: FloatArray) -> FloatArray:
+        """Return the residuals of the edges ``Log(q_ij^-1 q_Xi^-1 q_WT(i) q_WT(j)^-1 q_Xj)``, shape (n, E, 3).
+
+        Of a pose to the model it is ``Log(q_MB^-1 q_MT q_WT^-1 q_X)``.
+        """
+        history = self._history
+        q, _ = tumble(*self._start.moved(parameters), history.times - self._start.time)
+        drift = exp(np.einsum("kij,nj->nki", self.turned, parameters[:, _MOTION:]))
+        to_chaser = multiply(conjugate(q), multiply(drift, history.chaser))  # q_TB
+        second = to_chaser[:, history.second]
+        q_MT = np.array([0.0, 0.0, 0.0, 1.0]) if self._options.q_MT is None else self._options.q_MT  # noqa: N806
+        is_model = (history.first == MODEL)[:, None]
+        first = np.where(is_model, conjugate(q_MT), to_chaser[:, history.first])
+        expected = multiply(conjugate(first), second)
+        error = log(multiply(conjugate(history.rotation), expected))
+        return np.asarray((self._whiten @ error[..., None])[..., 0] * self._known[:, None])
+
+    def vector(self, parameters: FloatArray) -> FloatArray:
+        """Return all residuals, shape (n, 3 E + 5)."""
+        edges = self.edges(parameters) * self.used[:, None]
+        if self._mixing is not None:
+            edges = self._mixing @ edges
+        prior = np.zeros((len(parameters), 2))
+        if self._options.prior is not None:
+            logits, sigma = self._options.prior
+            prior = (self._start.logits + parameters[:, 6:_MOTION] - logits) / sigma
+        drift = parameters[:, _MOTION:] / max(self._options.drift, _LEAST_DRIFT)
+        return np.concatenate((edges.reshape(len(parameters), -1), prior, drift), axis=1)
+
+    def jacobian(self, parameters: FloatArray) -> FloatArray:
+        """Return the derivative, shape (3 E + 5, 11)."""
+        both = self.vector(np.concatenate((parameters + np.diag(_STEPS), parameters - np.diag(_STEPS))))
+        return np.asarray((both[:_ALL] - both[_ALL:]).T / (2.0 * _STEPS))
+
+
+def turned_by_bias(history: History) -> FloatArray:
+    """Return ``D(t_k) = int R_WB dt`` from the first frame [s]: a bias b turns the attitudes by D b, (F, 3, 3)."""
+    rotation = to_matrix(history.chaser)
+    steps = 0.5 * np.diff(history.times)[:, None, None] * (rotation[1:] + rotation[:-1])
+    return np.concatenate((np.zeros((1, 3, 3)), np.cumsum(steps, axis=0)))
+
+
+def edge_residuals(history: History, motion: Motion, options: FitOptions) -> FloatArray:
+    """Return the residuals of the edges for a motion, in standard deviations, shape (E, 3)."""
+    return np.asarray(_Problem(history, motion, options).edges(np.zeros((1, _ALL)))[0])
+
+
+def fit_motion(history: History, start: Motion, options: FitOptions) -> Fit:
+    """Return the free motion that agrees best with the edges.
+
+    The unknowns are attitude and angular velocity at the start's time and the logits of the inertia ratios; the motion
+    is the closed form of `safe_inspect.dynamics.tumble`. First all edges count, large residuals less (soft L1); then
+    those beyond four times the robust spread are left out, and what edges of one frame have in common is counted.
+
+    Args:
+        history: The edges.
+        start: A motion near the solution.
+        options: See `FitOptions`.
+    """
+    from scipy.optimize import least_squares
+
+    problem = _Problem(history, start, options)
+    tolerance = 1e-6 if options.warm else 1e-12
+
+    def solve(parameters: FloatArray, loss: str, evaluations: int) -> FloatArray:
+        found = least_squares(
+            lambda x: problem.vector(x[None])[0], parameters, lambda x: problem.jacobian(x), loss=loss,
+            f_scale=options.soft, x_scale=_SCALES, method="trf", max_nfev=evaluations, xtol=tolerance, ftol=tolerance,
+            gtol=tolerance,
+        )  # fmt: skip
+        return np.asarray(found.x)
+
+    parameters = np.zeros(_ALL)
+    if not options.warm:
+        parameters = solve(parameters, "soft_l1", options.evaluations)
+    size = np.linalg.norm(problem.edges(parameters[None])[0], axis=1)
+    spread = np.median(size[problem.used]) / 1.538 if problem.used.any() else 1.0  # the median of chi with 3 degrees
+    problem.used &= size <= 4.0 * 1.538 * max(spread, 1e-9) + 1e-6
+    problem.correlate()
+    parameters = solve(parameters, "linear", options.evaluations)
+    jacobian = problem.jacobian(parameters)
+    information = jacobian.T @ jacobian
+    scaled = information * np.outer(_SCALES, _SCALES)
+    covariance = np.asarray(np.linalg.inv(scaled) * np.outer(_SCALES, _SCALES), dtype=np.float64)
+    _, q, w = start.moved(parameters[None])
+    motion = Motion(start.time, q[0], w[0], start.logits + parameters[6:_MOTION])
+    return Fit(motion, parameters[_MOTION:], covariance, problem.edges(parameters[None])[0], problem.used.copy())

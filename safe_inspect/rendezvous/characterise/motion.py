@@ -1,0 +1,233 @@
+"""From a history to the target's motion: starts, the best fit, and what is observable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, rotate, to_matrix
+from safe_inspect.rendezvous.characterise.fit import Fit, FitOptions, Motion, edge_residuals, fit_motion, turned_by_bias
+from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
+from safe_inspect.rendezvous.characterise.polhode import HALF_TURNS, Polhode, principal_axes_of_motion
+from safe_inspect.rendezvous.characterise.rates import angular_velocities
+from safe_inspect.rendezvous.characterise.ratios import logits_of, ratios_of
+from safe_inspect.rendezvous.edges import MODEL
+from safe_inspect.types import FloatArray
+
+#: Fewest frames that a motion is fitted to.
+LEAST_FRAMES = 8
+#: Evaluations of a start that is tried, and of a motion that is only brought up to date.
+_TRIAL, _WARM = 15, 8
+#: Ratio s6 / s5 of the singular values above which other starts are tried too.
+_DOUBTFUL = 0.3
+#: Axes of a rigid body that no motion has shown [ratios].
+_GENERIC = np.array([0.5, 0.8])
+#: Standard deviation of the logits about a prior that stands for what is not observed.
+_HELD = 0.05
+#: Standard deviation of the logits that only keeps them finite, and the largest that is started from or drawn to.
+_WIDE, _MOST = 20.0, 8.0
+#: Two principal moments count as different where their ratio is so many standard deviations away from 1.
+_DIFFERENT = 3.0
+#: Standard deviation of the axes above which they count as not observed [rad].
+_LARGEST_AXES = 0.2
+#: Every how many frames edges are held out to compare motions, and the newest edges that show a change.
+_HELD_OUT, _RECENT = 5, 8
+
+
+@dataclass(frozen=True)
+class CharacteriseOptions:
+    """How a motion is found.
+
+    Attributes:
+        span: Least time between attitudes that give a rate [s].
+        window: Window over rates [s].
+        ratios: k1 and k2 of the known body, taken where the motion does not show them; None for an unknown body.
+        ratios_sigma: Standard deviation of their logits where the motion shows them; None to leave them free but for a
+            prior that keeps them finite.
+        q_MT: Principal axes in the model, shape (4,); None where poses to the model are not used.
+        telescoping: See `FitOptions`.
+        memory: See `FitOptions`.
+        drift: See `FitOptions`.
+        inflation: Factor of the standard deviations, from calibration.
+    """
+
+    span: float = 1.0
+    window: float = 5.0
+    ratios: FloatArray | None = None
+    ratios_sigma: float | None = None
+    q_MT: FloatArray | None = None  # noqa: N815
+    telescoping: float = 0.0
+    memory: float = 0.0
+    drift: float = 0.0
+    inflation: float = 1.0
+
+    def fitting(self, evaluations: int, *, held: bool = False, warm: bool = False) -> FitOptions:
+        """Return how a motion is fitted, with the ratios held at the prior or not."""
+        sigma = _HELD if held else self.ratios_sigma or _WIDE
+        prior = (np.clip(logits_of(_GENERIC if self.ratios is None else self.ratios), -_MOST, _MOST), sigma)
+        return FitOptions(
+            prior, self.q_MT, telescoping=self.telescoping, memory=self.memory, drift=self.drift,
+            evaluations=evaluations, warm=warm,
+        )  # fmt: skip
+
+
+def characterise(
+    history: History, options: CharacteriseOptions, before: Motion | None = None, model: FloatArray | None = None
+) -> TargetEstimate | None:
+    """Return how the target tumbles, or None where there is too little to tell.
+
+    Args:
+        history: The edges and attitudes.
+        options: See `CharacteriseOptions`.
+        before: The motion as it was known before; without one it is found without a start.
+        model: q_GM of the known model, shape (4,), which tells the directions of the axes; None without one.
+
+    Returns:
+        The motion at the last frame.
+    """
+    times, glued = history.in_inertial
+    if len(times) < LEAST_FRAMES or len(history.first) < LEAST_FRAMES:
+        return None
+    middle, rates = angular_velocities(times, glued, options.span, options.window)
+    if len(middle) < 7:
+        return None
+    shown = principal_axes_of_motion(middle, rates)
+    if before is not None:
+        fit = fit_motion(
+            history, before.at(float(history.times[0])), options.fitting(_WARM, held=not shown.observable, warm=True)
+        )
+    else:
+        fit = _best(history, _starts(history, shown, glued[0], (middle, rates), options, model), options)
+    observable = shown.observable and _has_three_axes(fit)
+    if not observable and (before is None or shown.observable):
+        fit = fit_motion(history, fit.motion, options.fitting(_TRIAL, held=True))
+    return _estimate(
+        history, fit, shown, observable, options, aligned=model is not None or _has_model(history, options)
+    )
+
+
+def _has_three_axes(fit: Fit) -> bool:
+    """Return whether the axes are known and their moments differ; about an axis of symmetry the others may be turned.
+
+    With ``k2 = (1 + s(a)) / 2`` the ratio (1 - k2) / sigma(k2) is 1 / (s(a) sigma(a)); of k1 and k2 likewise with b.
+    """
+    sigmas = np.sqrt(np.diag(fit.covariance))
+    share = 1.0 / (1.0 + np.exp(-np.clip(fit.motion.logits, -_MOST, _MOST)))
+    return bool((_DIFFERENT * share * sigmas[6:8] < 1.0).all() and sigmas[:3].max() < _LARGEST_AXES)
+
+
+def _has_model(history: History, options: CharacteriseOptions) -> bool:
+    return options.q_MT is not None and bool((history.first == MODEL).any())
+
+
+def _starts(
+    history: History,
+    shown: Polhode,
+    q_WG: FloatArray,  # noqa: N803
+    measured: tuple[FloatArray, FloatArray],
+    options: CharacteriseOptions,
+    model: FloatArray | None,
+) -> list[Motion]:
+    """Return motions at the first frame to start from: by the polhode, by the model, and in doubt by guesses."""
+    middle, rates = measured
+    time = float(history.times[0])
+    first = np.array([np.interp(time, middle, column) for column in rates.T])
+    known = _GENERIC if options.ratios is None else options.ratios
+    frames: list[tuple[FloatArray, FloatArray]] = []
+    expected = None
+    if model is not None and options.q_MT is not None:
+        expected = multiply(model, options.q_MT)
+        frames.append((to_matrix(expected), known))
+    if np.isfinite(shown.ratios).all():
+        frames.append((shown.axes, shown.ratios))
+    if not shown.observable or shown.singular[0] > _DOUBTFUL:
+        frames += [(shown.axes[:, np.roll(np.arange(3), shift)], known) for shift in range(3)]
+        along = rates.mean(axis=0) / np.linalg.norm(rates.mean(axis=0))
+        across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+        across /= np.linalg.norm(across)
+        third = np.cross(along, across)
+        frames += [
+            (np.stack((third, -across, along), axis=1), known),
+            (np.stack((along, across, third), axis=1), known),
+        ]
+    starts = []
+    for axes, ratios in frames:
+        turned = axes
+        if expected is not None:
+            candidates = axes @ HALF_TURNS
+            turned = candidates[np.einsum("nij,ij->n", candidates, to_matrix(expected)).argmax()]
+        q_GT = from_matrix(turned)  # noqa: N806
+        starts.append(Motion(time, multiply(q_WG, q_GT), rotate(conjugate(q_GT), first), logits_of(ratios)))
+    return starts
+
+
+def _best(history: History, starts: list[Motion], options: CharacteriseOptions) -> Fit:
+    """Return the fit of all edges from the start that predicts held-out edges best."""
+    if len(starts) == 1:
+        return fit_motion(history, starts[0], options.fitting(40))
+    held = history.second % _HELD_OUT == 0
+    shown = history.without(held)
+    trials = [fit_motion(shown, _within_limits(start), options.fitting(_TRIAL)) for start in starts]
+    scores = [_score(history, trial.motion, options, held) for trial in trials]
+    return fit_motion(history, trials[int(np.argmin(scores))].motion, options.fitting(40))
+
+
+def _within_limits(start: Motion) -> Motion:
+    """Return a start whose logits are where their derivative does not vanish."""
+    return start._replace(logits=np.clip(start.logits, -_MOST, _MOST))
+
+
+def _score(history: History, motion: Motion, options: CharacteriseOptions, held: FloatArray) -> float:
+    """Return the mean soft square of the residuals of some edges, in standard deviations."""
+    residuals = edge_residuals(history, motion, options.fitting(_TRIAL))[held]
+    return float((2.0 * (np.sqrt(1.0 + (residuals**2).sum(axis=1)) - 1.0)).mean())
+
+
+def _estimate(
+    history: History, fit: Fit, shown: Polhode, observable: bool, options: CharacteriseOptions, *, aligned: bool
+) -> TargetEstimate:
+    time = float(history.times[-1])
+    motion = fit.motion.at(time)
+    used = fit.residuals[fit.used]
+    misfit = float(np.sqrt((used**2).mean())) if len(used) else 0.0
+    known = np.abs(fit.residuals).sum(axis=1) > 0.0
+    newest = fit.residuals[known][-_RECENT:]
+    scale = (options.inflation * max(misfit, 1e-6)) ** 2
+    # At the end the drift has turned the back end's W, which the chaser's own attitude is in.
+    turned = turned_by_bias(history)[-1]
+    orientation = multiply(exp(-turned @ fit.drift), motion.orientation)
+    transition = np.zeros((8, 11))
+    transition[:, :8] = fit.motion.transition(time)
+    transition[:3, 8:] = -to_matrix(motion.orientation).T @ turned
+    axes = np.sqrt(scale * np.linalg.eigvalsh(fit.covariance[:3, :3])[-1])
+    return TargetEstimate(
+        time=time,
+        orientation=orientation,
+        angular_velocity=motion.angular_velocity,
+        ratios=ratios_of(motion.logits),
+        q_GT=multiply(conjugate(_q_WG(history)), fit.motion.orientation),
+        covariance=scale * transition @ fit.covariance @ transition.T,
+        axes_sigma=float(axes),
+        observable=observable,
+        aligned=aligned,
+        misfit=misfit,
+        recent_misfit=float(np.sqrt((newest**2).mean())) if len(newest) else 0.0,
+        singular=shown.singular,
+    )
+
+
+def _q_WG(history: History) -> FloatArray:  # noqa: N802
+    """Return q_WG: G is B at the first frame."""
+    return np.asarray(multiply(history.chaser[0], conjugate(history.glued[0])))
+
+
+def axes_error(q_GT: FloatArray, truth: FloatArray) -> float:  # noqa: N803
+    """Return the angle between estimated and true principal axes, whatever their directions [rad].
+
+    Args:
+        q_GT: Estimated axes, shape (4,).
+        truth: True axes in the same frame, shape (4,).
+    """
+    candidates = from_matrix(to_matrix(q_GT) @ HALF_TURNS)
+    return float(np.linalg.norm(log(multiply(conjugate(truth), candidates)), axis=-1).min())

@@ -1,0 +1,38 @@
+"""Whether an estimate's errors are those that it states."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, log, multiply
+from safe_inspect.rendezvous.bound.query import JointErrors
+from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
+from safe_inspect.types import FloatArray
+
+
+def attitude_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> FloatArray:
+    """Return the error of the target's attitude as the chaser sees it, R_BT, a tangent in T [rad], shape (3,).
+
+    A turn of the estimated frame W, which no measurement shows, does not count: it moves chaser and target alike.
+
+    Args:
+        estimate: The estimate.
+        chaser: The chaser's true state.
+        target: The target's true state.
+    """
+    seen = multiply(conjugate(estimate.chaser.orientation), estimate.target.orientation)
+    true = multiply(conjugate(chaser.orientation), target.orientation)
+    return log(multiply(conjugate(true), seen))
+
+
+def normalised_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> float:
+    """Return the squared error of attitude and angular velocity over their covariance (NEES); NaN without one.
+
+    It is 6 on average where the covariance is right; nothing is aligned to the truth.
+    """
+    if not isinstance(estimate.errors, JointErrors):
+        return float("nan")
+    joint = estimate.errors.joint
+    rate = estimate.target.angular_velocity - target.angular_velocity
+    error = np.concatenate([attitude_error(estimate, chaser, target), rate])
+    return float(error @ np.linalg.solve(joint[2:8, 2:8], error))

@@ -1,0 +1,43 @@
+"""How far a measurement is from what is expected."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from safe_inspect.rendezvous.back_end.options import GraphEstimate
+from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.poses import inverse
+from safe_inspect.types import FloatArray
+
+
+def centre_innovation(graph: GraphEstimate, expected: FloatArray, edge: Edge) -> float:
+    """Return how far the centre of mass in B is from where the inertial unit says, in standard deviations of one axis.
+
+    It is 0 where that cannot be determined: of an edge to a frame before the last.
+
+    Args:
+        graph: What the back end knew at the last frame.
+        expected: T_WB of this frame by the inertial unit, shape (4, 4).
+        edge: An edge to this frame.
+    """
+    if graph.relative is None:
+        return 0.0
+    arm = 0.0
+    if edge.first == MODEL:
+        seen = inverse(edge.pose)[:3, 3]
+    elif edge.first == graph.frame:
+        relative = graph.relative @ edge.pose
+        seen = relative[:3, :3].T @ (graph.centre_glued - relative[:3, 3])
+        arm = float(seen @ seen * np.linalg.eigvalsh(edge.covariance[:3, :3])[-1])
+    else:
+        return 0.0
+    difference = seen - expected[:3, :3].T @ (graph.centre - expected[:3, 3])
+    covariance = graph.centre_covariance + edge.covariance[3:, 3:] + graph.velocity_covariance + arm * np.eye(3)
+    return float(np.sqrt(difference @ np.linalg.solve(covariance, difference) / 3.0))
+
+
+def widened(edge: Edge, sigma: float) -> Edge:
+    """Return an edge whose translation has a further independent error of some standard deviation [m]."""
+    return replace(edge, covariance=edge.covariance + np.diag([0.0, 0.0, 0.0, *[sigma**2] * 3]))

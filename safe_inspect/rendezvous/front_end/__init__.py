@@ -1,0 +1,1 @@
+"""From depth frames to relative poses of the target."""

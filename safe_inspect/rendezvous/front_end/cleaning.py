@@ -1,0 +1,109 @@
+"""What of a depth frame is used: the target's points, without those at the edges of the depth image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from safe_inspect.rendezvous.poses import move
+from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: Edge of the voxels whose neighbours are taken as one cluster [m].
+_LINK = 0.08
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """The cleaned points of one frame, in the chaser's frame B.
+
+    Attributes:
+        points: Positions [m], shape (n, 3).
+        rays: Unit directions from the camera, shape (n, 3).
+        ranges: Distances from the camera [m], shape (n,).
+        silhouette: Row and column of the nearest pixel that sees the target, shape (2, height, width).
+    """
+
+    points: FloatArray
+    rays: FloatArray
+    ranges: FloatArray
+    silhouette: IntArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def thinned(self, count: int) -> Cloud:
+        """Return at most `count` of the points, evenly spread over their order."""
+        if len(self) <= count:
+            return self
+        kept = np.linspace(0, len(self) - 1, count).astype(int)
+        return Cloud(self.points[kept], self.rays[kept], self.ranges[kept], self.silhouette)
+
+
+@dataclass(frozen=True)
+class Cleaning:
+    """Cleans frames.
+
+    Attributes:
+        camera: Geometry of the camera.
+        edge: Difference of depth to a neighbour from which a pixel counts as the edge of a body [m].
+        nearest: Least depth that is used [m].
+        farthest: Largest depth that is used [m].
+    """
+
+    camera: DepthCamera
+    edge: float = 0.03
+    nearest: float = 0.0
+    farthest: float = np.inf
+
+    def __call__(self, frame: DepthFrame, T_BC: FloatArray) -> Cloud:  # noqa: N803
+        """Return the cleaned points of a frame.
+
+        A pixel is dropped when it is not within the range of depths, when it does not belong to the largest cluster,
+        or when one of its eight neighbours that see something differs by more than `edge`: there pixels fly.
+
+        Args:
+            frame: The frame.
+            T_BC: Pose of the camera in B, shape (4, 4).
+        """
+        directions = self.camera.directions
+        used = frame.valid & (frame.depth >= self.nearest) & (frame.depth <= self.farthest)
+        used = _largest_cluster(directions, frame.depth, used)
+        inner = used & ~_depth_edges(frame.depth, used, self.edge)
+        rays = directions[inner]
+        ranges = frame.depth[inner] / rays[:, 2]
+        silhouette = np.zeros((2, *used.shape), np.int64)
+        if used.any():
+            closed = used | ndimage.binary_closing(used)
+            silhouette = ndimage.distance_transform_edt(~closed, return_distances=False, return_indices=True)
+        return Cloud(
+            move(T_BC, rays * ranges[:, None]), rays @ T_BC[:3, :3].T, ranges, silhouette.astype(np.int64, copy=False)
+        )
+
+
+def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
+    """Return the pixels with a used neighbour whose depth differs by more than `edge` [m]."""
+    # What is not used never differs: the largest and the least of the neighbours are taken over the used ones alone.
+    largest = ndimage.maximum_filter(np.where(used, depth, -np.inf), size=3)
+    least = ndimage.minimum_filter(np.where(used, depth, np.inf), size=3)
+    return np.asarray((largest - depth > edge) | (depth - least > edge))
+
+
+def _largest_cluster(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:
+    """Return the used pixels of the largest group of voxels that touch each other."""
+    rays = directions[used]
+    if len(rays) == 0:
+        return used
+    points = rays * (depth[used] / rays[:, 2])[:, None]
+    cells = np.floor((points - points.min(axis=0)) / _LINK).astype(np.int64)
+    grid = np.zeros(cells.max(axis=0) + 1, np.bool_)
+    grid[tuple(cells.T)] = True
+    labels, count = ndimage.label(grid, structure=np.ones((3, 3, 3)))
+    if count <= 1:
+        return used
+    label = labels[tuple(cells.T)]
+    kept = used.copy()
+    kept[used] = label == np.bincount(label).argmax()
+    return kept

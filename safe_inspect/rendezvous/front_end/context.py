@@ -1,0 +1,46 @@
+"""What a front end is made with, and what it is asked for at each frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.edges import Edge
+from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FrontEndContext:
+    """What is known before the first frame.
+
+    Attributes:
+        camera: Geometry of the depth camera.
+        T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
+        target: The target where its shape is known, else None.
+        streams: The random streams of one mission.
+        truth: Returns the true T_MB at the time of the frame that is being processed; only a simulation has it, and
+            only a simulated front end may ask for it.
+    """
+
+    camera: DepthCamera
+    T_BC: FloatArray
+    target: Target | None
+    streams: Streams
+    truth: Callable[[], FloatArray] | None = None
+
+
+class FrontEndRun(Protocol):
+    """The front end of one mission. Frames are counted by the calls of `step`: 0, 1, 2, ..."""
+
+    def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
+        """Return the relative poses that a frame gives; a frame without any gives an empty list, and still counts.
+
+        Args:
+            frame: The frame.
+            predicted: T_GB of this frame as the back end predicts it, shape (4, 4); None without a prediction.
+            rotation: R_B'B from the gyro, from B now to B' at the last call, shape (3, 3).
+        """

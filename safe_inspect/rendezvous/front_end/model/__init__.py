@@ -1,0 +1,1 @@
+"""Registration of depth frames to the known shape of a target."""

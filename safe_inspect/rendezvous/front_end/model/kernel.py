@@ -1,0 +1,277 @@
+"""Normal equations of a depth frame against the faces of a known shape, compiled.
+
+Tangents (rotation, translation) act on T_MB from the right. A point p in B lies at ``x = R p + t`` in M, and the
+residual along a direction n of M has the derivative ``[p x g, g]`` with ``g = R^T n``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.rendezvous.front_end.model.faces import Faces, SurfacePoints
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: Distance beyond which a point counts the same in the score [m].
+FAR = 0.05
+#: Pixels at the border of an image that are not compared with the silhouette, and edge of the cells in which parts that
+#: are too near hide others [px].
+_BORDER, _CELL = 2.0, 16
+
+
+class RangeNoise(NamedTuple):
+    """What a registration assumes of the camera, and how it treats outliers.
+
+    Attributes:
+        sigma0: Constant part of the standard deviation of a range [m].
+        k: Part that grows with ``r^2 / max(cos(incidence), 0.15)`` [1/m].
+        lateral: Standard deviation across a ray, relative to the range.
+        cut: Distance from a face at which Tukey's weights reach zero [m].
+    """
+
+    sigma0: float
+    k: float
+    lateral: float
+    cut: float
+
+
+class FrameView(NamedTuple):
+    """Where the camera is and what it has seen.
+
+    Attributes:
+        axes: R_BC, shape (3, 3).
+        origin: Position of the camera in B [m], shape (3,).
+        silhouette: Row and column of the nearest pixel that sees the target, shape (2, height, width).
+        intrinsics: Focal lengths along rows and columns and the principal point [px].
+        sigma: Standard deviation of the silhouette [px].
+        cut: Distance to the silhouette from which Huber's weights fall [m].
+        least_cosine: Least cosine of incidence at which a point of the shape should be seen.
+        nearest: Range below which the camera may see nothing [m].
+        farthest: Range above which it may see nothing [m].
+    """
+
+    axes: FloatArray
+    origin: FloatArray
+    silhouette: IntArray
+    intrinsics: tuple[float, float, float, float]
+    sigma: float
+    cut: float
+    least_cosine: float
+    nearest: float
+    farthest: float
+
+
+class Sums(NamedTuple):
+    """What the points add up to.
+
+    Attributes:
+        squares: Weighted squares of the residuals.
+        distance: Sum of the distances, each at most `FAR` [m].
+        number: Number of points.
+        inliers: Number of points within the cut, or beyond the silhouette.
+    """
+
+    squares: float
+    distance: float
+    number: int
+    inliers: int
+
+
+@njit
+def nearest_face(faces: Faces, visible: BoolArray, x: float, y: float, z: float) -> tuple[int, float, float, float]:
+    """Return the visible face nearest to a point, the height above it and how far the point is beyond its sides.
+
+    The last two are signed, and 0 within the rectangle; the face is -1 when none is visible.
+
+    Args:
+        faces: The faces.
+        visible: Which faces look to the camera, shape (F,).
+        x: First coordinate of the point in M [m].
+        y: Second coordinate [m].
+        z: Third coordinate [m].
+    """
+    best, least = -1, math.inf
+    height, first, second = 0.0, 0.0, 0.0
+    for f in range(faces.centre.shape[0]):
+        if not visible[f]:
+            continue
+        dx, dy, dz = x - faces.centre[f, 0], y - faces.centre[f, 1], z - faces.centre[f, 2]
+        axes = faces.axes[f]
+        h = axes[0, 0] * dx + axes[0, 1] * dy + axes[0, 2] * dz
+        if h * h >= least:
+            continue
+        a = axes[1, 0] * dx + axes[1, 1] * dy + axes[1, 2] * dz
+        b = axes[2, 0] * dx + axes[2, 1] * dy + axes[2, 2] * dz
+        a = math.copysign(max(abs(a) - faces.half_size[f, 0], 0.0), a)
+        b = math.copysign(max(abs(b) - faces.half_size[f, 1], 0.0), b)
+        square = h * h + a * a + b * b
+        if square < least:
+            best, least, height, first, second = f, square, h, a, b
+    return best, height, first, second
+
+
+@njit
+def face_equations(
+    faces: Faces,
+    visible: BoolArray,
+    transform: FloatArray,
+    points: FloatArray,
+    rays: FloatArray,
+    ranges: FloatArray,
+    noise: RangeNoise,
+    hessian: FloatArray,
+    gradient: FloatArray,
+) -> tuple[float, float, int, int]:
+    """Set the normal equations of measured points against the visible faces, and return the parts of `Sums`.
+
+    Residuals are the height above the face's plane and what a point is beyond the face's sides. The variance along a
+    unit vector n is ``sigma^2 (n.d)^2 + (lateral r)^2 (1 - (n.d)^2)`` with d the ray.
+
+    Args:
+        faces: The faces in M.
+        visible: Which faces look to the camera, shape (F,).
+        transform: T_MB, shape (4, 4).
+        points: Points in B [m], shape (n, 3).
+        rays: Unit directions from the camera to the points in B, shape (n, 3).
+        ranges: Distances from the camera [m], shape (n,).
+        noise: The camera's errors.
+        hessian: Is set, shape (6, 6).
+        gradient: Is set, shape (6,).
+    """
+    hessian[:] = 0.0
+    gradient[:] = 0.0
+    squares, distance, inliers = 0.0, 0.0, 0
+    r00, r01, r02 = transform[0, 0], transform[0, 1], transform[0, 2]
+    r10, r11, r12 = transform[1, 0], transform[1, 1], transform[1, 2]
+    r20, r21, r22 = transform[2, 0], transform[2, 1], transform[2, 2]
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        x = r00 * px + r01 * py + r02 * pz + transform[0, 3]
+        y = r10 * px + r11 * py + r12 * pz + transform[1, 3]
+        z = r20 * px + r21 * py + r22 * pz + transform[2, 3]
+        f, h, a, b = nearest_face(faces, visible, x, y, z)
+        square = h * h + a * a + b * b if f >= 0 else FAR * FAR
+        distance += min(math.sqrt(square), FAR)
+        if square >= noise.cut * noise.cut:
+            continue
+        inliers += 1
+        kept = (1.0 - square / (noise.cut * noise.cut)) ** 2
+        across = (noise.lateral * ranges[i]) ** 2
+        cosine = 0.15
+        for k in range(3):
+            residual = h if k == 0 else (a if k == 1 else b)
+            if k > 0 and residual == 0.0:
+                continue
+            nx, ny, nz = faces.axes[f, k, 0], faces.axes[f, k, 1], faces.axes[f, k, 2]
+            gx = r00 * nx + r10 * ny + r20 * nz
+            gy = r01 * nx + r11 * ny + r21 * nz
+            gz = r02 * nx + r12 * ny + r22 * nz
+            along = gx * rays[i, 0] + gy * rays[i, 1] + gz * rays[i, 2]
+            if k == 0:
+                cosine = max(abs(along), 0.15)
+            sigma = noise.sigma0 + noise.k * ranges[i] * ranges[i] / cosine
+            along *= along
+            weight = kept / (sigma * sigma * along + across * (1.0 - along))
+            row = (py * gz - pz * gy, pz * gx - px * gz, px * gy - py * gx, gx, gy, gz)
+            for m in range(6):
+                gradient[m] += weight * row[m] * residual
+                for n in range(6):
+                    hessian[m, n] += weight * row[m] * row[n]
+            squares += weight * residual * residual
+    return squares, distance, points.shape[0], inliers
+
+
+@njit
+def _seen_at(
+    samples: SurfacePoints, i: int, transform: FloatArray, view: FrameView
+) -> tuple[float, float, float, float, float, float]:
+    """Return where a point of the shape is seen: depth [m], column, row, and its position in B [m].
+
+    The depth is 0 where the point is not in the image or its face is seen at too flat an angle, and negative where the
+    point is too near or too far to be measured; column and row are half-integer at the centre of a pixel.
+    """
+    height, width = view.silhouette.shape[1], view.silhouette.shape[2]
+    axes, origin = view.axes, view.origin
+    fx, fy, cx, cy = view.intrinsics
+    mx = samples.points[i, 0] - transform[0, 3]
+    my = samples.points[i, 1] - transform[1, 3]
+    mz = samples.points[i, 2] - transform[2, 3]
+    x = transform[0, 0] * mx + transform[1, 0] * my + transform[2, 0] * mz
+    y = transform[0, 1] * mx + transform[1, 1] * my + transform[2, 1] * mz
+    z = transform[0, 2] * mx + transform[1, 2] * my + transform[2, 2] * mz
+    mx, my, mz = samples.normals[i, 0], samples.normals[i, 1], samples.normals[i, 2]
+    nx = transform[0, 0] * mx + transform[1, 0] * my + transform[2, 0] * mz
+    ny = transform[0, 1] * mx + transform[1, 1] * my + transform[2, 1] * mz
+    nz = transform[0, 2] * mx + transform[1, 2] * my + transform[2, 2] * mz
+    dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    depth = axes[0, 2] * dx + axes[1, 2] * dy + axes[2, 2] * dz
+    if -(dx * nx + dy * ny + dz * nz) < view.least_cosine * distance or depth <= 0.0:
+        return 0.0, 0.0, 0.0, x, y, z
+    column = fx * (axes[0, 0] * dx + axes[1, 0] * dy + axes[2, 0] * dz) / depth + cx + 0.5
+    row = fy * (axes[0, 1] * dx + axes[1, 1] * dy + axes[2, 1] * dz) / depth + cy + 0.5
+    # At the border of the image half of what is near a pixel cannot be seen.
+    if not (_BORDER <= column < width - _BORDER and _BORDER <= row < height - _BORDER):
+        return 0.0, 0.0, 0.0, x, y, z
+    measured = view.nearest <= distance <= view.farthest
+    return (depth if measured else -depth), column, row, x, y, z
+
+
+@njit
+def add_silhouette_equations(
+    samples: SurfacePoints, transform: FloatArray, view: FrameView, hessian: FloatArray, gradient: FloatArray
+) -> tuple[float, float, int, int]:
+    """Add the normal equations of points that should be seen where nothing is, and return the parts of `Sums`.
+
+    The residual of such a point is its distance, across the ray, to the nearest pixel that sees the target. What is too
+    near to be measured, and what is next to it in the image and may be behind it, takes no part.
+
+    Args:
+        samples: Points on the faces in M.
+        transform: T_MB, shape (4, 4).
+        view: The camera and what it has seen.
+        hessian: Is added to, shape (6, 6).
+        gradient: Is added to, shape (6,).
+    """
+    squares, total, seen, beyond = 0.0, 0.0, 0, 0
+    height, width = view.silhouette.shape[1], view.silhouette.shape[2]
+    axes = view.axes
+    fx, fy, cx, cy = view.intrinsics
+    hidden = np.zeros((height // _CELL + 3, width // _CELL + 3), np.bool_)
+    for i in range(samples.points.shape[0]):
+        depth, column, row, x, y, z = _seen_at(samples, i, transform, view)
+        if depth < 0.0:
+            first, second = int(row) // _CELL, int(column) // _CELL
+            hidden[first : first + 3, second : second + 3] = True
+    for i in range(samples.points.shape[0]):
+        depth, column, row, x, y, z = _seen_at(samples, i, transform, view)
+        if depth <= 0.0 or hidden[int(row) // _CELL + 1, int(column) // _CELL + 1]:
+            continue
+        right, down = (column - cx - 0.5) / fx, (row - cy - 0.5) / fy
+        seen += 1
+        pixel = depth / fx
+        u = column - (view.silhouette[1, int(row), int(column)] + 0.5)
+        v = row - (view.silhouette[0, int(row), int(column)] + 0.5)
+        u = math.copysign(max(abs(u) - 0.5, 0.0), u) * pixel
+        v = math.copysign(max(abs(v) - 0.5, 0.0), v) * depth / fy
+        length = math.sqrt(u * u + v * v)
+        if length == 0.0:
+            continue
+        beyond += 1
+        total += min(length, FAR)
+        weight = min(1.0, view.cut / length) / (view.sigma * pixel) ** 2
+        squares += weight * length * length
+        for k in range(2):
+            residual, slope = (u, right) if k == 0 else (v, down)
+            gx = axes[0, k] - slope * axes[0, 2]
+            gy = axes[1, k] - slope * axes[1, 2]
+            gz = axes[2, k] - slope * axes[2, 2]
+            line = (gy * z - gz * y, gz * x - gx * z, gx * y - gy * x, -gx, -gy, -gz)
+            for m in range(6):
+                gradient[m] += weight * line[m] * residual
+                for n in range(6):
+                    hessian[m, n] += weight * line[m] * line[n]
+    return squares, total, seen, beyond

@@ -1,0 +1,175 @@
+"""Registration of one depth frame to the known shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_inspect.rendezvous.front_end.cleaning import Cloud
+from safe_inspect.rendezvous.front_end.model.faces import faces_of, surface_points
+from safe_inspect.rendezvous.front_end.model.kernel import (
+    FAR,
+    FrameView,
+    RangeNoise,
+    Sums,
+    add_silhouette_equations,
+    face_equations,
+)
+from safe_inspect.rendezvous.front_end.registration import Registration
+from safe_inspect.rendezvous.poses import adjoint, difference, inverse, perturbed
+from safe_inspect.rendezvous.sensors.tof import DepthCamera
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+#: A step shorter than this ends the iteration [rad, m].
+_CONVERGED = 2e-5
+#: Distance between the points of the shape that are compared with the silhouette, relative to the swept radius, for
+#: tracking and for a search.
+_SPACING, _COARSE_SPACING = 0.02, 0.08
+#: Least mean weighted square of the residuals: what the boxes leave out stays without noise.
+_LEAST_EXCESS = 0.05
+#: Standard deviations of the errors that come from what the boxes leave out, about the model's origin [rad, m].
+_DETAIL_TURN, _DETAIL_SHIFT = np.deg2rad(0.1), 3e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Where a pose is expected.
+
+    Attributes:
+        pose: The expected T_MB, shape (4, 4).
+        information: Of the tangent from the right, shape (6, 6).
+    """
+
+    pose: FloatArray
+    information: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """The normal equations of a frame at a pose; the tangent acts from the right.
+
+    Attributes:
+        hessian: Shape (6, 6).
+        gradient: Shape (6,).
+        score: Mean distance of the points to the shape plus that of the shape to the silhouette, each at most 5 cm [m].
+        inliers: Share of the points that lie near the shape.
+        excess: Mean weighted square of the residuals.
+    """
+
+    hessian: FloatArray
+    gradient: FloatArray
+    score: float
+    inliers: float
+    excess: float
+
+
+class ModelRegistration:
+    """Registers frames to the boxes of a target: points to visible faces, and the shape to the frame's silhouette.
+
+    Only faces that look to the camera take part: what is behind a thin plate would pull its points through it. The
+    silhouette holds the shape where no point lies on it, along a box for instance.
+
+    Args:
+        target: The target.
+        camera: Geometry of the camera.
+        T_BC: Pose of the camera in B, shape (4, 4).
+        sigma0: Constant part of the standard deviation of a range [m].
+        k: Part that grows with the square of the range [1/m].
+        cut: Distance to a face from which points do not count [m].
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        camera: DepthCamera,
+        T_BC: FloatArray,  # noqa: N803
+        sigma0: float = 3e-3,
+        k: float = 1.5e-3,
+        cut: float = 0.03,
+    ) -> None:
+        self.faces = faces_of(target.boxes)
+        self.samples = surface_points(self.faces, _SPACING * target.swept_radius)
+        self.coarse_samples = surface_points(self.faces, _COARSE_SPACING * target.swept_radius)
+        self._noise = RangeNoise(sigma0, k, 0.5 / camera.focal_length, cut)
+        self._T_BC, self._camera = T_BC, camera
+
+    def __call__(
+        self,
+        cloud: Cloud,
+        start: FloatArray,
+        prior: Prior | None = None,
+        *,
+        iterations: int = 12,
+        widening: float = 1.6,
+        coarse: bool = False,
+    ) -> Registration:
+        """Return the pose T_MB that fits a frame best, by Gauss-Newton steps.
+
+        The score is the mean distance of the points to the shape plus that of the shape to the silhouette, each
+        distance at most 5 cm [m].
+
+        Args:
+            cloud: The cleaned frame.
+            start: T_MB to start from, shape (4, 4).
+            prior: Where the pose is expected; it holds what the frame does not tell.
+            iterations: Largest number of steps.
+            widening: The cut of the first step over that of the last ones; it falls within three steps.
+            coarse: Compare fewer points of the shape with the silhouette.
+        """
+        pose = start
+        base = np.zeros((6, 6)) if prior is None else prior.information
+        for step in range(iterations + 1):
+            found = self.linearise(cloud, pose, max(widening * (1.0 - step / 3.0), 1.0), coarse=coarse)
+            if step == iterations:
+                break
+            offset = np.zeros(6) if prior is None else base @ difference(prior.pose, pose)
+            damping = np.diag(1e-6 * np.diag(found.hessian) + 1e-6)
+            move = -np.linalg.solve(found.hessian + base + damping, found.gradient + offset)
+            if np.abs(move).max() < _CONVERGED and step >= 3:
+                break
+            pose = perturbed(pose, limited(np.asarray(move, dtype=np.float64)))
+        # What the boxes leave out moves the shape in its own frame, whatever the distance.
+        carry = adjoint(inverse(pose))
+        systematic = carry @ np.diag(np.repeat([_DETAIL_TURN, _DETAIL_SHIFT], 3) ** 2) @ carry.T
+        return Registration(pose, found.hessian, found.score, found.inliers, found.excess, systematic)
+
+    def linearise(self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False) -> Linearised:
+        """Return the normal equations of a frame at a pose.
+
+        Args:
+            cloud: The cleaned frame.
+            pose: T_MB, shape (4, 4).
+            widening: Factor of the cut.
+            coarse: Compare fewer points of the shape with the silhouette.
+        """
+        hessian, gradient = np.zeros((6, 6)), np.zeros(6)
+        mount = self._T_BC
+        view = FrameView(
+            axes=np.ascontiguousarray(mount[:3, :3]),
+            origin=mount[:3, 3].copy(),
+            silhouette=cloud.silhouette,
+            intrinsics=self._camera.intrinsics,
+            sigma=1.5,
+            cut=0.02,
+            least_cosine=0.25,
+            nearest=self._camera.least_range + FAR,
+            farthest=self._camera.largest_range - FAR,
+        )
+        noise = self._noise._replace(cut=self._noise.cut * widening)
+        visible = self.faces.looks_to((pose @ mount)[:3, 3])
+        points = Sums(
+            *face_equations(self.faces, visible, pose, cloud.points, cloud.rays, cloud.ranges, noise, hessian, gradient)
+        )
+        samples = self.coarse_samples if coarse else self.samples
+        outline = Sums(*add_silhouette_equations(samples, pose, view, hessian, gradient))
+        score = points.distance / max(points.number, 1) + outline.distance / max(outline.number, 1)
+        excess = max(points.squares / max(points.inliers - 6, 1), _LEAST_EXCESS)
+        return Linearised(hessian, gradient, score, points.inliers / max(points.number, 1), excess)
+
+
+def limited(tangent: FloatArray) -> FloatArray:
+    """Return a step that is no longer than 0.2 rad and 0.2 m."""
+    largest = max(float(np.abs(tangent).max()) / 0.2, 1.0)
+    return tangent / largest

@@ -1,0 +1,217 @@
+"""Poses of a known shape: the front end whose errors do not add up over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
+from safe_inspect.rendezvous.front_end.model.acquisition import acquire
+from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
+from safe_inspect.rendezvous.front_end.motion import RelativeMotion
+from safe_inspect.rendezvous.front_end.registration import Registration, relative
+from safe_inspect.rendezvous.poses import difference, inverse, rotation_log
+from safe_inspect.rendezvous.sensors.tof import DepthFrame
+from safe_inspect.types import FloatArray
+
+
+@dataclass(frozen=True)
+class ModelTracking:
+    """How frames are registered to the known shape.
+
+    Attributes:
+        least_points: Frames with fewer points are not used.
+        search_points: Frames with fewer points are not searched without a prediction.
+        least_inliers: Least share of the points that must lie near the shape.
+        largest_score: Largest mean distance of an accepted frame [m].
+        largest_turn: Largest difference from the prediction [rad].
+        largest_shift: The same of the position [m].
+        turn_sigma: Standard deviation of the prediction's attitude [rad].
+        shift_sigma: The same of its position [m].
+        failures: Frames in a row without a pose after which an attitude is given up, and the shape is searched anew.
+        alternatives: Number of poses beyond which a frame tells too little to start with.
+        expected_turn: Difference of attitude within which a found pose is the expected one [rad].
+        ambiguity: Scores up to that much above the best one are poses that may be right too [m].
+        margin: Sum of score differences over distinct views that rules a pose out at once [m].
+        views: Number of distinct views from which a sixth of the margin rules it out too, where the differences are
+            four times their standard error.
+        view_angle: Angle between two distinct views [rad].
+        scale: Factor of the covariances, calibrated on simulation.
+    """
+
+    least_points: int = 150
+    search_points: int = 300
+    least_inliers: float = 0.6
+    largest_score: float = 0.015
+    largest_turn: float = np.deg2rad(25.0)
+    largest_shift: float = 0.25
+    turn_sigma: float = np.deg2rad(2.0)
+    shift_sigma: float = 0.02
+    failures: int = 3
+    alternatives: int = 4
+    expected_turn: float = np.deg2rad(45.0)
+    ambiguity: float = 0.004
+    margin: float = 0.003
+    views: int = 15
+    view_angle: float = np.deg2rad(10.0)
+    scale: float = 3.0
+
+
+@dataclass(eq=False)
+class _Hypothesis:
+    """One pose that the shape may have.
+
+    Attributes:
+        found: The newest registration.
+        first: Its registration at the first frame of the search.
+        first_number: Number of that frame.
+        motion: How it moves.
+        failures: Frames in a row in which it did not fit.
+        score: Its score in the newest frame [m].
+        scores: Those at the distinct views [m].
+    """
+
+    found: Registration
+    first: Registration
+    first_number: int
+    motion: RelativeMotion
+    failures: int = 0
+    score: float = 0.0
+    scores: list[float] = field(default_factory=list)
+
+    @property
+    def total(self) -> float:
+        """Sum of the scores [m]."""
+        return sum(self.scores)
+
+
+class ModelFrontEndRun:
+    """Registers every frame to the known shape. At first all poses are followed that look alike.
+
+    While more than one pose is left, a frame is related to the first frame of the search: a shape that looks alike when
+    it is turned gives the same motion, without a drift. Then poses to the model are returned. After a loss the pose is
+    taken that the back end expects.
+
+    Args:
+        cleaning: Cleans frames.
+        registration: Registers them.
+        T_BC: Pose of the camera in B, shape (4, 4).
+        tracking: Gates and thresholds.
+    """
+
+    def __init__(
+        self,
+        cleaning: Cleaning,
+        registration: ModelRegistration,
+        T_BC: FloatArray,  # noqa: N803
+        tracking: ModelTracking,
+    ) -> None:
+        self._cleaning, self._registration, self._T_BC, self._tracking = cleaning, registration, T_BC, tracking
+        self._hypotheses: list[_Hypothesis] = []
+        self._count = 0
+        self._view: FloatArray | None = None
+        self._T_MG: FloatArray | None = None
+
+    def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
+        """Return the pose to the model; before it is known which one, that to the first frame of the search."""
+        number, tracking = self._count, self._tracking
+        self._count += 1
+        for hypothesis in self._hypotheses:
+            hypothesis.motion.turned(rotation)
+        cloud = self._cleaning(frame, self._T_BC)
+        if len(cloud) < tracking.least_points:
+            self._fail(self._hypotheses)
+            return []
+        if self._hypotheses:
+            self._track(cloud, frame.time)
+        elif len(cloud) >= tracking.search_points:
+            self._search(cloud, frame.time, predicted)
+        if not self._hypotheses or self._hypotheses[0].failures:
+            return []
+        was_ambiguous = len(self._hypotheses) > 1
+        self._choose()
+        best = self._hypotheses[0]
+        edges = []
+        if was_ambiguous and best.first_number < number:
+            edges.append(self._since_first(best, number))
+        if len(self._hypotheses) == 1:
+            found = best.found
+            edges.append(Edge(MODEL, number, found.pose, found.covariance(tracking.scale), found.inliers, "model"))
+            if predicted is not None:
+                self._T_MG = found.pose @ inverse(predicted)
+        return edges
+
+    def _fail(self, failed: list[_Hypothesis]) -> None:
+        """Note a frame in which hypotheses did not fit, and give up those that have not for too long."""
+        for hypothesis in failed:
+            hypothesis.failures += 1
+        self._hypotheses = [one for one in self._hypotheses if one.failures < self._tracking.failures]
+        if not self._hypotheses:
+            self._view = None
+
+    def _track(self, cloud: Cloud, time: float) -> None:
+        """Register the frame at the predictions of all hypotheses."""
+        tracking, failed = self._tracking, []
+        sigma = np.repeat([tracking.turn_sigma, tracking.shift_sigma], 3)
+        for hypothesis in self._hypotheses:
+            start = hypothesis.motion.predict(time)
+            found = self._registration(cloud, start, Prior(start, np.diag(sigma**-2)))
+            off = difference(start, found.pose)
+            hypothesis.score = found.score
+            if (
+                found.inliers >= tracking.least_inliers
+                and found.score <= tracking.largest_score
+                and np.linalg.norm(off[:3]) <= tracking.largest_turn
+                and np.linalg.norm(off[3:]) <= tracking.largest_shift
+            ):
+                hypothesis.found, hypothesis.failures = found, 0
+                hypothesis.motion.observe(time, found.pose)
+            else:
+                failed.append(hypothesis)
+        self._fail(failed)
+        self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
+
+    def _search(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
+        """Look for the shape without a prediction; nothing is found where too many poses explain the frame."""
+        tracking, found = self._tracking, acquire(self._registration, cloud)
+        fitting = [one for one in found if one.score <= found[0].score + tracking.ambiguity]
+        if len(fitting) > tracking.alternatives or fitting[0].score > tracking.largest_score:
+            return
+        if self._T_MG is not None and predicted is not None:
+            expected = self._T_MG @ predicted
+            near = [
+                one for one in fitting if np.linalg.norm(difference(expected, one.pose)[:3]) < tracking.expected_turn
+            ]
+            fitting = near or fitting
+        self._hypotheses = [
+            _Hypothesis(one, one, self._count - 1, RelativeMotion(time, one.pose), score=one.score) for one in fitting
+        ]
+
+    def _choose(self) -> None:
+        """Add up the scores at each distinct view, and drop the hypotheses that are ruled out."""
+        view = self._hypotheses[0].found.pose[:3, :3]
+        if self._view is not None and np.linalg.norm(rotation_log(self._view.T @ view)) < self._tracking.view_angle:
+            return
+        self._view = view
+        for hypothesis in self._hypotheses:
+            hypothesis.scores.append(hypothesis.score)
+        self._hypotheses.sort(key=lambda one: one.total)
+        first = self._hypotheses[0]
+        self._hypotheses = [one for one in self._hypotheses if one is first or not self._is_ruled_out(one, first)]
+
+    def _is_ruled_out(self, one: _Hypothesis, best: _Hypothesis) -> bool:
+        tracking, differences = self._tracking, np.array(one.scores) - np.array(best.scores)
+        total, count = float(differences.sum()), len(differences)
+        if total > tracking.margin:
+            return True
+        error = float(differences.std()) / np.sqrt(count)
+        return bool(count >= tracking.views and total > tracking.margin / 6.0 and total / count > 4.0 * error)
+
+    def _since_first(self, hypothesis: _Hypothesis, number: int) -> Edge:
+        """Return the edge from the first frame of the search: ``T_MB'^-1 T_MB`` with the errors of both poses."""
+        between, covariance = relative(hypothesis.first, hypothesis.found, self._tracking.scale)
+        kind: Literal["odometry", "skip"] = "odometry" if number == hypothesis.first_number + 1 else "skip"
+        return Edge(hypothesis.first_number, number, between, covariance, hypothesis.found.inliers, kind)

@@ -1,0 +1,1 @@
+"""Sensor logs: what camera and inertial unit have measured, on disk, without the simulator."""

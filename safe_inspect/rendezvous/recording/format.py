@@ -1,0 +1,121 @@
+"""The files of a sensor log, and the model of its description."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from safe_inspect.config.models.experiment import Model
+from safe_inspect.rendezvous.sensors.imu import ImuNoise
+from safe_inspect.rendezvous.sensors.tof import DepthCamera
+from safe_inspect.units import Length, PositiveLength, Speed
+
+#: Description of the sensors; list of the frames; what the inertial unit measured, as CSV or Parquet; the truth.
+DESCRIPTION, FRAMES, TRUTH = "sensors.yml", "frames.csv", "truth.csv"
+IMU_FILES = ("imu.csv", "imu.parquet")
+FRAME_COLUMNS = ("time", "file")
+IMU_COLUMNS = (
+    "time",
+    "acceleration_x", "acceleration_y", "acceleration_z",
+    "angular_velocity_x", "angular_velocity_y", "angular_velocity_z",
+)  # fmt: skip
+TRUTH_COLUMNS = (
+    "time",
+    "T_MB_x", "T_MB_y", "T_MB_z", "q_MB_x", "q_MB_y", "q_MB_z", "q_MB_w",
+    "q_WT_x", "q_WT_y", "q_WT_z", "q_WT_w", "rate_x", "rate_y", "rate_z",
+)  # fmt: skip
+#: Name of the array of depths in an NPZ file.
+DEPTH = "depth"
+
+_Point = tuple[Length, Length, Length]  # type: ignore[valid-type]
+_Velocity = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
+_Quaternion = tuple[float, float, float, float]
+
+
+def _unit(name: str, quaternion: tuple[float, ...]) -> None:
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > 1e-3:
+        raise ValueError(f"{name} is no unit quaternion [x, y, z, w]: its length is {length:.6g}")
+
+
+class CameraDescription(Model):
+    """The depth camera: a pinhole without distortion.
+
+    C has z forward, x right and y down. A depth is the coordinate z in C. (cx, cy) is 0 at the centre of the first
+    pixel, as in OpenCV.
+
+    Attributes:
+        width: Pixels of a row.
+        height: Pixels of a column.
+        fx: Focal length along a row [px].
+        fy: Focal length along a column [px].
+        cx: Column of the principal point [px].
+        cy: Row of the principal point [px].
+        least_range: Nearer points are not used [m].
+        largest_range: Farther points are not used [m].
+        depth_unit: What an integer of a PNG file means [m].
+        position: Of the camera in B [m].
+        orientation: Quaternion [x, y, z, w] from C to B; the default looks along x of B with y to the right.
+    """
+
+    width: int = Field(ge=8)
+    height: int = Field(ge=8)
+    fx: float = Field(gt=0.0)
+    fy: float = Field(gt=0.0)
+    cx: float
+    cy: float
+    least_range: PositiveLength = 0.2  # type: ignore[valid-type]
+    largest_range: PositiveLength = 4.0  # type: ignore[valid-type]
+    depth_unit: PositiveLength = 1e-3  # type: ignore[valid-type]
+    position: _Point = (0.0, 0.0, 0.0)
+    orientation: _Quaternion = (0.5, 0.5, 0.5, 0.5)
+
+    @model_validator(mode="after")
+    def _check(self) -> CameraDescription:
+        _unit("orientation", self.orientation)
+        if self.least_range >= self.largest_range:
+            raise ValueError(f"least_range ({self.least_range} m) must be below largest_range ({self.largest_range} m)")
+        return self
+
+    @property
+    def geometry(self) -> DepthCamera:
+        """The camera's geometry."""
+        return DepthCamera(
+            self.width, self.height, self.fx, self.least_range, self.largest_range,
+            focal_length_y=self.fy, principal_point=(self.cx, self.cy),
+        )  # fmt: skip
+
+
+class StartDescription(Model):
+    """The chaser at the first frame, in an inertial frame W of the user's choice.
+
+    Attributes:
+        position: Of the chaser in W [m].
+        velocity: In W [m/s].
+        orientation: Quaternion [x, y, z, w] from B to W.
+    """
+
+    position: _Point = (0.0, 0.0, 0.0)
+    velocity: _Velocity = (0.0, 0.0, 0.0)
+    orientation: _Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> StartDescription:
+        _unit("orientation", self.orientation)
+        return self
+
+
+class SensorDescription(Model):
+    """The sensors of a log.
+
+    Attributes:
+        camera: The depth camera.
+        imu: Errors of the inertial unit, each the standard deviation for one axis.
+        start: The chaser at the first frame.
+    """
+
+    camera: CameraDescription
+    imu: Annotated[ImuNoise, Field(default_factory=ImuNoise)]
+    start: StartDescription = StartDescription()

@@ -1,0 +1,259 @@
+"""Reading a sensor log; every mistake is one message with the file, the line and what to do."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from pydantic import ValidationError
+
+from safe_inspect.config.loading.loader import load
+from safe_inspect.config.loading.located import LocatedDict
+from safe_inspect.config.messages.report import problems_of
+from safe_inspect.dynamics.quaternion import normalise, to_matrix
+from safe_inspect.errors import ConfigError, Location, Problem
+from safe_inspect.rendezvous.poses import pose
+from safe_inspect.rendezvous.recording.format import (
+    DEPTH,
+    DESCRIPTION,
+    FRAME_COLUMNS,
+    FRAMES,
+    IMU_COLUMNS,
+    IMU_FILES,
+    TRUTH,
+    TRUTH_COLUMNS,
+    SensorDescription,
+)
+from safe_inspect.rendezvous.sensors.tof import DepthFrame
+from safe_inspect.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SensorLog:
+    """A log whose tables are read; its frames are read one by one.
+
+    Attributes:
+        folder: The folder.
+        description: The sensors.
+        times: Times of the frames [s], shape (n,).
+        files: The frames' files.
+        imu: Time [s], specific force [m/s^2] and angular velocity [rad/s] in B, shape (m, 7).
+        truth: Rows of `TRUTH_COLUMNS`, shape (n, 15); None where the log has none.
+    """
+
+    folder: Path
+    description: SensorDescription
+    times: FloatArray
+    files: tuple[str, ...]
+    imu: FloatArray
+    truth: FloatArray | None
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def T_BC(self) -> FloatArray:  # noqa: N802
+        """Pose of the camera in B, shape (4, 4)."""
+        camera = self.description.camera
+        return pose(to_matrix(normalise(np.array(camera.orientation))), np.array(camera.position))
+
+    @property
+    def start(self) -> tuple[FloatArray, FloatArray]:
+        """T_WB, shape (4, 4), and velocity in W [m/s], shape (3,), of the chaser at the first frame."""
+        start = self.description.start
+        rotation = to_matrix(normalise(np.array(start.orientation)))
+        return pose(rotation, np.array(start.position)), np.array(start.velocity)
+
+    def steps(self) -> Iterator[tuple[DepthFrame, FloatArray]]:
+        """Yield each frame with the inertial samples since the last one, shape (k, 7).
+
+        Samples before the first frame are left out: the chaser's state is given at the first frame.
+
+        Raises:
+            ConfigError: A frame's file is missing, damaged or of another size.
+        """
+        first = int(np.searchsorted(self.imu[:, 0], self.times[0], side="right"))
+        for index, time in enumerate(self.times):
+            last = max(int(np.searchsorted(self.imu[:, 0], time + 1e-9, side="right")), first)
+            yield self.frame(index), self.imu[first:last]
+            first = last
+
+    def frame(self, index: int) -> DepthFrame:
+        """Return a frame by its number.
+
+        Raises:
+            ConfigError: Its file is missing, damaged or of another size.
+        """
+        camera, name = self.description.camera, self.files[index]
+        depth = _depth(self.folder / name, camera.depth_unit)
+        if depth.shape != (camera.height, camera.width):
+            raise _frame_error(
+                self.folder / name,
+                f"the image has {depth.shape[1] if depth.ndim == 2 else '?'} x {depth.shape[0]} pixels",
+                f"{DESCRIPTION} says {camera.width} x {camera.height}; correct one of them",
+            )
+        depth = np.where(np.isfinite(depth), depth, 0.0)
+        directions = camera.geometry.directions
+        ranges = depth / directions[..., 2]
+        valid = (ranges >= camera.least_range) & (ranges <= camera.largest_range)
+        points = directions[valid] * ranges[valid][:, None]
+        flags = ("out_of_view",) if not len(points) else ()
+        return DepthFrame(float(self.times[index]), np.where(valid, depth, 0.0), points, valid, flags)
+
+
+def read_sensor_log(folder: str | os.PathLike[str]) -> SensorLog:
+    """Read the tables of a log.
+
+    Raises:
+        ConfigError: With every mistake of the description, or the first one of the tables.
+    """
+    path = Path(folder)
+    if not path.is_dir():
+        raise ConfigError(f"{folder}: there is no such folder; give the folder of a sensor log")
+    if not (path / DESCRIPTION).is_file():
+        raise ConfigError(f"{folder}: no sensor log, it has no {DESCRIPTION}; see docs/rendezvous.md for the format")
+    description = _description(path / DESCRIPTION)
+    times, files = _frames(path / FRAMES)
+    imu_files = [path / name for name in IMU_FILES if (path / name).is_file()]
+    if len(imu_files) != 1:
+        raise ConfigError(f"{folder}: it has {len(imu_files)} of {' and '.join(IMU_FILES)}; it needs exactly one")
+    imu = _table(imu_files[0], IMU_COLUMNS)
+    _check_times(imu_files[0], imu[:, 0])
+    truth = _table(path / TRUTH, TRUTH_COLUMNS) if (path / TRUTH).is_file() else None
+    if truth is not None and len(truth) != len(times):
+        raise ConfigError(
+            f"{path / TRUTH}: it has {len(truth)} rows for {len(times)} frames; give one row for each, or no such file"
+        )
+    return SensorLog(path, description, times, files, imu, truth)
+
+
+def _description(path: Path) -> SensorDescription:
+    tree = load(path)
+    if not isinstance(tree, LocatedDict):
+        raise ConfigError(f"{path}: it must hold the keys `camera`, `imu` and `start`")
+    try:
+        return SensorDescription.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(problems_of(error, tree, model=SensorDescription)) from None
+
+
+def _frames(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
+    rows = _rows(path, FRAME_COLUMNS)
+    times = np.array([_number(path, line, "time", row[0]) for line, row in rows])
+    if len(times) < 2:
+        raise ConfigError(f"{path}: it lists {len(times)} frames; at least two are needed")
+    _check_times(path, times)
+    for line, row in rows:
+        if not (path.parent / row[1]).is_file():
+            raise _line_error(path, line, f"there is no file {row[1]!r}", "paths are relative to the log's folder")
+    return times, tuple(row[1] for _, row in rows)
+
+
+def _table(path: Path, columns: Sequence[str]) -> FloatArray:
+    """Return a table of numbers, CSV or Parquet, in the order of the columns."""
+    if path.suffix == ".parquet":
+        return _parquet(path, columns)
+    rows = _rows(path, columns)
+    table = [[_number(path, line, name, value) for name, value in zip(columns, row, strict=True)] for line, row in rows]
+    return np.array(table, dtype=np.float64).reshape(-1, len(columns))
+
+
+def _parquet(path: Path, columns: Sequence[str]) -> FloatArray:
+    import pyarrow as pa  # type: ignore[import-untyped]
+    import pyarrow.parquet as pq  # type: ignore[import-untyped]
+
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise ConfigError(
+            f"{path}: it cannot be read as Parquet ({error}); write it anew, or give a CSV file"
+        ) from None
+    missing = [name for name in columns if name not in table.column_names]
+    if missing:
+        raise ConfigError(f"{path}: the column `{missing[0]}` is missing; it needs {', '.join(columns)}")
+    found = np.stack([np.asarray(table[name].to_numpy(), dtype=np.float64) for name in columns], axis=1)
+    bad = np.flatnonzero(~np.isfinite(found).all(axis=1))
+    if len(bad):
+        raise ConfigError(f"{path}: row {bad[0]} is not finite; leave such rows out")
+    return found
+
+
+def _rows(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
+    """Return the rows of a CSV file with their lines, in the order of the columns."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: it cannot be read ({error}); a sensor log needs it") from None
+    reader = csv.reader(text.splitlines())
+    header = [name.strip() for name in next(reader, [])]
+    missing = [name for name in columns if name not in header]
+    if missing:
+        raise _line_error(path, 1, f"the column `{missing[0]}` is missing", f"the header needs {', '.join(columns)}")
+    places = [header.index(name) for name in columns]
+    rows = []
+    for row in reader:
+        if not row:
+            continue
+        if len(row) != len(header):
+            raise _line_error(path, reader.line_num, f"{len(row)} values for {len(header)} columns", "complete the row")
+        rows.append((reader.line_num, [row[place].strip() for place in places]))
+    return rows
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise _line_error(path, line, f"`{name}` is {text!r}", "give a finite number, or leave the row out")
+    return value
+
+
+def _check_times(path: Path, times: FloatArray) -> None:
+    back = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise ConfigError(
+            f"{path}: row {row}: the time {times[row]:g} s does not come after {times[row - 1]:g} s; sort the rows"
+        )
+
+
+def _depth(path: Path, unit: float) -> FloatArray:
+    """Return the depths of a file [m]."""
+    if path.suffix.lower() == ".npz":
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                if DEPTH not in arrays:
+                    raise _frame_error(
+                        path, f"it has no array `{DEPTH}`", f"it has {', '.join(arrays.files)}; rename one"
+                    )
+                return np.asarray(arrays[DEPTH], dtype=np.float64)
+        except (OSError, ValueError, EOFError, BadZipFile) as error:
+            raise _frame_error(path, f"it cannot be read ({error})", "write it with numpy.savez") from None
+    if path.suffix.lower() == ".png":
+        from PIL import Image
+
+        try:
+            with Image.open(path) as image:
+                if not image.mode.startswith("I"):
+                    raise _frame_error(path, f"its pixels are {image.mode!r}", "write one channel of 16 bits")
+                return np.asarray(image, dtype=np.float64) * unit
+        except (OSError, SyntaxError) as error:
+            raise _frame_error(
+                path, f"it cannot be read ({error})", "write a PNG with one channel of 16 bits"
+            ) from None
+    raise _frame_error(path, f"its kind {path.suffix!r} is not known", "give NPZ or 16-bit PNG files")
+
+
+def _frame_error(path: Path, message: str, hint: str) -> ConfigError:
+    return ConfigError(Problem(f"{path}: {message}", hint=hint))
+
+
+def _line_error(path: Path, line: int, message: str, hint: str) -> ConfigError:
+    return ConfigError(Problem(message, location=Location(str(path), line), hint=hint))

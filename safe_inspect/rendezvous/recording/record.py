@@ -1,0 +1,87 @@
+"""Recording the sensors of a simulated watch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import from_matrix
+from safe_inspect.geometry.pointing import R_BC
+from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.recording.format import CameraDescription, SensorDescription, StartDescription
+from safe_inspect.rendezvous.recording.watch import WatchedFrame, WatchSensors, watch
+from safe_inspect.rendezvous.recording.writer import SensorLogWriter
+from safe_inspect.types import FloatArray
+
+
+def describe_watch(config: RendezvousConfig, sensors: WatchSensors, first: WatchedFrame) -> SensorDescription:
+    """Return the description of a simulated watch."""
+    camera = sensors.camera.geometry
+    fx, fy, cx, cy = camera.intrinsics
+    start = first.chaser
+    return SensorDescription(
+        camera=CameraDescription(
+            width=camera.width, height=camera.height, fx=fx, fy=fy, cx=cx, cy=cy,
+            least_range=camera.least_range, largest_range=camera.largest_range,
+            position=config.chaser.camera_position, orientation=_tuple(from_matrix(R_BC)),
+        ),
+        imu=sensors.imu,
+        start=StartDescription(
+            position=_tuple(start.position), velocity=_tuple(start.velocity), orientation=_tuple(start.orientation)
+        ),
+    )  # fmt: skip
+
+
+def record_watch(
+    folder: Path,
+    config: RendezvousConfig,
+    sensors: WatchSensors,
+    number: int,
+    seconds: float,
+    images: Literal["npz", "png"] = "npz",
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write the sensor log of a watch into a folder that exists; return the number of frames.
+
+    Args:
+        folder: The folder.
+        config: The experiment.
+        sensors: What measures.
+        number: Number of the mission, whose tumble and noise are drawn.
+        seconds: How long it lasts.
+        images: Format of the depth frames.
+        progress: Called with the number of frames that are done, and of all.
+    """
+    count, wanted = 0, int(seconds / sensors.period + 1e-9) + 1
+    writer: SensorLogWriter | None = None
+    for seen in watch(config, sensors, number, seconds):
+        if writer is None:
+            writer = SensorLogWriter(folder, describe_watch(config, sensors, seen), images)
+        writer.add_imu(seen.imu)
+        writer.add_frame(seen.frame.time, seen.frame.depth)
+        writer.add_truth(_truth(seen))
+        count += 1
+        if progress is not None:
+            progress(count, wanted)
+    assert writer is not None, "a watch has a frame at its start"
+    writer.close()
+    return count
+
+
+def _truth(seen: WatchedFrame) -> FloatArray:
+    return np.concatenate(
+        [
+            [seen.frame.time],
+            seen.T_MB[:3, 3],
+            from_matrix(seen.T_MB[:3, :3]),
+            seen.target.orientation,
+            seen.target.angular_velocity,
+        ]
+    )
+
+
+def _tuple(values: FloatArray) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

@@ -1,0 +1,120 @@
+"""What is left of the estimation on a sensor log: summary and tables."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.rendezvous.edges import MODEL
+from safe_inspect.rendezvous.log import json_value
+from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
+from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
+from safe_inspect.rendezvous.recording.reader import SensorLog
+from safe_inspect.types import FloatArray
+
+ESTIMATE, ONLINE, EDGES = "estimate.json", "estimate.csv", "edges.npz"
+
+
+def summary_of(log: SensorLog, estimate: LogEstimate) -> dict[str, Any]:
+    """Return the estimate at the last frame as plain values; angles in degrees."""
+    found, graph = estimate.target, estimate.graph
+    time = float(log.times[-1])
+    q, w = found.predict(np.array([time]))
+    covariance = found.covariance
+    summary: dict[str, Any] = {
+        "frames": len(log),
+        "frames_with_edges": len({edge.second for edge in estimate.edges}),
+        "poses_to_the_model": sum(edge.first == MODEL for edge in estimate.edges),
+        "seconds": time - float(log.times[0]),
+        "time": time,
+        "q_WT": q[0],
+        "rate_deg_per_s": np.rad2deg(w[0]),
+        "attitude_sigma_deg": np.rad2deg(_largest(covariance[:3, :3])),
+        "rate_sigma_deg_per_s": np.rad2deg(_largest(covariance[3:6, 3:6])),
+        "axes_sigma_deg": np.rad2deg(found.axes_sigma),
+        "q_GT": found.q_GT,
+        "J1_over_J3": found.ratios[0],
+        "J2_over_J3": found.ratios[1],
+        "centre_of_mass_W": graph.centre,
+        "centre_of_mass_G": graph.centre_glued,
+        "centre_sigma": _largest(graph.centre_covariance),
+        "axes_are_observable": found.observable,
+        "directions_are_known": found.aligned,
+        "misfit": found.misfit,
+    }
+    if log.truth is not None:
+        summary["errors"] = _errors(log, estimate, log.truth)
+    return summary
+
+
+def _errors(log: SensorLog, estimate: LogEstimate, truth: FloatArray) -> dict[str, float]:
+    column = {name: place for place, name in enumerate(TRUTH_COLUMNS)}
+    attitude = truth[:, column["q_WT_x"] : column["q_WT_w"] + 1]
+    rate = truth[-1, column["rate_x"] : column["rate_z"] + 1]
+    error = estimate.attitude_error(log.times, attitude)
+    _, w = estimate.target.predict(log.times[-1:])
+    # The directions of the axes are free by half turns where no pose to the model tells them.
+    choices = [np.ones(3)]
+    if not estimate.target.aligned:
+        choices += [2.0 * np.eye(3)[k] - 1.0 for k in range(3)]
+    return {
+        "attitude_at_the_end_deg": float(np.rad2deg(error[-1])),
+        "attitude_median_deg": float(np.rad2deg(np.median(error))),
+        "rate_at_the_end_deg_per_s": float(np.rad2deg(min(np.linalg.norm(w[0] * one - rate) for one in choices))),
+    }
+
+
+def write_estimate(folder: Path, log: SensorLog, estimate: LogEstimate) -> None:
+    """Write summary and tables into a folder that exists."""
+    summary = json_value(summary_of(log, estimate))
+    (folder / ESTIMATE).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with (folder / ONLINE).open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(ONLINE_COLUMNS)
+        writer.writerows(
+            [["" if np.isnan(value) else format(value, ".10g") for value in row] for row in estimate.online]
+        )
+    edges = estimate.edges
+    np.savez_compressed(
+        folder / EDGES,
+        first=np.array([edge.first for edge in edges]),
+        second=np.array([edge.second for edge in edges]),
+        pose=np.array([edge.pose for edge in edges]),
+        covariance=np.array([edge.covariance for edge in edges]),
+        inliers=np.array([edge.inliers for edge in edges]),
+        kind=np.array([edge.kind for edge in edges]),
+    )
+
+
+def estimate_table(summary: dict[str, Any]) -> str:
+    """Return the summary as lines for a terminal."""
+    rate = summary["rate_deg_per_s"]
+    components = ", ".join(f"{one:.3f}" for one in rate)
+    lines = [
+        f"{summary['frames_with_edges']} of {summary['frames']} frames in {summary['seconds']:.1f} s gave poses, "
+        f"{summary['poses_to_the_model']} of them to the known model",
+        f"rate at the end in T           {np.linalg.norm(rate):8.3f} deg/s  ({components}), "
+        f"sigma {summary['rate_sigma_deg_per_s']:.3f}",
+        f"attitude, sigma                {summary['attitude_sigma_deg']:8.3f} deg",
+        f"principal axes, sigma          {summary['axes_sigma_deg']:8.3f} deg"
+        + ("" if summary["axes_are_observable"] else "  (the motion does not show the transverse axes)"),
+        f"J1/J3, J2/J3                   {summary['J1_over_J3']:8.4f}, {summary['J2_over_J3']:.4f}",
+        f"centre of mass, sigma          {1e3 * summary['centre_sigma']:8.1f} mm",
+        "directions of the axes         "
+        + ("    known by the model" if summary["directions_are_known"] else "    free by half turns: no known shape"),
+    ]
+    if "errors" in summary:
+        errors = summary["errors"]
+        lines.append(
+            f"errors against the truth: attitude {errors['attitude_at_the_end_deg']:.2f} deg at the end "
+            f"({errors['attitude_median_deg']:.2f} median), rate {errors['rate_at_the_end_deg_per_s']:.3f} deg/s"
+        )
+    return "\n".join(lines)
+
+
+def _largest(covariance: FloatArray) -> float:
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))

@@ -1,0 +1,36 @@
+"""The known target of a sensor log, from a file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from safe_inspect.config.loading.loader import load
+from safe_inspect.config.loading.located import LocatedDict
+from safe_inspect.config.messages.report import problems_of
+from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.plugins import MeshTarget
+from safe_inspect.rendezvous.target.model import Target
+
+_MESHES = (".stl", ".ply", ".obj")
+
+
+def read_target(path: str | os.PathLike[str]) -> Target:
+    """Return the target of a file: a mesh of uniform density, or YAML with the key ``target``, such as an experiment.
+
+    Raises:
+        ConfigError: The file cannot be read, or has no target.
+    """
+    if Path(path).suffix.lower() in _MESHES:
+        return MeshTarget(path=os.fspath(path))()
+    tree = load(path)
+    if not isinstance(tree, LocatedDict) or "target" not in tree:
+        raise ConfigError(f"{os.fspath(path)}: it has no key `target`; give such a file, an experiment, or a mesh")
+    part = LocatedDict({"target": tree["target"]})
+    try:
+        return RendezvousConfig.model_validate(part).target()  # type: ignore[no-any-return]
+    except ValidationError as error:
+        raise ConfigError(problems_of(error, tree, model=RendezvousConfig)) from None

@@ -1,0 +1,177 @@
+"""The factor graph: exact data, its Jacobians, missing frames, and its bounded size."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.back_end.factors import key, rotation_kinematic_factors
+from safe_inspect.rendezvous.back_end.graph import PoseGraph
+from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
+from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
+from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.poses import difference, inverse, perturbed, pose, skew
+from safe_inspect.rendezvous.sensors.imu import ImuNoise
+from safe_inspect.rendezvous.target.envisat import envisat
+from safe_inspect.testing.estimation import edges_of, watched_poses
+from safe_inspect.types import FloatArray
+
+_TARGET = envisat(0.05, np.array([0.25, 0.0, 0.42]))
+_R_WB = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_START = ChaserStart(pose(_R_WB, np.array([0.0, -1.5, 0.0])), np.zeros(3))
+
+
+def _graph(edges: list[Edge], frames: list[int], centre: CentrePrior, options: GraphOptions | None = None) -> PoseGraph:
+    """Return the graph of a chaser at rest, one frame a second."""
+    graph = PoseGraph(options or GraphOptions(), _START, centre)
+    imu = ImuBuffer(ImuNoise(), 0.1)
+    for before, frame in itertools.pairwise(frames):
+        for _ in range(10 * (frame - before)):
+            imu.add(np.zeros(3), np.zeros(3), 0.1)
+        graph.update(frame, [edge for edge in edges if edge.second == frame], imu)
+    return graph
+
+
+def _noisy(poses: list[FloatArray], seed: int, skips: int = 1) -> list[Edge]:
+    sigmas = np.repeat([np.deg2rad(0.4), 4e-3], 3)
+    draws = Streams(seed, np.zeros(1, np.int64), np.zeros(1, np.int64))
+    edges = []
+    for j in range(1, len(poses)):
+        for i in range(max(j - skips, 0), j):
+            error = sigmas * draws.normal("edge", 6, 10 * j + j - i)[0]
+            edges.append(Edge(i, j, perturbed(inverse(poses[i]) @ poses[j], error), np.diag(sigmas**2), 1.0))
+    return edges
+
+
+@pytest.mark.parametrize("model", [False, True])
+def test_exact_edges_give_exact_poses(model: bool) -> None:
+    poses = watched_poses(_TARGET, 30)
+    estimate = _graph(edges_of(poses, model=model), list(range(30)), CentrePrior(np.zeros(3), 0.3)).estimate()
+    assert estimate.relative is not None
+    error = difference(inverse(poses[0]) @ poses[-1], estimate.relative)
+    assert np.rad2deg(np.linalg.norm(error[:3])) < 1e-4
+    assert np.linalg.norm(error[3:]) < 1e-6
+    np.testing.assert_allclose(estimate.centre, 0.0, atol=1e-6)
+    np.testing.assert_allclose(estimate.chaser, _START.pose, atol=1e-6)
+    np.testing.assert_allclose(estimate.centre_glued, [1.5, 0.0, 0.0], atol=1e-6)
+    if model:
+        assert estimate.model is not None
+        np.testing.assert_allclose(estimate.model, inverse(poses[0]), atol=1e-6)
+
+
+def test_a_thrusting_chaser_is_followed_exactly() -> None:
+    """With a constant acceleration the positions are half its square of time; the edges see them."""
+    acceleration, frames = np.array([2e-3, 1e-3, -1e-3]), 12
+    still = watched_poses(_TARGET, frames)
+    model = [T_MB @ inverse(_START.pose) for T_MB in still]  # T_MW of each frame
+    truth = [pose(_R_WB, _START.pose[:3, 3] + 0.5 * k * k * acceleration) for k in range(frames)]
+    poses = [T_MW @ T_WB for T_MW, T_WB in zip(model, truth, strict=True)]
+    graph, imu = PoseGraph(GraphOptions(), _START, CentrePrior(np.zeros(3), 0.3)), ImuBuffer(ImuNoise(), 0.1)
+    for edge in edges_of(poses, model=False):
+        for _ in range(10):
+            imu.add(_R_WB.T @ acceleration, np.zeros(3), 0.1)
+        graph.update(edge.second, [edge], imu)
+    estimate = graph.estimate()
+    np.testing.assert_allclose(estimate.chaser, truth[-1], atol=1e-6)
+    np.testing.assert_allclose(estimate.velocity, (frames - 1) * acceleration, atol=1e-6)
+
+
+def test_the_rotation_kinematic_factor_has_the_analytic_jacobians() -> None:
+    """Eliminating the auxiliary point gives that of e = X^-1 p - G^-1 o, with its stated deviation."""
+    gtsam, sigma = require("gtsam"), 5e-3
+    x, g = perturbed(np.eye(4), np.array([0.3, -0.2, 0.5, 0.1, -1.2, 0.4])), perturbed(np.eye(4), np.full(6, 0.4))
+    p = np.array([0.2, 0.1, -0.3])
+    seen = inverse(x)[:3, :3] @ p + inverse(x)[:3, 3]
+    o = g[:3, :3] @ seen + g[:3, 3]
+    values, graph = gtsam.Values(), gtsam.NonlinearFactorGraph()
+    for name, value in (("X", gtsam.Pose3(x)), ("G", gtsam.Pose3(g)), ("Y", seen), ("P", p), ("O", o)):
+        values.insert(key(name), value)
+    for factor in rotation_kinematic_factors(0, sigma):
+        graph.add(factor)
+    assert graph.error(values) < 1e-20
+    ordering = gtsam.Ordering()
+    sizes = {"X": 6, "G": 6, "O": 3, "P": 3, "Y": 3}
+    for name in sizes:
+        ordering.push_back(key(name))
+    hessian = graph.linearize(values).hessian(ordering)[0]
+    kept, y = slice(0, 18), slice(18, 21)
+    reduced = hessian[kept, kept] - hessian[kept, y] @ np.linalg.solve(hessian[y, y], hessian[y, kept])
+    analytic = np.hstack([skew(seen), -np.eye(3), -skew(seen), np.eye(3), -g[:3, :3].T, x[:3, :3].T])
+    np.testing.assert_allclose(reduced, analytic.T @ analytic / sigma**2, rtol=1e-7, atol=1e-3)
+    numeric = np.empty((3, 12))
+    for i in range(12):
+        steps = np.zeros((2, 12))
+        steps[:, i] = 1e-6, -1e-6
+        both = [
+            (lambda a, b: a[:3, :3].T @ (p - a[:3, 3]) - b[:3, :3].T @ (o - b[:3, 3]))(
+                perturbed(x, step[:6]), perturbed(g, step[6:])
+            )
+            for step in steps
+        ]
+        numeric[:, i] = (both[0] - both[1]) / 2e-6
+    np.testing.assert_allclose(analytic[:, :12], numeric, atol=1e-8)
+
+
+def test_the_incremental_solution_is_that_of_a_batch() -> None:
+    poses = watched_poses(_TARGET, 40)
+    graph = _graph(_noisy(poses, 1, skips=3), list(range(40)), CentrePrior(np.array([0.2, -0.1, 0.1]), 0.3))
+    relative, batch = graph.relative_poses(), graph.batch()
+    angles = [np.linalg.norm(difference(relative[k], batch.atPose3(key("G", k)).matrix())[:3]) for k in relative]
+    assert np.rad2deg(max(angles)) < 0.6
+
+
+def test_frames_without_edges_are_bridged() -> None:
+    poses = watched_poses(_TARGET, 30)
+    frames = [k for k in range(30) if not 10 <= k < 16]
+    edges = [Edge(i, j, inverse(poses[i]) @ poses[j], np.eye(6) * 1e-6, 1.0) for i, j in itertools.pairwise(frames)]
+    estimate = _graph(edges, frames, CentrePrior(np.zeros(3), 0.3)).estimate()
+    assert estimate.relative is not None
+    np.testing.assert_allclose(estimate.relative, inverse(poses[0]) @ poses[-1], atol=1e-6)
+
+
+def test_a_model_that_nothing_relates_to_older_frames_starts_anew() -> None:
+    poses = watched_poses(_TARGET, 20)
+    edges = [edge for edge in edges_of(poses, model=True) if (edge.second < 8) == (edge.first != MODEL)]
+    graph = _graph(edges, list(range(20)), CentrePrior(np.array([0.2, 0.0, -0.1]), 0.3))
+    estimate = graph.estimate()
+    assert min(graph.relative_poses()) == 8
+    assert estimate.relative is not None
+    assert estimate.model is not None
+    np.testing.assert_allclose(estimate.relative, inverse(poses[8]) @ poses[-1], atol=1e-5)
+    np.testing.assert_allclose(inverse(estimate.model) @ estimate.relative, poses[-1], atol=1e-5)
+    np.testing.assert_allclose(estimate.centre, 0.0, atol=2e-3)
+
+
+def test_the_graph_stays_bounded() -> None:
+    poses = watched_poses(_TARGET, 40)
+    options = GraphOptions(largest=12)
+    graph = _graph(edges_of(poses, model=True), list(range(40)), CentrePrior(np.array([0.1, 0.0, 0.1]), 0.3), options)
+    assert len(graph.frames) <= 12
+    estimate = graph.estimate()
+    assert estimate.relative is not None
+    error = difference(inverse(poses[0]) @ poses[-1], estimate.relative)
+    assert np.rad2deg(np.linalg.norm(error[:3])) < 0.01
+    np.testing.assert_allclose(estimate.centre, 0.0, atol=5e-3)
+
+
+def _nees(estimate: GraphEstimate) -> float:
+    """Return the squared error of the centre in B over its covariance; nothing is aligned to the truth."""
+    found = estimate.chaser[:3, :3].T @ (estimate.centre - estimate.chaser[:3, 3])
+    error = found - np.array([1.5, 0.0, 0.0])
+    return float(error @ np.linalg.solve(estimate.centre_covariance, error))
+
+
+@pytest.mark.slow
+def test_the_covariance_of_the_centre_is_consistent() -> None:
+    poses = watched_poses(_TARGET, 40)
+    guess = Streams(7, np.arange(16), np.zeros(16, np.int64)).normal("centre", 3) * 0.2
+    found = [
+        _nees(_graph(_noisy(poses, seed), list(range(40)), CentrePrior(guess[seed], 0.2)).estimate())
+        for seed in range(16)
+    ]
+    # The mean of 16 squares with 3 degrees of freedom each: 99.8 % are between 1.3 and 5.5.
+    assert 0.8 < np.mean(found) < 5.5

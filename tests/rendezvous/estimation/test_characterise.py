@@ -1,0 +1,189 @@
+"""From rotations to motion: exact data, what cannot be seen, and covariances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, normalise, rotate, to_matrix
+from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.rendezvous.characterise.fit import FitOptions, Motion, fit_motion
+from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
+from safe_inspect.rendezvous.characterise.motion import CharacteriseOptions, axes_error, characterise
+from safe_inspect.rendezvous.characterise.polhode import HALF_TURNS, principal_axes_of_motion
+from safe_inspect.rendezvous.characterise.rates import angular_velocities
+from safe_inspect.rendezvous.characterise.ratios import logits_of, ratios_of
+from safe_inspect.rendezvous.edges import MODEL
+from safe_inspect.types import FloatArray
+
+_INERTIA = np.array([0.1314, 0.9661, 1.0])
+_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def _tumbling(
+    inertia: FloatArray, direction: list[float], seed: int = 0, seconds: int = 120
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return times, q_WT and w in T of a tumble at 5 degrees per second, and a random q_GT."""
+    rng = np.random.default_rng(seed)
+    rate = np.deg2rad(5.0) * np.array(direction) / np.linalg.norm(direction)
+    times = np.arange(seconds + 1.0)
+    q, w = tumble(inertia, normalise(rng.normal(size=4))[None], rate[None], times)
+    return times, q[0], w[0], normalise(rng.normal(size=4))
+
+
+def _history(
+    times: FloatArray,
+    q: FloatArray,
+    q_GT: FloatArray,  # noqa: N803
+    sigma: float = 0.0,
+    seed: int = 0,
+    skips: int = 2,
+) -> History:
+    """Return the edges that a chaser at rest measures; G is B at the first frame."""
+    rng = np.random.default_rng(seed)
+    chaser = multiply(q[0], conjugate(q_GT))
+    glued = multiply(multiply(q_GT, conjugate(q)), chaser)
+    pairs = [(j - skip, j) for j in range(1, len(times)) for skip in range(1, skips + 1) if j >= skip]
+    first, second = np.array(pairs).T
+    exact = multiply(conjugate(glued[first]), glued[second])
+    measured = multiply(exact, exp(sigma * rng.normal(size=(len(pairs), 3))))
+    covariance = np.tile(np.eye(3) * max(sigma, 1e-4) ** 2, (len(pairs), 1, 1))
+    noisy = multiply(glued, exp(sigma * rng.normal(size=(len(times), 3))))
+    noisy[0] = glued[0]
+    return History(times, np.tile(chaser, (len(times), 1)), noisy, first, second, measured, covariance)
+
+
+@pytest.mark.parametrize("direction", [[0.7, 0.5, 0.5], [0.2, 0.4, 0.9]])
+@pytest.mark.parametrize("inertia", [[0.1314, 0.9661, 1.0], [0.5, 0.8, 1.0], [0.3, 0.75, 1.0]])
+def test_the_polhode_gives_axes_and_ratios_of_exact_rates(inertia: list[float], direction: list[float]) -> None:
+    times = np.arange(0.0, 120.0, 0.1)
+    j = np.array(inertia)
+    rate = np.deg2rad(5.0) * np.array(direction) / np.linalg.norm(direction)
+    _, w = tumble(j, _LEVEL[None], rate[None], times)
+    q_GT = normalise(np.array([0.3, -0.5, 0.2, 0.7]))  # noqa: N806
+    shown = principal_axes_of_motion(times, rotate(q_GT, w[0]))
+    assert shown.observable
+    assert np.rad2deg(axes_error(from_matrix(shown.axes), q_GT)) < 0.01
+    np.testing.assert_allclose(shown.ratios, j[:2], rtol=1e-6)
+
+
+@pytest.mark.parametrize("direction", [[0.7, 0.5, 0.5], [0.2, 0.4, 0.9]])
+def test_exact_edges_are_fitted_exactly(direction: list[float]) -> None:
+    times, q, w, q_GT = _tumbling(_INERTIA, direction)  # noqa: N806
+    found = characterise(_history(times, q, q_GT), CharacteriseOptions())
+    assert found is not None
+    assert found.observable
+    assert np.rad2deg(axes_error(found.q_GT, q_GT)) < 0.01
+    np.testing.assert_allclose(found.ratios, _INERTIA[:2], rtol=1e-6)
+    assert abs(np.linalg.norm(found.angular_velocity) - np.linalg.norm(w[-1])) < 1e-8
+
+
+def test_poses_to_the_model_tell_the_directions_of_the_axes() -> None:
+    times, q, w, q_GT = _tumbling(_INERTIA, [0.7, 0.5, 0.5], seed=3, seconds=60)  # noqa: N806
+    history, q_MT = _history(times, q, q_GT), normalise(np.array([0.02, -0.04, 0.03, 1.0]))  # noqa: N806
+    to_model = multiply(multiply(q_MT, conjugate(q)), history.chaser)
+    first = np.concatenate((history.first, np.full(len(times), MODEL)))
+    second = np.concatenate((history.second, np.arange(len(times))))
+    rotation = np.concatenate((history.rotation, to_model))
+    covariance = np.tile(np.eye(3) * 1e-8, (len(first), 1, 1))
+    with_model = History(times, history.chaser, history.glued, first, second, rotation, covariance)
+    q_GM = multiply(q_GT, conjugate(q_MT))  # noqa: N806
+    found = characterise(with_model, CharacteriseOptions(q_MT=q_MT), model=q_GM)
+    assert found is not None
+    assert found.aligned
+    assert np.linalg.norm(log(multiply(conjugate(q[-1]), found.orientation))) < 1e-6
+    np.testing.assert_allclose(found.angular_velocity, w[-1], atol=1e-8)
+    ahead = found.predict(np.array([120.0]))[0][0]
+    truth = tumble(_INERTIA, q[-1][None], w[-1][None], np.array([60.0]))[0][0, 0]
+    assert np.linalg.norm(log(multiply(conjugate(truth), ahead))) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("inertia", "direction"),
+    [
+        ([0.1314, 0.9661, 1.0], [0.02, 0.02, 1.0]),
+        ([0.5, 1.0, 1.0], [0.7, 0.5, 0.5]),
+        ([1.0, 1.0, 1.0], [0.7, 0.5, 0.5]),
+    ],
+    ids=["near-flat spin", "axisymmetric", "sphere"],
+)
+def test_what_the_motion_does_not_show_is_said(inertia: list[float], direction: list[float]) -> None:
+    """The ratios are then the known target's, and the prediction is still good."""
+    sigma = np.deg2rad(0.2)
+    j = np.array(inertia)
+    times, q, w, q_GT = _tumbling(j, direction, seed=1, seconds=80)  # noqa: N806
+    found = characterise(_history(times, q, q_GT, sigma, skips=1), CharacteriseOptions(ratios=j[:2]))
+    assert found is not None
+    assert not found.observable
+    ahead = found.predict(times[-1] + np.array([0.0, 60.0]))[0]
+    truth = tumble(j, q[-1][None], w[-1][None], np.array([0.0, 60.0]))[0][0]
+    turned = np.linalg.norm(log(multiply(conjugate(truth[0]), truth[1])))
+    estimated = np.linalg.norm(log(multiply(conjugate(ahead[0]), ahead[1])))
+    assert np.rad2deg(abs(turned - estimated)) < 3.0
+
+
+def test_logits_and_ratios_are_inverse_and_always_physical() -> None:
+    rng = np.random.default_rng(0)
+    logits = rng.normal(size=(200, 2)) * 3.0
+    ratios = ratios_of(logits)
+    np.testing.assert_allclose(logits_of(ratios), logits, rtol=1e-5, atol=1e-5)
+    k1, k2 = ratios_of(rng.normal(size=(500, 2)) * 40.0).T
+    assert ((k1 > 0.0) & (k1 <= k2) & (k2 <= 1.0) & (k1 + k2 >= 1.0 - 1e-12)).all()
+
+
+def test_rates_of_a_constant_spin_are_exact_at_uneven_times() -> None:
+    times = np.cumsum(np.array([0.0, 1.0, 1.0, 2.0, 1.0, 5.0, 1.0, 1.0]))
+    rate = np.array([0.02, -0.05, 0.07])
+    middle, found = angular_velocities(times, exp(rate * times[:, None]))
+    assert (np.diff(middle) > 0.0).all()
+    np.testing.assert_allclose(found, np.tile(rate, (len(middle), 1)), atol=1e-12)
+
+
+def test_the_transition_is_the_derivative_of_the_motion() -> None:
+    motion = Motion(
+        0.0, normalise(np.array([0.1, 0.2, -0.4, 0.8])), np.array([0.06, 0.04, 0.05]), logits_of(_INERTIA[:2])
+    )
+    transition, later = motion.transition(40.0), motion.at(40.0)
+    step = 1e-5 * np.array([0.3, -0.2, 0.5, 0.02, 0.03, -0.01, 0.4, 0.6])
+    inertia, q, w = motion.moved(step[None])
+    moved_q, moved_w = tumble(inertia, q, w, np.array([40.0]))
+    change = np.concatenate(
+        (log(multiply(conjugate(later.orientation), moved_q[0, 0])), moved_w[0, 0] - later.angular_velocity)
+    )
+    np.testing.assert_allclose((transition @ step)[:6], change, rtol=1e-3, atol=1e-9)
+
+
+def _error(found: TargetEstimate, q: FloatArray, w: FloatArray) -> FloatArray:
+    """Return the error of attitude and rate, for the turn by a half of the axes that is nearest."""
+    turned = from_matrix(to_matrix(found.orientation) @ HALF_TURNS)
+    angles = log(multiply(conjugate(q), turned))
+    k = int(np.linalg.norm(angles, axis=1).argmin())
+    covariance = found.covariance[:6, :6]
+    turn = np.kron(np.eye(2), HALF_TURNS[k])
+    error = np.concatenate((angles[k], HALF_TURNS[k] @ found.angular_velocity - w))
+    return np.asarray(error @ np.linalg.solve(turn @ covariance @ turn.T, error))
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(reason="the covariance is too small: the mean is 18.5 instead of 6 for these edges")
+def test_the_covariance_of_the_fit_is_consistent() -> None:
+    sigma, found = np.deg2rad(0.3), []
+    times, q, w, q_GT = _tumbling(_INERTIA, [0.7, 0.5, 0.5], seconds=90)  # noqa: N806
+    for seed in range(12):
+        history = _history(times, q, q_GT, sigma, seed, skips=1)
+        start = Motion(0.0, q[0], w[0], logits_of(_INERTIA[:2]))
+        estimate = characterise(history, CharacteriseOptions(), before=start)
+        assert estimate is not None
+        found.append(_error(estimate, q[-1], w[-1]))
+    # The mean of 12 squares with 6 degrees of freedom each: 99.8 % are between 3.3 and 9.6.
+    assert 3.0 < np.mean(found) < 10.0
+
+
+def test_an_edge_that_is_wrong_does_not_count() -> None:
+    times, q, w, q_GT = _tumbling(_INERTIA, [0.7, 0.5, 0.5], seconds=60)  # noqa: N806
+    history = _history(times, q, q_GT)
+    history.rotation[20] = multiply(history.rotation[20], exp(np.array([0.5, 0.0, 0.0])))
+    fit = fit_motion(history, Motion(0.0, q[0], w[0] * 1.01, logits_of(_INERTIA[:2])), FitOptions())
+    assert not fit.used[20]
+    assert fit.used.sum() == len(fit.used) - 1
+    assert np.linalg.norm(log(multiply(conjugate(q[0]), fit.motion.orientation))) < 1e-6

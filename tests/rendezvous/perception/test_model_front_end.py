@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_inspect.errors import ConfigError
+from safe_inspect.geometry.pointing import point_camera
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.front_end.cleaning import Cleaning
+from safe_inspect.rendezvous.front_end.context import FrontEndContext
+from safe_inspect.rendezvous.front_end.model.acquisition import acquire, spread_rotations
+from safe_inspect.rendezvous.front_end.model.alignment import ObservedView, align, axis_candidates
+from safe_inspect.rendezvous.front_end.model.faces import faces_of, surface_points
+from safe_inspect.rendezvous.front_end.model.kernel import nearest_face
+from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
+from safe_inspect.rendezvous.front_end.motion import RelativeMotion
+from safe_inspect.rendezvous.plugins import ModelFrontEnd
+from safe_inspect.rendezvous.poses import difference, inverse, perturbed, pose, rotation_exp, rotation_log
+from safe_inspect.rendezvous.sensors.tof import DepthFrame
+from safe_inspect.rendezvous.target.model import Target
+
+from .conftest import CAMERA, T_BC, Shoot, spin
+
+_PRIOR = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
+
+
+def _degrees(first: np.ndarray, second: np.ndarray) -> float:
+    return float(np.rad2deg(np.linalg.norm(difference(first, second)[:3])))
+
+
+def _run(target: Target, streams: Streams, frames: list[DepthFrame], **options: float) -> list[list[Edge]]:
+    run = ModelFrontEnd(**options)(FrontEndContext(CAMERA, T_BC, target, streams))
+    return [run.step(frame, None, np.eye(3)) for frame in frames]
+
+
+def test_the_nearest_face_is_at_the_distance_of_the_boxes(target: Target) -> None:
+    faces = faces_of(target.boxes)
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 3))
+    every = np.ones(len(faces.centre), np.bool_)
+    distance = target.boxes.distance(points)
+    for point, expected in zip(points, distance, strict=True):
+        if expected > 0.0:
+            _, *offset = nearest_face(faces, every, *point)
+            assert np.linalg.norm(offset) == pytest.approx(expected, abs=1e-12)
+
+
+def test_points_of_the_surface_lie_on_it(target: Target) -> None:
+    points, normals = surface_points(faces_of(target.boxes), 0.05)
+    # Where boxes overlap, a point of one is inside another.
+    assert target.boxes.distance(points).max() < 1e-9
+    assert target.boxes.distance(points + 1e-3 * normals).max() == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_only_faces_that_look_to_the_camera_are_visible(target: Target) -> None:
+    faces = faces_of(target.boxes)
+    assert faces.looks_to(np.array([10.0, 0.0, 0.0])).sum() < len(faces.centre) / 2
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_registration_to_the_model_recovers_a_pose(target: Target, shoot: Shoot, number: int) -> None:
+    truth = spin(4, period=11.0)[number]
+    cloud = Cleaning(CAMERA)(shoot(truth, number, "clean"), T_BC)
+    random = np.random.default_rng(number)
+    start = perturbed(truth, np.concatenate([np.deg2rad(1.0) * random.normal(size=3), 0.01 * random.normal(size=3)]))
+    found = ModelRegistration(target, CAMERA, T_BC)(cloud, start, Prior(start, _PRIOR))
+    assert _degrees(truth, found.pose) < 0.6
+    assert found.inliers > 0.9
+    error = difference(truth, found.pose)
+    assert error @ np.linalg.solve(found.covariance(3.0), error) / 6.0 < 6.0
+
+
+def test_a_search_finds_the_pose_without_a_prediction(target: Target, shoot: Shoot) -> None:
+    registration, cleaning = ModelRegistration(target, CAMERA, T_BC), Cleaning(CAMERA)
+    for number, truth in enumerate(spin(1, first=(0.9, 0.2, 0.5))):
+        found = acquire(registration, cleaning(shoot(truth, number), T_BC))
+        assert min(_degrees(truth, one.pose) for one in found[:2]) < 3.0
+        assert [one.score for one in found] == sorted(one.score for one in found)
+
+
+def test_spread_rotations_leave_no_gap() -> None:
+    grid, random = spread_rotations(600), np.random.default_rng(0)
+    for _ in range(30):
+        one = rotation_exp(random.uniform(-np.pi, np.pi) * np.eye(3)[random.integers(3)])
+        cosine = 0.5 * (np.einsum("nij,ij->n", grid, one).max() - 1.0)
+        assert np.rad2deg(np.arccos(cosine)) < 25.0
+
+
+def test_the_front_end_gives_poses_that_do_not_drift(target: Target, streams: Streams, shoot: Shoot) -> None:
+    truth = spin(45)
+    edges = _run(target, streams, [shoot(one, k, time=float(k)) for k, one in enumerate(truth)])
+    assert edges[0] == []
+    model = [edge for step in edges for edge in step if edge.first == MODEL]
+    assert len(model) > 15
+    errors = [_degrees(truth[edge.second], edge.pose) for edge in model]
+    assert np.median(errors) < 0.6
+    assert np.median(errors[-10:]) < 0.8
+    nees = [
+        (e := difference(truth[edge.second], edge.pose)) @ np.linalg.solve(edge.covariance, e) / 6.0 for edge in model
+    ]
+    assert 0.2 < np.mean(nees) < 4.0
+    # Before, frames are related to the first one, and in the frame of the decision both edges stand.
+    early = [edge for step in edges for edge in step if edge.first != MODEL]
+    assert {edge.first for edge in early} == {0}
+    assert model[0].second == early[-1].second
+    assert np.median([_degrees(inverse(truth[0]) @ truth[edge.second], edge.pose) for edge in early]) < 1.5
+
+
+def test_the_same_frames_give_the_same_bytes(target: Target, streams: Streams, shoot: Shoot) -> None:
+    frames = [shoot(one, k, time=float(k)) for k, one in enumerate(spin(3))]
+    first, second = (_run(target, streams, frames) for _ in range(2))
+    assert [[edge.pose.tobytes() for edge in step] for step in first] == [
+        [edge.pose.tobytes() for edge in step] for step in second
+    ]
+
+
+def test_it_recovers_when_the_target_was_out_of_view(target: Target, streams: Streams, shoot: Shoot) -> None:
+    truth = spin(12)
+    frames = [shoot(one, k, time=float(k)) for k, one in enumerate(truth)]
+    empty = np.zeros_like(frames[0].depth)
+    frames[4:8] = [DepthFrame(float(k), empty, np.zeros((0, 3)), empty > 0.0, ("out_of_view",)) for k in range(4, 8)]
+    edges = _run(target, streams, frames)
+    assert all(step == [] for step in edges[4:8])
+    assert all(edges[10:])
+    last = edges[-1][-1]
+    expected = truth[last.second] if last.first == MODEL else inverse(truth[last.first]) @ truth[last.second]
+    assert _degrees(expected, last.pose) < 2.0
+
+
+def test_it_needs_a_known_shape(streams: Streams) -> None:
+    with pytest.raises(ConfigError, match="GicpSubmapFrontEnd"):
+        ModelFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
+
+
+def test_constant_motion_is_predicted_exactly() -> None:
+    truth = spin(5, period=0.7)
+    turn = rotation_exp(np.array([0.02, -0.01, 0.03]))  # the chaser turns between frames
+    seen = [one @ pose(np.linalg.matrix_power(turn, k), np.zeros(3)) for k, one in enumerate(truth)]
+    motion = RelativeMotion(0.0, seen[0])
+    for k in range(1, 5):
+        motion.turned(turn)
+        if k > 2:
+            np.testing.assert_allclose(motion.predict(0.7 * k), seen[k], atol=1e-9)
+        motion.observe(0.7 * k, seen[k])
+
+
+def test_alignment_finds_the_right_of_four_attitudes(target: Target, shoot: Shoot) -> None:
+    truth, random = spin(12, period=6.0), np.random.default_rng(1)
+    cleaning, registration = Cleaning(CAMERA), ModelRegistration(target, CAMERA, T_BC)
+    model = inverse(truth[0])
+    views = [ObservedView(cleaning(shoot(one, k), T_BC).thinned(200), model @ one) for k, one in enumerate(truth)]
+    axes = model[:3, :3] @ target.R_MT @ rotation_exp(np.deg2rad(3.0) * np.array([0.6, -0.6, 0.5]))
+    centre = model[:3, 3] + 0.02 * random.normal(size=3)
+    for signs in ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)):
+        found = align(registration, views, axis_candidates(target, axes @ np.diag(signs), centre))
+        assert np.rad2deg(np.linalg.norm(rotation_log(model[:3, :3].T @ found.T_GM[:3, :3]))) < 0.5
+        assert np.linalg.norm(found.T_GM[:3, 3] - model[:3, 3]) < 5e-3
+        assert found.margin > 1.05
+        assert found.scores[found.chosen] == found.score
+
+
+def test_close_to_the_target_the_shape_does_not_slide(target: Target, shoot: Shoot) -> None:
+    # Parts nearer than the camera measures, and the image's border, must not pull: a plane in front has no silhouette.
+    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
+    mating_point = target.R_MT @ target.mating_point
+    camera, offset = np.eye(3), np.zeros(6)
+    for number, share in enumerate(np.linspace(1.8, 1.0, 6)):
+        position = share * mating_point + np.array([0.0, 0.12 * (share - 1.0), 0.0])
+        camera = point_camera(camera, position, np.zeros(3))
+        truth = pose(camera @ T_BC[:3, :3].T, position)
+        start = perturbed(truth, offset)  # the error of the last frame stays in the prediction
+        found = registration(cleaning(shoot(truth, number), T_BC), start, Prior(start, _PRIOR))
+        offset = difference(truth, found.pose)
+        assert np.linalg.norm(offset[3:]) < 0.015
+        assert np.rad2deg(np.linalg.norm(offset[:3])) < 1.0
+        assert offset @ np.linalg.solve(found.covariance(3.0), offset) / 6.0 < 8.0

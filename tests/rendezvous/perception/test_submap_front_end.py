@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.edges import Edge
+from safe_inspect.rendezvous.front_end.cleaning import Cleaning
+from safe_inspect.rendezvous.front_end.context import FrontEndContext
+from safe_inspect.rendezvous.front_end.feature_matching import FeatureMatching
+from safe_inspect.rendezvous.front_end.gicp import GicpRegistration
+from safe_inspect.rendezvous.plugins import FeatureFrontEnd, GicpSubmapFrontEnd
+from safe_inspect.rendezvous.poses import difference, inverse, move, pose, rotation_exp
+from safe_inspect.rendezvous.sensors.tof import DepthFrame
+
+from .conftest import CAMERA, T_BC, Shoot, spin
+
+
+def _degrees(edge: Edge, truth: list) -> float:
+    expected = inverse(truth[edge.first]) @ truth[edge.second]
+    return float(np.rad2deg(np.linalg.norm(difference(expected, edge.pose)[:3])))
+
+
+def test_the_same_cloud_turned_is_registered(shoot: Shoot) -> None:
+    points = Cleaning(CAMERA)(shoot(spin(1)[0], 0, "clean"), T_BC).points
+    registration, centre = GicpRegistration(), points.mean(axis=0)
+    turn = rotation_exp(np.deg2rad(4.0) * np.array([0.6, 0.6, 0.5]))
+    truth = pose(turn, centre - turn @ centre)
+    found = registration(registration.prepare(move(truth, points)), registration.prepare(points), np.eye(4))
+    assert np.rad2deg(np.linalg.norm(difference(truth, found.pose)[:3])) < 0.1
+    assert found.inliers > 0.95
+
+
+def test_odometry_keyframes_and_skip_edges(streams: Streams, shoot: Shoot) -> None:
+    truth = spin(14)
+    run = GicpSubmapFrontEnd(loops=False)(FrontEndContext(CAMERA, T_BC, None, streams))
+    edges = [run.step(shoot(one, k, time=float(k)), None, np.eye(3)) for k, one in enumerate(truth)]
+    assert edges[0] == []
+    assert all(edges[1:])
+    kinds = {edge.kind for step in edges for edge in step}
+    assert kinds == {"odometry", "skip"}
+    assert np.median([_degrees(edge, truth) for step in edges for edge in step]) < 1.5
+    numbers = [number for number, _, _ in run.keyframes]
+    assert numbers[0] == 0
+    assert 3 <= len(numbers) <= 8
+
+
+def test_a_revisited_view_gives_a_loop(streams: Streams, shoot: Shoot) -> None:
+    there = spin(9, period=2.6)
+    truth = [*there, *there[::-1]]
+    run = GicpSubmapFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
+    edges = [
+        edge
+        for k, one in enumerate(truth)
+        for edge in run.step(shoot(one, k, "clean", 2.6 * k), None if k == 0 else inverse(truth[0]) @ one, np.eye(3))
+    ]
+    loops = [edge for edge in edges if edge.kind == "loop"]
+    assert loops
+    assert max(_degrees(edge, truth) for edge in loops) < 2.0
+
+
+def test_it_finds_its_place_again_after_failures(streams: Streams, shoot: Shoot) -> None:
+    truth = spin(8)
+    frames = [shoot(one, k, "clean", float(k)) for k, one in enumerate(truth)]
+    empty = np.zeros_like(frames[0].depth)
+    lost = [DepthFrame(8.0 + k, empty, np.zeros((0, 3)), empty > 0.0, ("out_of_view",)) for k in range(4)]
+    run = GicpSubmapFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
+    for frame in [*frames, *lost]:
+        run.step(frame, None, np.eye(3))
+    # The target is back in an attitude of before, far from what its motion predicts.
+    edges = run.step(shoot(truth[1], 99, "clean", 40.0), None, np.eye(3))
+    if edges:
+        assert edges[0].kind == "relocalised"
+        truth.append(truth[1])
+        again = Edge(edges[0].first, 8, edges[0].pose, edges[0].covariance, edges[0].inliers)
+        assert _degrees(again, truth) < 3.0
+    else:
+        pytest.fail("not found again")
+
+
+def test_features_alone_relate_some_clean_frames(streams: Streams, shoot: Shoot) -> None:
+    truth = spin(8, period=0.5)
+    run = FeatureFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
+    edges = [edge for k, one in enumerate(truth) for edge in run.step(shoot(one, k, "clean", 0.5 * k), None, np.eye(3))]
+    for edge in edges:
+        assert edge.first < edge.second
+        assert (np.linalg.eigvalsh(edge.covariance) > 0.0).all()
+
+
+def test_no_features_give_no_pose() -> None:
+    matching = FeatureMatching()
+    flat = np.stack([*np.meshgrid(np.linspace(0, 0.3, 20), np.linspace(0, 0.3, 20)), np.ones((20, 20))], 2).reshape(
+        -1, 3
+    )
+    cloud = matching.describe(flat, np.zeros(3))
+    assert cloud.features.shape == (len(cloud.points), 33)
+    fit = matching(cloud, matching.describe(flat[:40], np.zeros(3)))
+    assert fit is None or fit.inliers >= matching.least_inliers
