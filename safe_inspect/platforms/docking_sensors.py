@@ -1,0 +1,51 @@
+"""Sensors of the own speed and of the speed limit of docking."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.geometry.distance import distance
+from safe_inspect.platforms.base import Sensor
+from safe_inspect.simulators.row_terms.inputs import OwnArray, range_inputs
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.tasks.docking.speed_limit import SpeedLimit, speed_limit
+from safe_inspect.types import FloatArray
+
+
+@njit
+def _size(vector: FloatArray, origin: FloatArray, reading: FloatArray) -> None:
+    reading[0] = distance(vector, origin)
+
+
+@njit
+def _limit(line: FloatArray, position: FloatArray, origin: FloatArray, reading: FloatArray) -> None:
+    reading[0] = speed_limit(line, distance(position, origin))
+
+
+class SpeedSensor(Sensor, name="Sensor_Speed"):
+    """Own speed in Hill's frame [m/s], shape (R, 1)."""
+
+    elements: ClassVar[tuple[str, ...]] = ("speed",)
+    symbol: ClassVar[str] = "m/s"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the speed [m/s]."""
+        return RowTerm(_size, (OwnArray("velocity"), np.zeros(3)))
+
+
+class SpeedLimitSensor(SpeedLimit, Sensor, name="Sensor_SpeedLimit"):
+    """Speed limit of docking at the own range to the origin of Hill's frame [m/s], shape (R, 1)."""
+
+    elements: ClassVar[tuple[str, ...]] = ("speed_limit",)
+    symbol: ClassVar[str] = "m/s"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the limit [m/s]."""
+        return RowTerm(_limit, (self.limit_line(world), *range_inputs(None)))

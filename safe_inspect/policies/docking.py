@@ -1,0 +1,81 @@
+"""`DockingController`: docks with a tumbling target by proportional-derivative control along a corridor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.dynamics.quaternion import rotate
+from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
+from safe_inspect.simulators.view import View
+from safe_inspect.types import FloatArray
+from safe_inspect.units import Angle, PositiveAngularRate, PositiveLength, PositiveSpeed
+
+
+class DockingController(ScriptedPolicy):
+    """Dock with a `TumblingTarget` by proportional-derivative control to a reference that turns with the target.
+
+        u = m (a_r + wn^2 dp + 2 zeta wn dv),        a_r = w x (w x r)
+
+    with dp and dv the position and the velocity of the reference r relative to the chaser. While the angle between
+    chaser and mating point, seen from the target's centre, is more than `corridor`, the reference lies at `standoff`
+    on the great circle towards the mating point; within the corridor it descends with the angle that is left. It
+    knows the true motion of the target and plans nothing: a baseline for policies that learn.
+
+    Attributes:
+        frequency: Natural frequency wn [rad/s].
+        damping: Damping ratio zeta [-].
+        standoff: Distance from the target's centre outside the corridor [m].
+        corridor: Half angle of the corridor about the direction of the mating point [rad].
+        lead: Largest angle from the chaser to the reference [rad].
+        approach_speed: Bound of wn / (2 zeta) |dp|, the speed at which a distant reference is approached [m/s].
+    """
+
+    frequency: PositiveAngularRate = 0.3
+    damping: float = Field(default=1.0, gt=0)
+    standoff: PositiveLength = 1.35
+    corridor: Angle = Field(default=0.6, gt=0, lt=math.pi)
+    lead: Angle = Field(default=0.5, gt=0, lt=math.pi)
+    approach_speed: PositiveSpeed = 0.1
+
+    def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
+        """Return the thrust [N], shape (R, 3)."""
+        mating, position, velocity = view.mating_point_position, view.position, view.velocity
+        turn = _angular_velocity(view)
+        reach, distance = _size(mating), np.maximum(_size(position), 1e-9)
+        n, p = mating / np.maximum(reach, 1e-9)[:, None], position / distance[:, None]
+        angle = np.arccos(np.clip(_dot(n, p), -1.0, 1.0))
+        across = n - _dot(n, p)[:, None] * p
+        across /= np.maximum(_size(across), 1e-9)[:, None]
+        step = np.minimum(angle, self.lead)[:, None]
+        direction = np.cos(step) * p + np.sin(step) * across
+        height = reach + (self.standoff - reach) * np.minimum(angle / self.corridor, 1.0)
+        reference = np.where((angle < self.corridor)[:, None], n, direction) * height[:, None]
+        reference_velocity = _cross(turn, reference)
+        to_reference = reference - position
+        pull = self.frequency / (2.0 * self.damping) * to_reference
+        pull *= np.minimum(1.0, self.approach_speed / np.maximum(_size(pull), 1e-9))[:, None]
+        gain = 2.0 * self.damping * self.frequency
+        wanted = _cross(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
+        mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
+        return np.asarray(np.clip(mass * wanted, limits.low, limits.high))
+
+
+def _angular_velocity(view: View) -> FloatArray:
+    """Return the angular velocity of the target in W [rad/s], shape (R, 3)."""
+    return rotate(view.target_orientation, view.target_angular_velocity)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the cross products by components, whose bits do not depend on the batch, shape (R, 3)."""
+    return np.stack([a[:, i] * b[:, j] - a[:, j] * b[:, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=-1)
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
+
+
+def _size(vector: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(_dot(vector, vector)))

@@ -1,0 +1,176 @@
+"""Rewards of docking with a chief at rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.compiling import njit
+from safe_inspect.geometry.distance import distance
+from safe_inspect.plugins.plugin import SensorName
+from safe_inspect.rewards.base import Reward
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, range_inputs
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.tasks.docking.region import DOCKED, TOO_FAST, docking_outcome
+from safe_inspect.tasks.docking.speed_limit import DockingRegion, ReferenceSpeedLimit, own_motion, speed_excess
+from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveDuration, PositiveLength
+
+
+@njit
+def _approach(factors: FloatArray, step: int, before: FloatArray, after: FloatArray, reference: FloatArray) -> float:
+    if step == 0 and factors[2] == 0.0:
+        return 0.0
+    rate = -factors[1]
+    value: float = factors[0] * (
+        math.exp(rate * distance(after, reference)) - math.exp(rate * distance(before, reference))
+    )
+    return value
+
+
+@njit
+def _violation(
+    line: FloatArray,
+    scale: float,
+    bias: float,
+    position: FloatArray,
+    velocity: FloatArray,
+    reference: FloatArray,
+    reference_velocity: FloatArray,
+) -> float:
+    excess = speed_excess(line, distance(position, reference), distance(velocity, reference_velocity))
+    return scale * excess + bias if excess > 0.0 else 0.0
+
+
+class DockingDistanceExponentialChangeReward(Reward):
+    """Pay scale c (exp(-a r') - exp(-a r)) for the ranges r before and r' after the step; shape (R,).
+
+    With a = ln(pivot_ratio) / pivot. The sum over an episode depends on its first and its last state alone.
+
+    Attributes:
+        c: Factor of the exponentials [-].
+        pivot: Range at which the exponential has fallen to 1 / `pivot_ratio` [m].
+        pivot_ratio: See `pivot` [-].
+        scale: Factor of the reward [-].
+        pays_first_step: Whether the first step of an episode is paid. The peer's CoRL environment does not pay it.
+        reference_position_sensor_name: Sensor of the reference's position; the origin of Hill's frame unless given.
+    """
+
+    c: float = 2.0
+    pivot: PositiveLength = 100.0
+    pivot_ratio: float = Field(default=2.0, gt=1)
+    scale: float = 1.0
+    pays_first_step: bool = True
+    reference_position_sensor_name: SensorName | None = None
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the change of the exponential."""
+        rate = math.log(self.pivot_ratio) / self.pivot
+        factors = np.array([self.scale * self.c, rate, float(self.pays_first_step)])
+        own, reference = range_inputs(self.reference_position_sensor_name)
+        inputs = EnvironmentArray("step", before=True), OwnArray("position", before=True), own, reference
+        return RowTerm(_approach, (factors, *inputs))
+
+
+class DockingVelocityConstraintReward(ReferenceSpeedLimit, Reward):
+    """Pay scale (speed - L) + bias in a step at whose end the speed violates the limit L; shape (R,).
+
+    Attributes:
+        scale: Reward of an excess of 1 m/s, a negative number [1/(m/s)].
+        bias: Reward of any violation, a negative number [-].
+    """
+
+    scale: float = -0.01
+    bias: float = -0.01
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the price of the excess, 0 without one."""
+        line = self.limit_line(world)
+        return RowTerm(_violation, (line, self.scale, self.bias, *own_motion(), *self.reference_inputs()))
+
+
+@njit
+def _success(
+    rule: FloatArray,
+    pays: FloatArray,
+    time: float,
+    position_before: FloatArray,
+    velocity_before: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    reference: FloatArray,
+    reference_velocity: FloatArray,
+) -> float:
+    outcome = docking_outcome(rule, position_before, velocity_before, position, velocity, reference, reference_velocity)
+    reward: float = pays[0] * (1.0 + (1.0 - time / pays[1])) if outcome == DOCKED else 0.0
+    return reward
+
+
+@njit
+def _failure(
+    rule: FloatArray,
+    pays: FloatArray,
+    time: float,
+    position_before: FloatArray,
+    velocity_before: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    reference: FloatArray,
+    reference_velocity: FloatArray,
+) -> float:
+    if time >= pays[3]:
+        found: float = pays[0]
+    elif distance(position, reference) >= pays[4]:
+        found = pays[1]
+    else:
+        outcome = docking_outcome(
+            rule, position_before, velocity_before, position, velocity, reference, reference_velocity
+        )
+        found = pays[2] if outcome == TOO_FAST else 0.0
+    return found
+
+
+class DockingSuccessReward(DockingRegion, Reward):
+    """Pay scale (2 - t / timeout) in a step in which the deputy docks, at the time t of its end; shape (R,).
+
+    Attributes:
+        scale: Reward of docking at the end of the time [-].
+        timeout: Time at which docking earns `scale`, and at once twice as much [s].
+    """
+
+    scale: float = 1.0
+    timeout: PositiveDuration = 2000.0
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the reward of docking, else 0."""
+        pays = np.array([self.scale, self.timeout])
+        return RowTerm(_success, (self.rule(world), pays, EnvironmentArray("time"), *self.inputs()))
+
+
+class DockingFailureReward(DockingRegion, Reward):
+    """Pay for a failure, the first of: out of time, too far away, in the docking region too fast; shape (R,).
+
+    Attributes:
+        timeout_reward: Reward when the time reaches `timeout`, a negative number [-].
+        distance_reward: Reward when the range reaches `max_goal_distance`, a negative number [-].
+        crash_reward: Reward when the docking region is reached above the speed limit, a negative number [-].
+        timeout: Largest time [s].
+        max_goal_distance: Largest range [m].
+    """
+
+    timeout_reward: float = -1.0
+    distance_reward: float = -1.0
+    crash_reward: float = -1.0
+    timeout: PositiveDuration = 2000.0
+    max_goal_distance: PositiveLength = 10_000.0
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the price of the failure, else 0."""
+        pays = np.array(
+            [self.timeout_reward, self.distance_reward, self.crash_reward, self.timeout, self.max_goal_distance]
+        )
+        return RowTerm(_failure, (self.rule(world), pays, EnvironmentArray("time"), *self.inputs()))

@@ -1,0 +1,119 @@
+"""When a deputy reaches the docking region within a step, and how fast it then is, for one row."""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiling import njit
+from safe_inspect.geometry.distance import distance
+from safe_inspect.tasks.docking.speed_limit import speed_excess
+from safe_inspect.types import FloatArray
+
+#: A deputy this near to the region counts as within it [m].
+TOLERANCE = 1e-4
+#: What `docking_outcome` returns.
+OUTSIDE, DOCKED, TOO_FAST = 0, 1, 2
+
+
+@njit
+def entry_speed(
+    radius: float,
+    dt: float,
+    position_before: FloatArray,
+    velocity_before: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    reference: FloatArray,
+    reference_velocity: FloatArray,
+) -> float:
+    """Return the relative speed at which a deputy first is in a ball during a step [m/s]; -1: it never is.
+
+    The path relative to the ball, whose velocity is constant, is the cubic with the positions and velocities of the two
+    states; over 1 s of Clohessy-Wiltshire dynamics it differs from the true path by less than 1e-8 m. It is followed in
+    steps that cannot pass the ball: the gap over the largest speed of the cubic.
+
+    Args:
+        radius: Radius of the ball [m].
+        dt: Length of the step [s]; 0: only its end is looked at.
+        position_before: Position at the beginning of the step [m], shape (3,).
+        velocity_before: Velocity then [m/s], shape (3,).
+        position: Position at its end [m], shape (3,).
+        velocity: Velocity then [m/s], shape (3,).
+        reference: Centre of the ball at the end of the step [m], shape (3,).
+        reference_velocity: Its velocity [m/s], shape (3,).
+    """
+    end, end_speed = distance(position, reference), distance(velocity, reference_velocity)
+    if dt > 0.0:
+        # Control points of the derivative of the cubic bound the speed: the velocities, and the one between them.
+        middle, start = 0.0, 0.0
+        for k in range(3):
+            moved = position[k] - position_before[k] - reference_velocity[k] * dt
+            u = 3.0 * moved / dt - velocity_before[k] - velocity[k] + 2.0 * reference_velocity[k]
+            p = position_before[k] - (reference[k] - reference_velocity[k] * dt)
+            middle += u * u
+            start += p * p
+        fastest = max(distance(velocity_before, reference_velocity), end_speed, math.sqrt(middle))
+        gap, elapsed = math.sqrt(start) - radius, 0.0
+        while gap <= fastest * (dt - elapsed):
+            b = elapsed / dt
+            a = 1.0 - b
+            square, speed = 0.0, 0.0
+            for k in range(3):
+                u0, u1 = velocity_before[k] - reference_velocity[k], velocity[k] - reference_velocity[k]
+                p0 = position_before[k] - (reference[k] - reference_velocity[k] * dt)
+                p3 = position[k] - reference[k]
+                p1, p2 = p0 + u0 * dt / 3.0, p3 - u1 * dt / 3.0
+                p = a * a * (a * p0 + 3.0 * b * p1) + b * b * (3.0 * a * p2 + b * p3)
+                u = a * a * u0 + 2.0 * a * b * (3.0 * (p2 - p1) / dt) + b * b * u1
+                square += p * p
+                speed += u * u
+            gap = math.sqrt(square) - radius
+            if gap <= TOLERANCE:
+                return math.sqrt(speed)
+            elapsed += gap / fastest
+    return end_speed if end <= radius else -1.0
+
+
+@njit
+def docking_outcome(
+    rule: FloatArray,
+    position_before: FloatArray,
+    velocity_before: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    reference: FloatArray,
+    reference_velocity: FloatArray,
+) -> int:
+    """Return `DOCKED` or `TOO_FAST` where a deputy reaches the docking region in a step, else `OUTSIDE`.
+
+    Args:
+        rule: See `DockingRegion.rule`, shape (6,).
+        position_before: As for `entry_speed`.
+        velocity_before: Likewise.
+        position: Likewise.
+        velocity: Likewise.
+        reference: Likewise.
+        reference_velocity: Likewise.
+    """
+    radius = rule[4]
+    speed = entry_speed(
+        radius, rule[5], position_before, velocity_before, position, velocity, reference, reference_velocity
+    )
+    if speed < 0.0:
+        return OUTSIDE
+    return TOO_FAST if speed_excess(rule[:4], radius, speed) > 0.0 else DOCKED
+
+
+@njit
+def is_too_fast(
+    rule: FloatArray,
+    position_before: FloatArray,
+    velocity_before: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    reference: FloatArray,
+    reference_velocity: FloatArray,
+) -> bool:
+    """Return whether a deputy reaches the docking region above the speed limit; see `docking_outcome`."""
+    outcome = docking_outcome(rule, position_before, velocity_before, position, velocity, reference, reference_velocity)
+    return bool(outcome == TOO_FAST)

@@ -1,0 +1,118 @@
+"""The speed limit of docking: a line over the range, constant near the chief."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.compiling import njit
+from safe_inspect.plugins.plugin import Plugin, SensorName
+from safe_inspect.simulators.row_terms.inputs import OwnArray, RowInput, SensorReading
+from safe_inspect.simulators.world import World
+from safe_inspect.types import FloatArray
+from safe_inspect.units import NonNegativeLength, NonNegativeSpeed, PositiveAngularRate, PositiveLength
+
+
+@njit
+def speed_limit(line: FloatArray, distance: float) -> float:
+    """Return the speed limit at a range [m/s].
+
+    Args:
+        line: Limit near the chief [m/s], the range up to which it holds [m], its slope beyond [1/s], and 1, or -1 where
+            the limit is a lower bound; shape (4,).
+        distance: The range [m].
+    """
+    limit: float = line[0] + line[2] * max(distance - line[1], 0.0)
+    return limit
+
+
+@njit
+def speed_excess(line: FloatArray, distance: float, speed: float) -> float:
+    """Return by how much a speed violates the limit at a range [m/s], negative where it does not."""
+    excess: float = line[3] * (speed - speed_limit(line, distance))
+    return excess
+
+
+class SpeedLimit(Plugin):
+    """Fields of the plugins that know the speed limit of docking.
+
+        L(r) = velocity_threshold + slope n max(r - threshold_distance, 0)
+
+    Attributes:
+        velocity_threshold: Speed limit up to `threshold_distance` [m/s].
+        threshold_distance: Range up to which that limit holds [m].
+        slope: Slope beyond, in mean motions [-].
+        mean_motion: Mean motion n of the chief's orbit [rad/s]; the simulator's unless given.
+        lower_bound: True: a speed below the limit violates it.
+    """
+
+    velocity_threshold: NonNegativeSpeed = 0.2
+    threshold_distance: NonNegativeLength = 0.5
+    slope: float = Field(default=2.0, ge=0)
+    mean_motion: PositiveAngularRate | None = None
+    lower_bound: bool = False
+
+    def limit_line(self, world: World) -> FloatArray:
+        """Return the parameters that `speed_limit` takes, shape (4,)."""
+        n = world.mean_motion if self.mean_motion is None else self.mean_motion
+        sign = -1.0 if self.lower_bound else 1.0
+        return np.array([self.velocity_threshold, self.threshold_distance, self.slope * n, sign])
+
+
+class ReferenceSpeedLimit(SpeedLimit):
+    """Fields of the plugins that test the speed relative to a reference against the limit.
+
+    Attributes:
+        reference_position_sensor_name: Sensor of the reference's position; the origin of Hill's frame unless given.
+        reference_velocity_sensor_name: Sensor of the reference's velocity; at rest unless given.
+    """
+
+    reference_position_sensor_name: SensorName | None = None
+    reference_velocity_sensor_name: SensorName | None = None
+
+    def reference_inputs(self) -> tuple[RowInput, RowInput]:
+        """Return position and velocity of the reference after the step, as inputs of a row kernel."""
+        return reference_inputs(self.reference_position_sensor_name, self.reference_velocity_sensor_name)
+
+
+class DockingRegion(ReferenceSpeedLimit):
+    """Fields of the plugins that test whether a deputy reaches the docking region, and how fast.
+
+    Attributes:
+        docking_region_radius: Radius of the region about the reference [m].
+        along_step: True: the region is looked for along the whole step, so that nothing passes it unseen, and the speed
+            is that at which it is reached. False: the end of the step counts alone, as for the peer.
+    """
+
+    docking_region_radius: PositiveLength = 0.5
+    along_step: bool = True
+
+    def rule(self, world: World) -> FloatArray:
+        """Return the line of the speed limit, the radius [m], and the length of the step [s] or 0; shape (6,)."""
+        return region_rule(self, world, self.docking_region_radius, self.along_step)
+
+    def inputs(self) -> tuple[RowInput, ...]:
+        """Return what `docking_outcome` takes after the rule."""
+        return *own_motion(before=True), *own_motion(), *self.reference_inputs()
+
+
+def region_rule(limit: SpeedLimit, world: World, radius: float, along_step: bool) -> FloatArray:
+    """Return what `docking_outcome` takes as its rule; see `DockingRegion.rule`."""
+    return np.concatenate([limit.limit_line(world), [radius, world.step_size if along_step else 0.0]])
+
+
+def own_motion(before: bool = False) -> tuple[RowInput, RowInput]:
+    """Return the own position and velocity, as inputs of a row kernel.
+
+    Args:
+        before: Whether those before the step are read.
+    """
+    return OwnArray("position", before), OwnArray("velocity", before)
+
+
+def reference_inputs(position_sensor: str | None, velocity_sensor: str | None) -> tuple[RowInput, RowInput]:
+    """Return position and velocity of a reference after the step; the origin, at rest, without sensors."""
+    position, velocity = (
+        np.zeros(3) if name is None else SensorReading(name) for name in (position_sensor, velocity_sensor)
+    )
+    return position, velocity

@@ -1,0 +1,78 @@
+"""Files in the grammar of safe-autonomy-sims: its paths of functors, its keys without effect, `!include-extend`."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.config.loading.loader import load
+from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.errors import ConfigError
+from safe_inspect.experiments.runs.train import read_settings
+
+FILES = Path(__file__).parent / "peer_grammar"
+
+
+@pytest.fixture
+def experiment(tmp_path: Path) -> Path:
+    shutil.copytree(FILES, tmp_path / "files")
+    return tmp_path / "files" / "experiment.yml"
+
+
+def test_docking_in_the_peers_grammar_is_docking(experiment):
+    theirs = load_experiment(experiment)
+    ours = load_experiment(configs_root() / "docking" / "experiment.yml")
+    environments = [BatchedEnvironment(each.spec, 8, seed=4) for each in (ours, theirs)]
+    first, second = (env.reset() for env in environments)
+    np.testing.assert_allclose(first, second, rtol=1e-6)
+    generator = np.random.default_rng(2)
+    for _ in range(100):
+        thrust = generator.uniform(-1.0, 1.0, (8, 1, 3))
+        one, other = (env.step(thrust) for env in environments)
+        np.testing.assert_allclose(one.observation, other.observation, rtol=1e-6)
+        np.testing.assert_allclose(one.reward, other.reward, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(one.status, other.status)
+
+
+def test_the_environments_horizon_holds_and_the_other_is_noted(experiment):
+    theirs = load_experiment(experiment)
+    limits = {named.name: named.functor for named in theirs.spec.agents[0].dones}
+    assert limits["EpisodeLengthDone"].horizon == 1223
+    task = theirs.config.config.config
+    notes = read_settings({"algorithm": "PPO", **theirs.rllib}, task.tune_config, task.ray_config, ()).notes
+    assert any("`horizon` has no effect" in note for note in notes)
+
+
+def test_items_keep_their_places(experiment):
+    path = experiment.parent / "controllers.yml"
+    path.write_text(path.read_text().replace("Y Thrust", "Y Thrst"))
+    with pytest.raises(ConfigError, match=r"controllers\.yml:2 .*Y Thrst"):
+        load_experiment(experiment)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: !include-extend ./list.yml", "stands for items of a list"),
+        ("a: [!include-extend ./mapping.yml]", "takes a file that holds a list"),
+        ("a: [!include-extend ./nowhere.yml]", "does not exist"),
+        ("a: [!include-extend '']", "takes a file that holds a list"),
+    ],
+)
+def test_a_wrong_extension_is_named(tmp_path, text, words):
+    (tmp_path / "list.yml").write_text("[1, 2]")
+    (tmp_path / "mapping.yml").write_text("{b: 1}")
+    (tmp_path / "file.yml").write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        load(tmp_path / "file.yml")
+
+
+def test_items_of_a_file_stand_in_the_list(tmp_path):
+    (tmp_path / "list.yml").write_text("[1, {b: 2}]")
+    (tmp_path / "file.yml").write_text("a: [0, !include-extend ./list.yml, 3, !include-extend ./list.yml]")
+    assert load(tmp_path / "file.yml") == {"a": [0, 1, {"b": 2}, 3, 1, {"b": 2}]}
