@@ -12,52 +12,61 @@ FOLDER = Path(__file__).parents[2] / "benchmarks"
 
 
 @pytest.fixture
-def suite():
+def suite(monkeypatch):
+    monkeypatch.syspath_prepend(FOLDER)
     spec = importlib.util.spec_from_file_location("benchmark_suite", FOLDER / "suite.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def report(**ratios):
-    rows = [{"name": name, "value": 1e3 * ratio, "unit": "steps/s", "ratio": ratio} for name, ratio in ratios.items()]
-    return {"date": "2026-11-21", "machine": {"cores": 2}, "rows": rows}
+def rows(**ratios):
+    return [
+        {"name": f"environment: {name}", "value": 1e3 * ratio, "unit": "steps/s", "ratio": ratio}
+        for name, ratio in ratios.items()
+    ]
+
+
+@pytest.fixture
+def before(tmp_path):
+    path = tmp_path / "before.json"
+    path.write_text(json.dumps({"rows": rows(first=3.0, second=12.0, gone=1.0)}))
+    return path
 
 
 def measured(suite, monkeypatch, *reports):
-    """Have the suite find these reports instead of measuring, one after the other."""
-    left = list(reports)
-    monkeypatch.setattr(suite, "measure", lambda quick: left.pop(0))
-    return left
+    """Have the suite find these rows instead of measuring, one list after the other; return what was asked for."""
+    left, asked = list(reports), []
+
+    def measure(quick, parts):
+        asked.append(set(parts))
+        return left.pop(0)
+
+    monkeypatch.setattr(suite, "measure", measure)
+    return asked
 
 
-def test_a_ratio_may_fall_by_a_third(suite, monkeypatch, tmp_path, capsys):
-    before = tmp_path / "before.json"
-    before.write_text(json.dumps(report(first=3.0, second=12.0, gone=1.0)))
-    left = measured(suite, monkeypatch, report(first=2.01, second=20.0, new=1.0))
+def test_a_ratio_may_fall_by_half(suite, monkeypatch, tmp_path, before, capsys):
+    asked = measured(suite, monkeypatch, rows(first=1.51, second=20.0, new=1.0))
     assert suite.main(["--compare", str(before), "--json", str(tmp_path / "now.json")]) == 0
-    assert not left
-    assert json.loads((tmp_path / "now.json").read_text())["rows"][0]["ratio"] == 2.01
+    assert asked == [{"environment", "sampling", "training"}]
+    assert json.loads((tmp_path / "now.json").read_text())["rows"][0]["ratio"] == 1.51
     assert "first" in capsys.readouterr().out
 
 
-def test_a_ratio_that_has_fallen_twice_fails(suite, monkeypatch, tmp_path, capsys):
-    before = tmp_path / "before.json"
-    before.write_text(json.dumps(report(first=3.0, second=12.0)))
-    left = measured(suite, monkeypatch, report(first=1.99, second=12.0), report(first=1.9, second=12.0))
+def test_a_ratio_that_has_fallen_twice_fails(suite, monkeypatch, before, capsys):
+    asked = measured(suite, monkeypatch, rows(first=1.4, second=12.0), rows(first=1.45, second=1.0))
     assert suite.main(["--compare", str(before)]) == 1
-    assert not left
+    assert asked[1:] == [{"environment"}]
     told = capsys.readouterr().err
-    assert "first: the ratio was 3.00 and is 1.90" in told
+    assert "first: the ratio was 3.00 and is 1.45" in told
     assert "second" not in told
 
 
-def test_what_was_slow_once_is_measured_again(suite, monkeypatch, tmp_path):
-    before = tmp_path / "before.json"
-    before.write_text(json.dumps(report(first=3.0)))
-    left = measured(suite, monkeypatch, report(first=1.0), report(first=3.1), report(first=1.0))
+def test_the_better_of_two_measurements_of_a_row_counts(suite, monkeypatch, before):
+    asked = measured(suite, monkeypatch, rows(first=1.0, second=12.0), rows(first=3.1, second=1.0))
     assert suite.main(["--compare", str(before)]) == 0
-    assert len(left) == 1
+    assert len(asked) == 2
 
 
 def test_a_missing_report_is_one_message(suite, capsys):
