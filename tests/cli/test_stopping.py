@@ -26,7 +26,7 @@ def announced(problem, state, start, delta_v, seed, effort):
     short = effort._replace(restarts=1, iterations=1)
     revise(problem, state, start.copy(), delta_v.copy(), seed.copy(), short)  # compiled by now
     print("searching", flush=True)
-    return revise(problem, state, start, delta_v, seed, effort._replace(iterations=1000 * effort.iterations))
+    return revise(problem, state, start, delta_v, seed, effort._replace(iterations=40 * effort.iterations))
 search.revise_plan = announced
 sys.exit(main(sys.argv[1:]))
 """
