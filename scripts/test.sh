@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Set up, then run the tests that are quick, in two processes. Arguments are passed on to pytest; all tests:
-# -m 'slow or not slow'. WORKERS=0 runs them in one process, as a debugger wants.
+# Set up, then run the tests that are quick, in two processes. Arguments are passed on to pytest: -m 'not long' runs
+# those of continuous integration, -m '' all. WORKERS=0 runs them in one process, as a debugger wants.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/setup.sh
-"${VENV:-.venv}/bin/python" -m pytest -n "${WORKERS:-2}" --dist loadfile "$@"
+"${VENV:-.venv}/bin/python" -m pytest -n "${WORKERS:-2}" --dist loadfile --no-loadscope-reorder "$@"

@@ -18,6 +18,18 @@ for _number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(_number, signal.SIG_DFL)
 
 
+#: These files begin, in this order. The first compiles the safety filters for a minute or two, while another process
+#: runs the trainings: two processes that began with filters would both compile them.
+_FIRST = ("contract/test_every_plugin.py", "experiments/")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    def place(item: pytest.Item) -> int:
+        return next((k for k, name in enumerate(_FIRST) if f"tests/{name}" in item.path.as_posix()), len(_FIRST))
+
+    items.sort(key=place)
+
+
 @pytest.fixture(scope="session")
 def shipped() -> Path:
     """Return the shipped experiment file."""

@@ -49,9 +49,9 @@ def here(tmp_path, monkeypatch):
     ("number", "words"),
     [
         (signal.SIGINT, ("evaluate", "inspector", "--output", "out")),
-        pytest.param(signal.SIGTERM, ("evaluate", "inspector", "--output", "out"), marks=pytest.mark.slow),
-        pytest.param(signal.SIGHUP, ("evaluate", "inspector", "--output", "out"), marks=pytest.mark.slow),
-        pytest.param(signal.SIGINT, ("baseline", "inspector"), marks=pytest.mark.slow),
+        (signal.SIGTERM, ("evaluate", "inspector", "--output", "out")),
+        pytest.param(signal.SIGHUP, ("evaluate", "inspector", "--output", "out"), marks=pytest.mark.long),
+        (signal.SIGINT, ("baseline", "inspector")),
     ],
 )
 def test_a_search_in_compiled_code_is_stopped_and_leaves_nothing(here, number, words):
@@ -66,8 +66,15 @@ def test_a_search_in_compiled_code_is_stopped_and_leaves_nothing(here, number, w
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["film.gif", "film.mp4"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("number", "name"),
+    [
+        (signal.SIGINT, "film.gif"),
+        (signal.SIGTERM, "film.mp4"),
+        pytest.param(signal.SIGINT, "film.mp4", marks=pytest.mark.long),
+        pytest.param(signal.SIGTERM, "film.gif", marks=pytest.mark.long),
+    ],
+)
 def test_a_film_that_is_stopped_leaves_the_former_one(here, name, number):
     (here / name).write_text("old")
     code = _COMMAND.replace(

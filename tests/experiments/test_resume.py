@@ -145,8 +145,8 @@ def signal_all(process, temporary, number):
     ("send", "number"),
     [
         (signal_group, signal.SIGINT),
-        (signal_group, signal.SIGTERM),
-        (signal_group, signal.SIGHUP),
+        pytest.param(signal_group, signal.SIGTERM, marks=pytest.mark.long),
+        pytest.param(signal_group, signal.SIGHUP, marks=pytest.mark.long),
         (signal_all, signal.SIGTERM),
     ],
 )

@@ -155,9 +155,9 @@ def sampled(algo, calls):
 @pytest.mark.parametrize(
     "team",
     [
-        pytest.param(ONE, id="one"),
-        pytest.param(THREE, id="three", marks=pytest.mark.slow),
-        pytest.param(CHOOSING, id="choosing", marks=pytest.mark.slow),
+        pytest.param(ONE, id="one", marks=pytest.mark.long),
+        pytest.param(THREE, id="three"),
+        pytest.param(CHOOSING, id="choosing", marks=pytest.mark.long),
     ],
 )
 @pytest.mark.slow

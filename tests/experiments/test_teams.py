@@ -114,7 +114,7 @@ def test_other_policies_than_the_checkpoints_are_refused(trained):
     assert "this experiment has shared (red, blue, green)" in str(caught.value)
 
 
-@pytest.mark.parametrize("runner", ["batched", "stock"])
+@pytest.mark.parametrize("runner", ["batched", pytest.param("stock", marks=pytest.mark.long)])
 def test_a_policy_from_a_checkpoint_flies_and_does_not_learn(trained, tmp_path, runner):
     result, _, _ = trained
     frozen = PolicySpec("old", ("green",), "", {}, str(result.checkpoint), "own")

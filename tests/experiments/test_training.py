@@ -149,7 +149,7 @@ def test_mistakes_of_all_three_mappings_come_together(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("runners", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("runners", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_an_error_of_a_plugin_arrives_as_it_was(ray_session, tmp_path, quick, maker, runners):
     run = TrainingRun(
         {"fail_at": 40},

@@ -35,7 +35,7 @@ def command(*texts: str) -> int:
     return run_baseline(parser.parse_intermixed_args(texts))
 
 
-@pytest.mark.parametrize("kind", ["random", pytest.param("optimiser", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["random", pytest.param("optimiser", marks=pytest.mark.long)])
 def test_a_run_that_was_stopped_goes_on_with_the_same_result(spec: EnvironmentSpec, tmp_path: Path, kind: str) -> None:
     def stop(done: int, wanted: int) -> None:
         if done >= 2:

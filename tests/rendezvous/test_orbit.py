@@ -164,7 +164,7 @@ def test_an_orbit_without_a_box_is_refused() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("number", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_the_mission_reaches_the_mating_point_of_envisat_at_full_scale(number: int) -> None:
     result = Mission(load_rendezvous(FILE, ["mission.observe=2 s"]).config, number).run()
     assert result.summary["success"], result.summary

@@ -78,7 +78,7 @@ def test_nothing_is_broken_under_adversaries(run):
     assert least[NAMES.index("rel_vel")] < 1e-3  # the adversaries do reach the limits
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_broken_in_a_million_steps(run):
     least, infeasible = least_phi_under_adversaries(run, safe_starts(run, 2, 1024), 1000, 20)
     assert infeasible == 0
