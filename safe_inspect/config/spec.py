@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from safe_inspect.config.names import agent_names, world_names
 from safe_inspect.dones.base import DoneFunction
 from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
@@ -121,3 +122,10 @@ class EnvironmentSpec:
     shared_dones: tuple[Named[SharedDoneFunction], ...] = ()
     team_safety: TeamSafety | None = None
     ended_thrust_on: bool = False
+
+    def names(self, agent: AgentSpec) -> dict[str, set[str]]:
+        """Return what the fields of an agent's plugins may name, by kind."""
+        return {
+            **world_names(self.platforms, self.reset, self.simulator),
+            **agent_names(agent.parts, agent.dones),
+        }

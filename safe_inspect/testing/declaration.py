@@ -13,7 +13,6 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import did_you_mean
-from safe_inspect.platforms.base import Controller, Sensor
 from safe_inspect.plugins.functor import build, describe
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.testing.report import Report
@@ -35,15 +34,7 @@ def check_declaration(plugin: Plugin, report: Report) -> None:
 
 def check_names(plugin: Plugin, spec: EnvironmentSpec, report: Report) -> bool:
     """Check that what the plugin's fields name stands in the sample world; return whether it does."""
-    agent = spec.agents[0]
-    known: dict[str, set[str]] = {
-        "sensor": {name for name, part in agent.parts.items() if isinstance(part, Sensor)},
-        "controller": {name for name, part in agent.parts.items() if isinstance(part, Controller)},
-        "entity": {*spec.platforms, *spec.reset.entities},
-        "platform": set(spec.platforms),
-        "points": {name for component in spec.simulator.compose()[1] for name in component.bodies},
-        "done": {named.name for named in agent.dones},
-    }
+    known = spec.names(spec.agents[0])
     sound = True
     for field, kind in plugin.references().items():
         value = getattr(plugin, field)

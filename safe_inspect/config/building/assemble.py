@@ -22,11 +22,12 @@ from safe_inspect.config.building.world import (
 )
 from safe_inspect.config.messages.messages import message
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
+from safe_inspect.config.names import agent_names, world_names
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
-from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
+from safe_inspect.platforms.base import Part, Platform
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugins.functor import Named, build
 from safe_inspect.policies.base import ScriptedPolicy
@@ -56,13 +57,8 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     platforms = _platforms(config, note)
     reset = reset_plan(config, note)
     environment = config.config.config.env_config
-    names = {
-        "entity": {*platforms, *reset.entities},
-        "platform": set(platforms),
-        "points": set(),
-    }
+    names = world_names(platforms, reset, environment.simulator)
     for component in environment.simulator.compose()[1]:
-        names["points"] |= set(component.bodies)
         for name in component.bodies:
             if name not in names["entity"]:
                 where: KeyTuple = (*_ENVIRONMENT, "simulator")
@@ -148,12 +144,10 @@ def _agent(
             message = f"two parts are named {part.part_name!r}; give one of them a `name` of its own"
             report((*base, "parts", index), message)
         parts[part.part_name] = part
-    known = {
-        **names,
-        "done": {named.name for named in body.dones} | {"EpisodeLengthDone"},
-        "sensor": {name for name, part in parts.items() if isinstance(part, Sensor)},
-        "controller": {name for name, part in parts.items() if isinstance(part, Controller)},
-    }
+    dones = list(body.dones)
+    if not any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
+        dones.append(Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
+    known = {**names, **agent_names(parts, dones)}
     sound = True
     for path, plugin in plugins_of(entry, base):
         for field, kind in plugin.references().items():
@@ -164,9 +158,6 @@ def _agent(
                 sound = False
                 report((*path, "config", field), f"no {kind} is named {value!r}; {did_you_mean(value, known[kind])}")
     glues = tuple(in_world(glue, world, (*base, "glues", index), report) for index, glue in enumerate(body.glues))
-    dones = list(body.dones)
-    if not any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
-        dones.append(Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
     for key, functors in (("rewards", body.rewards), ("dones", dones)):
         seen: set[str] = set()
         for index, named in enumerate(functors):

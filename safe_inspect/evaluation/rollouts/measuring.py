@@ -12,7 +12,6 @@ from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.environments.writers import names_writers
 from safe_inspect.errors import PluginValueError, SafeInspectError, did_you_mean
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
-from safe_inspect.platforms.base import Controller
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -42,14 +41,7 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
         if not isinstance(metric, (Metric, TeamMetric)):
             raise SafeInspectError(f"the metric {metric.registered_name} extends neither Metric nor TeamMetric")
         for agent in spec.agents:
-            known: Mapping[str, set[str]] = {
-                "sensor": set(agent.sensors),
-                "controller": {name for name, part in agent.parts.items() if isinstance(part, Controller)},
-                "entity": {*spec.platforms, *spec.reset.entities},
-                "platform": set(spec.platforms),
-                "points": set(getattr(spec.simulator, "inspection_points_map", ())),
-                "done": {named.name for named in agent.dones},
-            }
+            known = spec.names(agent)
             for field, kind in metric.references().items():
                 value = getattr(metric, field)
                 if value is not None and value not in known[kind]:
