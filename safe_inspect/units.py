@@ -153,6 +153,8 @@ Angle = quantity("rad")
 AngularRate = quantity("rad/s")
 PositiveAngularRate = quantity("rad/s", gt=0)
 NonNegativeAngularRate = quantity("rad/s", ge=0)
+#: Full angle of a cone, up to that which holds every direction.
+ConeOfView = quantity("rad", gt=0, le=2.0 * math.pi)
 PositiveAngularAcceleration = quantity("rad/s^2", gt=0)
 PositiveMomentOfInertia = quantity("kg m^2", gt=0)
 Torque = quantity("N m")
