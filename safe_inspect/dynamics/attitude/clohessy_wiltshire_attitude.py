@@ -99,7 +99,7 @@ class ClohessyWiltshireAttitude(Dynamics):
         """Return the body, the transition matrix, shape (6, 6), and the input matrix of 1 kg, shape (6, 3)."""
         body = TurningBody(
             self.mean_motion,
-            self._frame_rate,
+            self.frame_rate,
             self.inertia,
             math.inf if self.rate_limit is None else self.rate_limit,
             math.inf if self.acceleration_limit is None else self.acceleration_limit,
@@ -111,12 +111,13 @@ class ClohessyWiltshireAttitude(Dynamics):
 
     def initial(self) -> Mapping[str, Sequence[float]]:
         """Return the attitude and the angular velocity of a body that rests in Hill's frame, along its axes."""
-        return {"orientation": (0.0, 0.0, 0.0, 1.0), "angular_velocity": (0.0, 0.0, self._frame_rate)}
+        return {"orientation": (0.0, 0.0, 0.0, 1.0), "angular_velocity": (0.0, 0.0, self.frame_rate)}
 
     def offers(self) -> Mapping[str, Any]:
         """Return the mean motion [rad/s], and what moves the attitude, as ``turning_body``."""
         return {"mean_motion": self.mean_motion, "turning_body": self}
 
     @property
-    def _frame_rate(self) -> float:
+    def frame_rate(self) -> float:
+        """Rate at which Hill's frame turns about z against what the angular velocity is measured against [rad/s]."""
         return self.mean_motion if self.rate_against == "inertial" else 0.0
