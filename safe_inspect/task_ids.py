@@ -8,6 +8,7 @@ import gymnasium
 TASKS = {
     "safe_inspect/TranslationalInspection-v0": "translational-inspection/experiment-seed.yml",
     "safe_inspect/WeightedTranslationalInspection-v0": "weighted-translational-inspection/experiment.yml",
+    "safe_inspect/WeightedSixDofInspection-v0": "weighted-six-dof-inspection/experiment.yml",
     "safe_inspect/Docking-v0": "docking/experiment.yml",
     "safe_inspect/TumblingRendezvous-v0": "tumbling-rendezvous-learning/experiment.yml",
 }
@@ -18,6 +19,7 @@ TEAM_TASKS = {
     "safe_inspect/MultiagentWeightedTranslationalInspection-v0": (
         "multiagent-weighted-translational-inspection/experiment.yml"
     ),
+    "safe_inspect/MultiagentWeightedSixDofInspection-v0": "multiagent-weighted-six-dof-inspection/experiment.yml",
     "safe_inspect/MultiagentDocking-v0": "multiagent-docking/experiment.yml",
 }
 

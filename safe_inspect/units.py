@@ -55,7 +55,9 @@ _SPELLINGS: dict[str, tuple[str, float, tuple[str, ...]]] = {
     "km/h": ("m/s", 1.0 / 3.6, ("kph",)),
     "ft/s": ("m/s", 0.3048, ("fps",)),
     "m/s^2": ("m/s^2", 1.0, ("m/s**2", "m/s2")),
-    "rad/s": ("rad/s", 1.0, ("radians/second", "radian/second")),
+    "rad/s": ("rad/s", 1.0, ("radians/second", "radian/second", "radian / second")),
+    "rad/s^2": ("rad/s^2", 1.0, ("rad/s**2", "rad/s2")),
+    "deg/s^2": ("rad/s^2", math.pi / 180.0, ("deg/s**2", "deg/s2")),
     "deg/s": ("rad/s", math.pi / 180.0, ("degrees/second", "degree/second")),
     "N m": ("N m", 1.0, ("Nm", "N*m", "newton meters")),
     "kg m^2": ("kg m^2", 1.0, ("kg*m^2", "kg m2")),
@@ -122,8 +124,8 @@ def to_si(value: Any, symbol: str) -> Any:
 def _describe(symbol: str) -> str:
     names = {
         "m": "length", "s": "time", "rad": "angle", "kg": "mass", "N": "force", "Hz": "frequency",
-        "m/s": "speed", "m/s^2": "acceleration", "rad/s": "angular rate", "N m": "torque",
-        "kg m^2": "moment of inertia", "": "a pure number",
+        "m/s": "speed", "m/s^2": "acceleration", "rad/s": "angular rate", "rad/s^2": "angular acceleration",
+        "N m": "torque", "kg m^2": "moment of inertia", "": "a pure number",
     }  # fmt: skip
     return names.get(symbol, symbol)
 
@@ -151,6 +153,11 @@ Angle = quantity("rad")
 AngularRate = quantity("rad/s")
 PositiveAngularRate = quantity("rad/s", gt=0)
 NonNegativeAngularRate = quantity("rad/s", ge=0)
+#: Full angle of a cone, up to that which holds every direction.
+ConeOfView = quantity("rad", gt=0, le=2.0 * math.pi)
+PositiveAngularAcceleration = quantity("rad/s^2", gt=0)
+PositiveMomentOfInertia = quantity("kg m^2", gt=0)
+Torque = quantity("N m")
 PositiveDuration = quantity("s", gt=0)
 NonNegativeDuration = quantity("s", ge=0)
 PositiveMass = quantity("kg", gt=0)

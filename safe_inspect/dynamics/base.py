@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from safe_inspect.compiling import Kernel, generate
@@ -36,6 +36,11 @@ class Dynamics(Plugin):
     control_size: ClassVar[int] = 3
     control_unit: ClassVar[str] = "N"
 
+    @property
+    def turns_thrust(self) -> bool:
+        """Whether the thrust, the first three elements of the control, stands in body axes. False by default."""
+        return False
+
     @abstractmethod
     def __call__(self, step_size: float) -> tuple[Any, ...]:
         """Return the first arguments of the row kernel: arrays and numbers.
@@ -43,6 +48,10 @@ class Dynamics(Plugin):
         Args:
             step_size: Length of a physics step [s].
         """
+
+    def initial(self) -> Mapping[str, Sequence[float]]:
+        """Return values of arrays by name, for bodies whose initialiser gives none; zeros by default."""
+        return {}
 
     def offers(self) -> Mapping[str, Any]:
         """Return what plugins find by name in `World`, such as ``mean_motion``. Nothing by default."""

@@ -123,6 +123,11 @@ def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
     return np.stack((a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx), axis=-1)
 
 
+def rotate_back(q: FloatArray, v: FloatArray) -> FloatArray:
+    """Return R(q)^T v, shape (..., 3); arguments as `rotate`."""
+    return rotate(conjugate(q), v)
+
+
 def continuous(q: FloatArray, first: FloatArray) -> FloatArray:
     """Return quaternions with signs such that each one is nearer to the one before it than its opposite.
 

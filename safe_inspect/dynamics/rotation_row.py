@@ -7,10 +7,12 @@ from safe_inspect.types import FloatArray
 
 #: Three components.
 Components = tuple[float, float, float]
+#: A unit quaternion, shape (4,).
+Quaternion = FloatArray | tuple[float, float, float, float]
 
 
 @njit
-def rotated(q: FloatArray, a: float, b: float, c: float) -> Components:
+def rotated(q: Quaternion, a: float, b: float, c: float) -> Components:
     """Return ``R(q) [a, b, c]``.
 
     Args:
@@ -25,7 +27,7 @@ def rotated(q: FloatArray, a: float, b: float, c: float) -> Components:
 
 
 @njit
-def rotated_back(q: FloatArray, a: float, b: float, c: float) -> Components:
+def rotated_back(q: Quaternion, a: float, b: float, c: float) -> Components:
     """Return ``R(q)^T [a, b, c]``; arguments as `rotated`."""
     x, y, z, w = q[0], q[1], q[2], q[3]
     tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)

@@ -9,11 +9,14 @@ import numpy as np
 
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
+from safe_inspect.dynamics.quaternion import rotate_back
 from safe_inspect.environments.finite_checks import all_finite, require_choices, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.glues.base import Glue
-from safe_inspect.policies.base import SCRIPTED_POLICY, ThrustLimits
+from safe_inspect.policies.base import SCRIPTED_POLICY, ThrustLimits, shortened
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
@@ -73,8 +76,9 @@ class AgentGroup:
         remembering: Done functions with memory, by the name under which it stands.
     """
 
-    def __init__(self, specs: Sequence[AgentSpec], first: int) -> None:
-        agent = specs[0]
+    def __init__(self, specs: Sequence[AgentSpec], first: int, dynamics: Dynamics | None = None) -> None:
+        agent, dynamics = specs[0], dynamics or ClohessyWiltshire()
+        self._turns_thrust = dynamics.turns_thrust
         self.agents = tuple(spec.name for spec in specs)
         self.policies = tuple(spec.policy for spec in specs)
         self.name = self.agents[0] if len(specs) == 1 else f"{self.agents[0]} to {self.agents[-1]}"
@@ -92,7 +96,7 @@ class AgentGroup:
         )
         self.observation_layout: Layout = observation_layout(agent)
         self.action_layout: Layout = action_layout(agent)
-        self.thrusters = Thrusters(agent)
+        self.thrusters = Thrusters(agent, dynamics.control_size)
         self.limits = self._thrust_limits()
         self._glues = agent.observation_glues
         self._sizes = [len(glue.names(agent.parts)) for glue in self._glues]
@@ -103,7 +107,7 @@ class AgentGroup:
         self.fused: CompiledGroup | None = None
 
     def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
-        """Return the actions within their bounds, shape (R, A), and the thrust that they ask for [N], shape (R, 3).
+        """Return the actions within their bounds, shape (R, A), and the control for them [N, N m], shape (R, C).
 
         Raises:
             ArgumentError: An element of a discrete action is no index of its values.
@@ -134,18 +138,30 @@ class AgentGroup:
         return action, thrust
 
     def fly(self, view: View) -> FloatArray:
-        """Return the thrust of the scripted policy within the controllers' limits [N], shape (R, 3)."""
-        policy = self.agent.scripted_policy
+        """Return the control of the scripted policy within the controllers' limits [N, N m], shape (R, C).
+
+        A thrust along Hill's axes is turned into body axes, at the attitude at hand, where the thrusters turn with the
+        body; it is then shortened rather than clipped, so that its direction stays.
+        """
+        policy, size = self.agent.scripted_policy, self.thrusters.size
         assert policy is not None, "only scripted groups fly themselves"
+        commands, limits = size if policy.commands_attitude else 3, self.limits
+        if commands < size:
+            limits = ThrustLimits(limits.low[:3], limits.high[:3])
         view.remembering = SCRIPTED_POLICY
-        thrust = np.asarray(policy(view, self.limits), dtype=np.float64)
+        control = np.asarray(policy(view, limits), dtype=np.float64)
         view.remembering = None
         what = f"policy {policy.registered_name} of {self.name}"
-        if thrust.shape != (view.num_rows, 3):
-            require_shape(what, thrust, (view.num_rows, 3))
-        if not all_finite(thrust):
-            require_finite(what, thrust, view.state)
-        return np.minimum(np.maximum(thrust, self.limits.low), self.limits.high)
+        if control.shape != (view.num_rows, commands):
+            require_shape(what, control, (view.num_rows, commands))
+        if not all_finite(control):
+            require_finite(what, control, view.state)
+        if commands < size:
+            thrust, control = control, np.zeros((view.num_rows, size))
+            if self._turns_thrust:
+                thrust = shortened(rotate_back(view.per_agent(view.state["orientation"]), thrust), limits)
+            control[:, :3] = thrust
+        return np.minimum(np.maximum(control, self.limits.low), self.limits.high)
 
     def filter(self, desired: FloatArray, view: View) -> Filtered | None:
         """Return what the agents' own safety filter does to the thrust; None without one."""
@@ -233,8 +249,13 @@ class AgentGroup:
         return ThrustLimits(read_only(corners.min(axis=0)), read_only(corners.max(axis=0)))
 
 
-def group_agents(agents: Sequence[AgentSpec]) -> tuple[AgentGroup, ...]:
-    """Return the groups of agents: neighbours in agent order whose terms are equal are computed together."""
+def group_agents(agents: Sequence[AgentSpec], dynamics: Dynamics | None = None) -> tuple[AgentGroup, ...]:
+    """Return the groups of agents: neighbours in agent order whose terms are equal are computed together.
+
+    Args:
+        agents: The agents.
+        dynamics: How they move; in Clohessy-Wiltshire dynamics unless given.
+    """
     runs: list[list[AgentSpec]] = []
     for agent in agents:
         if runs and runs[-1][0].same_terms(agent):
@@ -243,6 +264,6 @@ def group_agents(agents: Sequence[AgentSpec]) -> tuple[AgentGroup, ...]:
             runs.append([agent])
     groups, first = [], 0
     for run in runs:
-        groups.append(AgentGroup(run, first))
+        groups.append(AgentGroup(run, first, dynamics))
         first += len(run)
     return tuple(groups)

@@ -50,7 +50,7 @@ class TeamEnvironment:
         if num_envs < 1:
             raise ValueError(f"num_envs is at least 1, not {num_envs}")
         self.spec = spec
-        self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents)
+        self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents, spec.simulator.compose()[0])
         self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)
         self._safety_filter = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
         self.simulation = spec.simulator(
@@ -199,10 +199,10 @@ class TeamEnvironment:
         return self._evaluate(steps, active, team)
 
     def _whole(self, parts: list[FloatArray]) -> FloatArray:
-        """Return the thrusts of all groups as one array, shape (N, D, 3)."""
+        """Return the controls of all groups as one array, shape (N, D, C)."""
         if len(parts) == 1:
-            return parts[0].reshape(self.num_envs, -1, 3)
-        pieces = [part.reshape(self.num_envs, group.size, 3) for part, group in zip(parts, self.groups, strict=True)]
+            return parts[0].reshape(self.num_envs, -1, parts[0].shape[-1])
+        pieces = [part.reshape(self.num_envs, group.size, -1) for part, group in zip(parts, self.groups, strict=True)]
         return np.concatenate(pieces, axis=1)
 
     def _filter_team(self, desired: FloatArray, steps: list[Step]) -> TeamFiltered:
@@ -221,12 +221,12 @@ class TeamEnvironment:
         return team
 
     def _without_ended(self, control: FloatArray, active: BoolArray, steps: list[Step]) -> FloatArray:
-        """Return the thrusts with those of ended agents replaced, and write them into the groups' steps."""
+        """Return the controls with those of ended agents replaced, and write them into the groups' steps."""
         instead = self.state.control if self.spec.ended_thrust_on else 0.0
         control = np.where(active[:, :, None], control, instead)
         for group, step in zip(self.groups, steps, strict=True):
             mine = slice(group.first, group.first + group.size)
-            step.writable_control = control[:, mine].reshape(-1, 3)
+            step.writable_control = control[:, mine].reshape(-1, control.shape[-1])
             step.writable_intervening = step.writable_intervening & active[:, mine].reshape(-1)
         return control
 

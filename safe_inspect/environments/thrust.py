@@ -1,4 +1,4 @@
-"""`Thrusters`: from the actions of an agent to the thrust that they ask for."""
+"""`Thrusters`: from the actions of an agent to the control that they ask for."""
 
 from __future__ import annotations
 
@@ -8,26 +8,30 @@ from safe_inspect.config.spec import AgentSpec
 from safe_inspect.glues.base import ActionGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
-from safe_inspect.platforms.controllers import RateController, ThrustProp
+from safe_inspect.platforms.controllers import ActuatorLimits, RateController
 from safe_inspect.types import FloatArray, IntArray
 
 
 class Thrusters:
-    """What the action glues of an agent do together: the thrusts that they ask for are added.
+    """What the action glues of an agent do together: the shares of the control that they ask for are added.
 
     Plain controllers, each of an axis of its own, are computed in one go: the same numbers to the bit, several times
     as fast on a small batch.
 
     Args:
         agent: The agent.
+        size: Number of elements of the control, C: three thrusts, of a vehicle that turns also three moments.
 
     Attributes:
         commands: Each glue, and its columns of the action.
-        plain: Of plain controllers alone the axes, shape (A,), and their smallest and largest thrusts [N], shape (A,).
+        plain: Of plain controllers alone the axes, shape (A,), and their smallest and largest values [N, N m], shape
+            (A,).
+        size: Number of elements of the control, C.
     """
 
-    def __init__(self, agent: AgentSpec) -> None:
+    def __init__(self, agent: AgentSpec, size: int = 3) -> None:
         self._parts = agent.parts
+        self.size = size
         self.commands: list[tuple[ActionGlue, slice]] = []
         start = 0
         for glue in (leaf for outer in agent.action_glues for leaf in outer.leaves()):
@@ -55,16 +59,17 @@ class Thrusters:
                 self.plain = (np.array(axes, dtype=np.int64), self._low, self._high)
 
     def __call__(self, action: FloatArray) -> FloatArray:
-        """Return the thrust [N], Hill frame, shape (R, 3), for actions within their bounds, shape (R, A)."""
-        thrust = np.zeros((len(action), 3))
+        """Return the control [N, N m], shape (R, C), for actions within their bounds, shape (R, A)."""
+        control = np.zeros((len(action), self.size))
         if self._levels is not None:
-            thrust[:, self._axes] += self._levels[self._columns, action.astype(np.int64)]
+            control[:, self._axes] += self._levels[self._columns, action.astype(np.int64)]
         elif self._axes is not None:
-            thrust[:, self._axes] += np.minimum(np.maximum(action, self._low), self._high)
+            control[:, self._axes] += np.minimum(np.maximum(action, self._low), self._high)
         else:
             for glue, columns in self.commands:
-                thrust += glue(action[:, columns], self._parts)
-        return thrust
+                share = glue(action[:, columns], self._parts)
+                control[:, : share.shape[1]] += share
+        return control
 
     def _plain(self, glue: ActionGlue) -> RateController | None:
         """Return the controller of a glue that only passes a value or a level on to it; None for any other glue."""
@@ -74,6 +79,6 @@ class Thrusters:
         elif type(glue) is not DiscreteControllerGlue:
             return None
         controller = self._parts[glue.controller]
-        if isinstance(controller, RateController) and type(controller.commanded) is ThrustProp:
+        if isinstance(controller, RateController) and isinstance(controller.commanded, ActuatorLimits):
             return controller
         return None

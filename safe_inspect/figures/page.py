@@ -115,7 +115,7 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
     deputies = range(len(episode.deputies))
     several = len(episode.deputies) > 1
     lines = [{"colour": deputy_line(i)["color"], "dashes": _dashes(deputy_line(i)["linestyle"])} for i in deputies]
-    limit, norm = safe_speed(episode), np.sqrt(np.square(episode.control).sum(axis=-1))
+    limit, norm = safe_speed(episode), np.sqrt(np.square(episode.thrust).sum(axis=-1))
 
     def all_of(values: FloatArray, digits: int, **more: Any) -> list[dict[str, Any]]:
         return [{**line, **more, "values": rounded(values[:, i], digits)} for i, line in enumerate(lines)]
@@ -128,7 +128,7 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
         all_of(_held(norm), 4, step=True, width=1.1)
         if several
         else [
-            {"colour": colour, "step": True, "width": 1.1, "values": rounded(_held(episode.control[:, 0, axis]), 4)}
+            {"colour": colour, "step": True, "width": 1.1, "values": rounded(_held(episode.thrust[:, 0, axis]), 4)}
             for axis, (_, colour) in enumerate(_AXES)
         ]
     )
@@ -158,11 +158,11 @@ def chart(label: str, lines: list[dict[str, Any]], low: float | None = None, hig
 
 def _burns(episode: Trajectory, deputy: int) -> list[dict[str, Any]]:
     """Return the deputy's burns: their steps, and the stroke that shows each as a multiple of the outer ring."""
-    largest = float(np.sqrt(np.square(episode.control).sum(axis=-1)).max(initial=0.0))
+    largest = float(np.sqrt(np.square(episode.thrust).sum(axis=-1)).max(initial=0.0))
     found = []
     steps = largest_burns(episode, deputy)
     for step in steps:
-        thrust = episode.control[step, deputy]
+        thrust = episode.thrust[step, deputy]
         size = float(np.sqrt(np.square(thrust).sum()))
         found.append(
             {"step": int(step), "thrust": rounded(thrust / size * stroke(size / largest, len(steps) <= FEW_BURNS), 4)}

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")  # about a chief on an orbit
 _PLAIN_AXES = ("x [m]", "y [m]", "z [m]")
+#: Times at which the cameras are drawn.
+_CAMERAS = 12
 _MOST_BURNS = 80  # drawn for each deputy: the largest
 #: Up to so many burns of a deputy are drawn one by one, so that the smallest is seen too.
 FEW_BURNS = 20
@@ -49,6 +51,7 @@ def draw_scene(figure: Figure, episode: Trajectory) -> None:
             markeredgewidth=1.3, label=label,
         )  # fmt: skip
     _draw_burns(axes, episode, rings[-1])
+    _draw_cameras(axes, episode, rings[-1])
     if episode.sun_direction is not None:
         _draw_sun(axes, episode, episode.sun_direction, rings[-1])
     _fit(axes, episode, 1.1 * rings[-1])
@@ -134,7 +137,7 @@ def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = No
 
 def largest_burns(episode: Trajectory, deputy: int, most: int = _MOST_BURNS) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Return the steps of a deputy's largest burns, in the order of time, shape (B,)."""
-    size = np.square(episode.control[:, deputy]).sum(axis=-1)
+    size = np.square(episode.thrust[:, deputy]).sum(axis=-1)
     burning = np.flatnonzero(size)
     return np.sort(burning[np.argsort(-size[burning], kind="stable")[:most]])
 
@@ -146,7 +149,7 @@ def stroke(size: Any, few: bool) -> Any:
 
 def _draw_burns(axes: Any, episode: Trajectory, ring: float) -> None:
     """Draw a stroke in the direction of the thrust for every burn; the larger the burn, the longer the stroke."""
-    norm = np.sqrt(np.square(episode.control).sum(axis=-1))
+    norm = np.sqrt(np.square(episode.thrust).sum(axis=-1))
     if not norm.any():
         return
     for deputy in range(len(episode.deputies)):
@@ -158,11 +161,29 @@ def _draw_burns(axes: Any, episode: Trajectory, ring: float) -> None:
         few = len(steps) <= FEW_BURNS
         length = ring * stroke(size / norm.max(), few)
         foot = episode.position[steps, deputy]
-        tip = foot + length * episode.control[steps, deputy] / size
+        tip = foot + length * episode.thrust[steps, deputy] / size
         gaps = np.stack((foot, tip, np.full_like(foot, np.nan)), axis=1).reshape(-1, 3)
         axes.plot(*gaps.T, color=BLACK, linewidth=1.3 if few else 0.6, zorder=5, label=None)
         axes.plot(*foot.T, linestyle="", marker="o", color=BLACK, markersize=3.0 if few else 1.2, zorder=5)
     axes.plot([], [], [], color=BLACK, linewidth=1.3, marker="o", markevery=[0], markersize=3.0, label="burn")
+
+
+def _draw_cameras(axes: Any, episode: Trajectory, ring: float) -> None:
+    """Draw where each deputy's camera looks at a few times: the axis of its cone, and two lines on the cone."""
+    if episode.boresight is None or episode.camera is None:
+        return
+    half = min(episode.camera[1], 0.5 * np.pi)
+    steps = np.unique(np.linspace(0, len(episode.time) - 1, _CAMERAS).astype(int))
+    for deputy in range(len(episode.deputies)):
+        shown = steps[episode.range[steps, deputy] <= 1.2 * ring]
+        foot, look = episode.position[shown, deputy], episode.boresight[shown, deputy]
+        across = np.cross(look, towards())  # the cone's outline, about as it is seen
+        across /= np.maximum(np.sqrt(np.square(across).sum(axis=-1, keepdims=True)), 1e-9)
+        for turn, width in ((0.0, 0.9), (half, 0.5), (-half, 0.5)):
+            tip = foot + 0.12 * ring * (np.cos(turn) * look + np.sin(turn) * across)
+            gaps = np.stack((foot, tip, np.full_like(foot, np.nan)), axis=1).reshape(-1, 3)
+            axes.plot(*gaps.T, color=GREY, linewidth=width, zorder=4)
+    axes.plot([], [], [], color=GREY, linewidth=0.9, label="camera")
 
 
 def _draw_sun(axes: Any, episode: Trajectory, sun: FloatArray, ring: float) -> None:

@@ -45,11 +45,11 @@ def draw_times(figure: Figure, episode: Trajectory) -> None:
     panels[1].set(ylabel="range\n[m]", ylim=(0, None if near.all() else 1.05 * reach_of(episode)))
     _draw_speed(panels[2], episode, time)
     several = len(episode.deputies) > 1
-    reach = 1.2 * float(np.abs(episode.control).max(initial=0.0)) or 1.0
+    reach = 1.2 * float(np.abs(episode.thrust).max(initial=0.0)) or 1.0
     for axis, axes in enumerate(panels[3:]):
         for index in range(len(episode.deputies)):
             line = deputy_line(index) if several else {"color": _AXIS_COLOURS[axis]}
-            _draw_thrust(axes, time, episode.control[:, index, axis], **line)
+            _draw_thrust(axes, time, episode.thrust[:, index, axis], **line)
         axes.set(ylim=(-reach, reach), ylabel=f"{'xyz'[axis]}")
         axes.locator_params(axis="y", nbins=3)
     figure.text(_LEFT - 0.083, 0.235, "thrust [N]", rotation=90, va="center", ha="center", color=BLACK)

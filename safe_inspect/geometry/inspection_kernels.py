@@ -60,13 +60,25 @@ def inspect_body(
     inspect_points(viewer, sun, surface, cos_half_fov, active, credit)
     for n in range(environments):
         if credit.team_count[n] != before[n]:
-            scores.team[n] = 0.0
-            scores.own[n] = 0.0
-            for p in range(credit.inspector.shape[1]):
-                who = credit.inspector[n, p]
-                if who >= 0:
-                    scores.team[n] += scores.weights[n, p]
-                    scores.own[n, who] += scores.weights[n, p]
+            sum_scores(n, credit, scores)
+
+
+@njit
+def sum_scores(row: int, credit: Credit, scores: Scores) -> None:
+    """Sum the weights of the inspected points of one environment again.
+
+    Args:
+        row: The environment.
+        credit: Who inspected what.
+        scores: What it weighs; read and written.
+    """
+    scores.team[row] = 0.0
+    scores.own[row] = 0.0
+    for p in range(credit.inspector.shape[1]):
+        who = credit.inspector[row, p]
+        if who >= 0:
+            scores.team[row] += scores.weights[row, p]
+            scores.own[row, who] += scores.weights[row, p]
 
 
 @njit

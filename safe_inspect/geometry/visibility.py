@@ -220,7 +220,7 @@ def inspect_points(
         credit: Who inspected what; read and written.
     """
     points, radius, light = surface.points, surface.radius, surface.light
-    inspector, team_count, own_count = credit.inspector, credit.team_count, credit.own_count
+    inspector = credit.inspector
     count = points.shape[0]
     horizon = radius * radius
     terminator = radius * light.threshold
@@ -256,11 +256,22 @@ def inspect_points(
                     shines = _well_lit(nx, ny, nz, cosine, viewer[row, d], sun[row], radius, light)
                 if shines:
                     inspector[row, p] = d
-        total = 0
-        for d in range(viewer.shape[1]):
-            own = 0
-            for p in range(count):
-                own += inspector[row, p] == d
-            own_count[row, d] = own
-            total += own
-        team_count[row] = total
+        count_inspected(row, credit)
+
+
+@njit
+def count_inspected(row: int, credit: Credit) -> None:
+    """Count the inspected points of one environment again.
+
+    Args:
+        row: The environment.
+        credit: Who inspected what; read and written.
+    """
+    total = 0
+    for d in range(credit.own_count.shape[1]):
+        own = 0
+        for p in range(credit.inspector.shape[1]):
+            own += credit.inspector[row, p] == d
+        credit.own_count[row, d] = own
+        total += own
+    credit.team_count[row] = total

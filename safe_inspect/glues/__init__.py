@@ -1,5 +1,12 @@
 """Glues: from sensors to observations and from actions to controllers. Importing it registers them."""
 
+from safe_inspect.glues.attitude import (
+    AngleToUnitVector,
+    CoordinateAxisGlue,
+    DotProductGlue,
+    MagNorm3DGlue,
+    RotateVectorToLocalRef3d,
+)
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.glues.derived import DerivedGlue, SimsMagnitudeGlue, VelocityLimitGlue
@@ -10,15 +17,20 @@ from safe_inspect.glues.observe_sensor import ObserveSensor
 
 __all__ = [
     "ActionGlue",
+    "AngleToUnitVector",
     "ControllerGlue",
+    "CoordinateAxisGlue",
     "DerivedGlue",
     "DiscreteControllerGlue",
+    "DotProductGlue",
     "Glue",
     "LinearNormalizer",
+    "MagNorm3DGlue",
     "Normalization",
     "Normalizer",
     "ObservationGlue",
     "ObserveSensor",
+    "RotateVectorToLocalRef3d",
     "SimsMagnitudeGlue",
     "StandardNormalNormalizer",
     "VelocityLimitGlue",

@@ -45,11 +45,14 @@ class ObservationGlue(Glue):
 
 
 class ActionGlue(Glue):
-    """A part of the action: called with actions (R, size) and the parts, it returns thrust [N], Hill frame, (R, 3)."""
+    """A part of the action: called with actions (R, size) and the parts, it returns what the controllers give.
+
+    That is thrust [N], shape (R, 3), or the control of a vehicle that turns, thrust and moment [N m], shape (R, 6).
+    """
 
     @abstractmethod
     def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
-        """Return the thrust [N], Hill frame, shape (R, 3)."""
+        """Return the thrust [N], shape (R, 3), or the control [N, N m], shape (R, 6); see `Controller`."""
 
     def choices(self, parts: Parts) -> tuple[int, ...]:
         """Return for each element of the action how many values it has, the indices 0, 1, ...; 0: it is a real number.

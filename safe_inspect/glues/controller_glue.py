@@ -38,7 +38,7 @@ class ControllerGlue(ActionGlue):
         return normalizer(low, low, high), normalizer(high, low, high)
 
     def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
-        """Return the controller's share of the thrust [N], Hill frame, shape (R, 3)."""
+        """Return the controller's share of the thrust [N], shape (R, 3), or of the control [N, N m], shape (R, 6)."""
         controller = controller_of(parts, self.controller)
         normalizer = self.normalization.active
         return controller(action if normalizer is None else normalizer.inverse(action, *controller.limits))

@@ -74,12 +74,12 @@ class SimsMagnitudeGlue(DerivedGlue):
         """Return 0 and the norm of the largest values."""
         wrapped: Any = self.wrapped
         low, high = wrapped.bounds(parts)
-        return np.zeros(1), _norms(np.maximum(np.abs(low), np.abs(high))[None])[0]
+        return np.zeros(1), norms_of(np.maximum(np.abs(low), np.abs(high))[None])[0]
 
     def values(self, view: View) -> FloatArray:
         """Return the norm, shape (R, 1)."""
         wrapped: Any = self.wrapped
-        return _norms(wrapped(view))
+        return norms_of(wrapped(view))
 
 
 class VelocityLimitGlue(SpeedLimit, DerivedGlue):
@@ -102,11 +102,11 @@ class VelocityLimitGlue(SpeedLimit, DerivedGlue):
     def values(self, view: View) -> FloatArray:
         """Return the speed limit [m/s], shape (R, 1)."""
         threshold, distance, slope, _ = self.limit_line(view.world)
-        limit: FloatArray = threshold + slope * np.maximum(_norms(view.reading(self.sensor)) - distance, 0.0)
+        limit: FloatArray = threshold + slope * np.maximum(norms_of(view.reading(self.sensor)) - distance, 0.0)
         return limit
 
 
-def _norms(vectors: FloatArray) -> FloatArray:
+def norms_of(vectors: FloatArray) -> FloatArray:
     """Return the norms of rows, whose bits do not depend on the batch, shape (R, 1)."""
     total = np.zeros(len(vectors))
     for column in vectors.T:

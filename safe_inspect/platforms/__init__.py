@@ -1,7 +1,16 @@
 """Platforms and their parts: controllers and sensors. Importing it registers them."""
 
+from safe_inspect.platforms.attitude_sensors import (
+    AngularVelocitySensor,
+    OrbitStabilitySensor,
+    OrientationUnitVectorSensor,
+    QuaternionSensor,
+    RelativePositionSensor,
+    RelativeVelocitySensor,
+    RotatedAxesSensor,
+)
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
-from safe_inspect.platforms.controllers import RateController, ThrustProp
+from safe_inspect.platforms.controllers import MomentProp, RateController, ThrustProp
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.platforms.docking_sensors import SpeedLimitSensor, SpeedSensor
 from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
@@ -27,6 +36,7 @@ from safe_inspect.platforms.target_sensors import (
 )
 
 __all__ = [
+    "AngularVelocitySensor",
     "CWHPlatform",
     "ClearanceSensor",
     "Controller",
@@ -37,15 +47,22 @@ __all__ = [
     "InspectedPointsSensor",
     "MatingPointPositionSensor",
     "MatingPointVelocitySensor",
+    "MomentProp",
     "NearestDeputiesPositionSensor",
     "NearestDeputiesPresenceSensor",
     "NearestDeputiesVelocitySensor",
+    "OrbitStabilitySensor",
+    "OrientationUnitVectorSensor",
     "Part",
     "Platform",
     "PositionSensor",
     "PriorityVectorSensor",
     "Property",
+    "QuaternionSensor",
     "RateController",
+    "RelativePositionSensor",
+    "RelativeVelocitySensor",
+    "RotatedAxesSensor",
     "Sensor",
     "SpeedLimitSensor",
     "SpeedSensor",

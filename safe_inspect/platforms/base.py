@@ -69,11 +69,17 @@ class Part(Plugin):
 
 
 class Controller(Part):
-    """A part that turns commanded values into thrust.
+    """A part that turns commanded values into thrust, or into the whole control of a vehicle that turns.
 
-    Called with values of shape (R, size) it returns its share of the thrust [N], Hill frame, shape (R, 3); the
-    shares of all controllers are added.
+    Called with values of shape (R, size) it returns its share of the thrust [N], shape (R, 3), or of the control, shape
+    (R, control_size): thrusts, then moments [N m]. The shares of all controllers are added. The thrust stands in Hill's
+    frame unless the vehicle's dynamics say otherwise.
     """
+
+    @property
+    def control_size(self) -> int:
+        """Number of elements of the control that it gives; 3 by default, a thrust."""
+        return 3
 
     @property
     @abstractmethod
@@ -87,7 +93,7 @@ class Controller(Part):
 
     @abstractmethod
     def __call__(self, values: FloatArray) -> FloatArray:
-        """Return the share of the thrust [N], Hill frame, shape (R, 3)."""
+        """Return the share of the thrust [N], shape (R, 3), or of the control, shape (R, control_size)."""
 
 
 class Sensor(Part, RowPlugin):

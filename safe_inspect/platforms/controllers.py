@@ -1,9 +1,9 @@
-"""Controllers: from commanded values to thrust."""
+"""Controllers: from commanded values to thrust and moment."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -11,24 +11,28 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.platforms.base import Controller, Property
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
 from safe_inspect.types import FloatArray
-from safe_inspect.units import Force, unit
+from safe_inspect.units import Force, Torque, factor, unit
 
 
-class ThrustProp(Property):
-    """Thrust along one axis.
+class ActuatorLimits(Plugin):
+    """Fields of a property with a smallest and a largest value.
 
     Attributes:
         name: Label of the property.
-        low: Smallest thrust [N].
-        high: Largest thrust [N].
+        low: Smallest value, in `units`.
+        high: Largest value, in `units`.
         units: Unit of `low` and `high`.
     """
 
-    low: Force = -1.0
-    high: Force = 1.0
-    units: str = "N"
+    symbol: ClassVar[str]
+
+    name: str = ""
+    low: float
+    high: float
+    units: str
 
     @model_validator(mode="before")
     @classmethod
@@ -40,42 +44,82 @@ class ThrustProp(Property):
         return data
 
     @model_validator(mode="after")
-    def _ordered(self) -> ThrustProp:
-        if unit(self.units).symbol != "N":
-            raise ValueError(f"{self.units!r} is no unit of force; use 'N'")
+    def _ordered(self) -> Self:
+        factor(self.units, self.symbol)
         if not self.low < self.high:
             raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high})")
         return self
 
     @cached_property
     def limits(self) -> tuple[float, float]:
-        """Smallest and largest thrust [N]."""
+        """Smallest and largest value, SI."""
         scale = unit(self.units).factor
         return self.low * scale, self.high * scale
 
     def __call__(self, value: FloatArray) -> FloatArray:
-        """Return the thrust within its limits [N], same shape."""
+        """Return the value within its limits, SI, same shape."""
         low, high = self.limits
         return np.minimum(np.maximum(value, low), high)
 
 
+class ThrustProp(ActuatorLimits, Property):
+    """Thrust along one axis.
+
+    Attributes:
+        name: Label of the property.
+        low: Smallest thrust [N].
+        high: Largest thrust [N].
+        units: Unit of `low` and `high`.
+    """
+
+    symbol: ClassVar[str] = "N"
+
+    low: Force = -1.0
+    high: Force = 1.0
+    units: str = "N"
+
+
+class MomentProp(ActuatorLimits, Property):
+    """Moment about one axis of the body.
+
+    Attributes:
+        name: Label of the property.
+        low: Smallest moment [N m].
+        high: Largest moment [N m].
+        units: Unit of `low` and `high`.
+    """
+
+    symbol: ClassVar[str] = "N m"
+
+    low: Torque = -0.001
+    high: Torque = 0.001
+    units: str = "N m"
+
+
 class RateController(Controller):
-    """Command one property along one axis of Hill's frame: thrust_axis = clip(value, low, high).
+    """Command one property along one axis: control_axis = clip(value, low, high).
 
     Attributes:
         name: Name of the part.
-        property_class: What is commanded.
-        axis: 0 radial, 1 along track, 2 cross track.
+        property_class: What is commanded, a thrust or a moment.
+        axis: Of a thrust 0, 1 or 2: x, y, z, radial, along track and cross track for a vehicle that does not turn its
+            thrusters. Of a moment about x, y, z of the body 3, 4 or 5.
         properties: Fields of the property, such as ``{name: x_thrust, low: -1, high: 1}``.
     """
 
     property_class: str = "ThrustProp"
-    axis: int = Field(default=0, ge=0, le=2)
+    axis: int = Field(default=0, ge=0, le=5)
     properties: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check_property(self) -> RateController:
-        assert self.commanded is not None  # a wrong property is found now, not at the first step
+        commanded = self.commanded  # a wrong property is found now, not at the first step
+        if isinstance(commanded, ActuatorLimits) and (commanded.symbol == "N m") != (self.axis > 2):
+            right = "MomentProp" if self.axis > 2 else "ThrustProp"
+            raise ValueError(
+                f"the axis {self.axis} takes a {right}, not a {commanded.registered_name}: 0 to 2 are the axes of "
+                "thrusts, 3 to 5 those of moments"
+            )
         return self
 
     @cached_property
@@ -110,8 +154,13 @@ class RateController(Controller):
         low, high = self.commanded.limits
         return np.array([low]), np.array([high])
 
+    @property
+    def control_size(self) -> int:
+        """Number of elements of the control that it gives: 3 for a thrust, 6 for a moment."""
+        return 3 if self.axis < 3 else 6
+
     def __call__(self, values: FloatArray) -> FloatArray:
-        """Return the thrust [N], Hill frame, shape (R, 3), for commands of shape (R, 1)."""
-        thrust = np.zeros((len(values), 3))
-        thrust[:, self.axis] = self.commanded(values[:, 0])
-        return thrust
+        """Return the share of the control [N, N m], shape (R, control_size), for commands of shape (R, 1)."""
+        share = np.zeros((len(values), self.control_size))
+        share[:, self.axis] = self.commanded(values[:, 0])
+        return share

@@ -14,6 +14,13 @@ def copy_vector(vector: FloatArray, reading: FloatArray) -> None:
 
 
 @njit
+def difference(one: FloatArray, other: FloatArray, reading: FloatArray) -> None:
+    """Write the difference of two vectors, shape (size,)."""
+    for k in range(len(reading)):
+        reading[k] = one[k] - other[k]
+
+
+@njit
 def copy_number(number: float, reading: FloatArray) -> None:
     """Write a number, shape (1,)."""
     reading[0] = float(number)

@@ -7,18 +7,12 @@ from typing import ClassVar
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.platforms.copies import copy_number
+from safe_inspect.platforms.copies import copy_number, difference
 from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
-
-
-@njit
-def _difference(one: FloatArray, other: FloatArray, reading: FloatArray) -> None:
-    for k in range(3):
-        reading[k] = one[k] - other[k]
 
 
 @njit
@@ -44,7 +38,7 @@ class MatingPointPositionSensor(Sensor, name="Sensor_MatingPointPosition"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the relative position [m]."""
-        return RowTerm(_difference, (EnvironmentArray("mating_point_position"), OwnArray("position")))
+        return RowTerm(difference, (EnvironmentArray("mating_point_position"), OwnArray("position")))
 
 
 class MatingPointVelocitySensor(Sensor, name="Sensor_MatingPointVelocity"):
@@ -55,7 +49,7 @@ class MatingPointVelocitySensor(Sensor, name="Sensor_MatingPointVelocity"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the relative velocity [m/s]."""
-        return RowTerm(_difference, (EnvironmentArray("mating_point_velocity"), OwnArray("velocity")))
+        return RowTerm(difference, (EnvironmentArray("mating_point_velocity"), OwnArray("velocity")))
 
 
 class TargetAxesSensor(Sensor, name="Sensor_TargetAxes"):

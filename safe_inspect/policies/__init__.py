@@ -5,6 +5,7 @@ from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLi
 from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 from safe_inspect.policies.docking import DockingController
 from safe_inspect.policies.inspector import NaturalMotionInspector
+from safe_inspect.policies.pointing import SixDofInspector
 
 #: The former name of `SCRIPTED_POLICY`; it goes with the next release.
 PILOT = SCRIPTED_POLICY
@@ -17,6 +18,7 @@ __all__ = [
     "NaturalMotionInspector",
     "RandomThrust",
     "ScriptedPolicy",
+    "SixDofInspector",
     "ThrustLimits",
     "ZeroThrust",
 ]

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
+from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, shortened
 from safe_inspect.simulators.view import View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
@@ -36,7 +36,4 @@ class DockingAutopilot(SpeedLimit, ScriptedPolicy):
         wanted = -position * (speed / np.maximum(distance, 1e-9))[:, None]
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
         thrust = mass * (wanted - velocity) / np.diag(gamma[3:])
-        # One factor for all axes: the direction of the change of velocity stays.
-        room = np.where(thrust > 0.0, limits.high, -limits.low)
-        factor = np.min(room / np.maximum(np.abs(thrust), 1e-12), axis=1)
-        return np.asarray(thrust * np.minimum(factor, 1.0)[:, None])
+        return shortened(thrust, limits)  # the direction of the change of velocity stays

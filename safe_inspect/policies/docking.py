@@ -9,6 +9,7 @@ from pydantic import Field
 
 from safe_inspect.dynamics.quaternion import rotate
 from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
+from safe_inspect.policies.rows import cross_rows, dot_rows, size_of_rows
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, PositiveAngularRate, PositiveLength, PositiveSpeed
@@ -44,21 +45,21 @@ class DockingController(ScriptedPolicy):
         """Return the thrust [N], shape (R, 3)."""
         mating, position, velocity = view.mating_point_position, view.position, view.velocity
         turn = _angular_velocity(view)
-        reach, distance = _size(mating), np.maximum(_size(position), 1e-9)
+        reach, distance = size_of_rows(mating), np.maximum(size_of_rows(position), 1e-9)
         n, p = mating / np.maximum(reach, 1e-9)[:, None], position / distance[:, None]
-        angle = np.arccos(np.clip(_dot(n, p), -1.0, 1.0))
-        across = n - _dot(n, p)[:, None] * p
-        across /= np.maximum(_size(across), 1e-9)[:, None]
+        angle = np.arccos(np.clip(dot_rows(n, p), -1.0, 1.0))
+        across = n - dot_rows(n, p)[:, None] * p
+        across /= np.maximum(size_of_rows(across), 1e-9)[:, None]
         step = np.minimum(angle, self.lead)[:, None]
         direction = np.cos(step) * p + np.sin(step) * across
         height = reach + (self.standoff - reach) * np.minimum(angle / self.corridor, 1.0)
         reference = np.where((angle < self.corridor)[:, None], n, direction) * height[:, None]
-        reference_velocity = _cross(turn, reference)
+        reference_velocity = cross_rows(turn, reference)
         to_reference = reference - position
         pull = self.frequency / (2.0 * self.damping) * to_reference
-        pull *= np.minimum(1.0, self.approach_speed / np.maximum(_size(pull), 1e-9))[:, None]
+        pull *= np.minimum(1.0, self.approach_speed / np.maximum(size_of_rows(pull), 1e-9))[:, None]
         gain = 2.0 * self.damping * self.frequency
-        wanted = _cross(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
+        wanted = cross_rows(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
         return np.asarray(np.clip(mass * wanted, limits.low, limits.high))
 
@@ -66,16 +67,3 @@ class DockingController(ScriptedPolicy):
 def _angular_velocity(view: View) -> FloatArray:
     """Return the angular velocity of the target in W [rad/s], shape (R, 3)."""
     return rotate(view.target_orientation, view.target_angular_velocity)
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross products by components, whose bits do not depend on the batch, shape (R, 3)."""
-    return np.stack([a[:, i] * b[:, j] - a[:, j] * b[:, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=-1)
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
-
-
-def _size(vector: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(_dot(vector, vector)))

@@ -10,8 +10,10 @@ from safe_inspect.rewards.docking import (
     DockingVelocityConstraintReward,
 )
 from safe_inspect.rewards.mating import ContactReward, MatingProgressReward, MatingSuccessReward
+from safe_inspect.rewards.pointing import GaussianDecayFromTargetValue
 from safe_inspect.rewards.points import InspectionSuccessReward, ObservedPointsReward, SafeInspectionSuccessReward
 from safe_inspect.rewards.rta import InspectionRTAReward
+from safe_inspect.rewards.timely import LiveTimestepReward, WinLoseDoneReward
 
 __all__ = [
     "ContactReward",
@@ -20,13 +22,16 @@ __all__ = [
     "DockingFailureReward",
     "DockingSuccessReward",
     "DockingVelocityConstraintReward",
+    "GaussianDecayFromTargetValue",
     "InspectionCrashReward",
     "InspectionDeltaVReward",
     "InspectionRTAReward",
     "InspectionSuccessReward",
+    "LiveTimestepReward",
     "MatingProgressReward",
     "MatingSuccessReward",
     "ObservedPointsReward",
     "Reward",
     "SafeInspectionSuccessReward",
+    "WinLoseDoneReward",
 ]

@@ -23,25 +23,41 @@ def _price_of_fuel(scale: float, seconds_per_mass: float, thrust: FloatArray) ->
     return price
 
 
+@njit
+def _price_of_all(scale: float, seconds_per_mass: float, control: FloatArray) -> float:
+    total = 0.0
+    for k in range(len(control)):
+        total += abs(control[k])
+    price: float = scale * (total * seconds_per_mass)
+    return price
+
+
 class InspectionDeltaVReward(Reward):
     """Pay scale * sum_i abs(u_i) dt / m for the thrust u; shape (R,).
 
     Attributes:
         mode: ``scale``: the simulator's adaptive scale. ``constant``: the field `scale`.
         scale: Reward for 1 m/s, a negative number [1/(m/s)]; for the mode ``constant``.
+        constant_scale: The same, for any mode; the peer's key.
+        moments: Whether moments [N m] are added to the thrusts, number by number, as by the peer.
         step_size: Length of a step [s]; the step's own unless given.
         mass: Mass of the deputy [kg]; the platform's own unless given.
     """
 
     mode: Literal["scale", "constant"] = "scale"
     scale: float = Field(default=-0.001, le=0)
+    constant_scale: float | None = Field(default=None, le=0)
+    moments: bool = False
     step_size: PositiveDuration | None = None
     mass: PositiveMass | None = None
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return scale times the velocity change."""
-        scale = EnvironmentArray("delta_v_scale", before=True) if self.mode == "scale" else self.scale
-        return RowTerm(_price_of_fuel, (scale, _seconds_per_mass(self, world, group), OwnArray("control")))
+        constant = self.scale if self.constant_scale is None else self.constant_scale
+        adaptive = self.mode == "scale" and self.constant_scale is None
+        scale = EnvironmentArray("delta_v_scale", before=True) if adaptive else constant
+        kernel = _price_of_all if self.moments else _price_of_fuel
+        return RowTerm(kernel, (scale, _seconds_per_mass(self, world, group), OwnArray("control")))
 
 
 @njit

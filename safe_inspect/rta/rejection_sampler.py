@@ -186,7 +186,7 @@ class RejectionSampler(Parameter):
         streams = draw.streams[rows]
         drawn = {name: _take(value, rows) for name, value in draw.values.items()}
         values = {}
-        for name, parameter in self.wrapped.items():
+        for name, parameter in {**self.initializer.defaults, **self.wrapped}.items():
             child = Draw(streams, f"{draw.purpose}.{name}", attempt, drawn)
             values[name] = parameter(child)
         result: dict[str, FloatArray] = self.initializer(values)
@@ -227,7 +227,7 @@ def check_parameters(initializer: Initializer, parameters: Mapping[str, Paramete
         elif wanted[name] is not None and parameters[name].symbol not in (None, wanted[name]):
             message = f"{name!r} is given in {parameters[name].symbol}, but is measured in {wanted[name]}"
             problems.append({"type": "functor_key", "loc": (field, name, "config", "units"), "msg": message})
-    missing = [name for name in wanted if name not in parameters]
+    missing = [name for name in wanted if name not in parameters and name not in initializer.defaults]
     if missing:
         names = ", ".join(f"`{name}`" for name in missing)
         message = f"{initializer.registered_name} needs {names}"

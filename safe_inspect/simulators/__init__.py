@@ -1,6 +1,7 @@
 """Simulators: state, step, points, initialisers and reset parameters. Importing it registers their plugins."""
 
 from safe_inspect.simulators.component import Component, RunningComponent
+from safe_inspect.simulators.resets.attitudes import AttitudeParameter, CWHSixDOFRadialInitializer
 from safe_inspect.simulators.resets.initializers import (
     CWH3DRadialWithSunInitializer,
     Initializer,
@@ -19,7 +20,9 @@ from safe_inspect.simulators.simulator import ComposedSimulator, Simulator
 from safe_inspect.simulators.view import Step, View
 
 __all__ = [
+    "AttitudeParameter",
     "CWH3DRadialWithSunInitializer",
+    "CWHSixDOFRadialInitializer",
     "Component",
     "ComposedSimulator",
     "ConstantParameter",

@@ -76,6 +76,7 @@ class Simulation:
             offers.add(running)
         physics_step = step_size / decimation
         self._of_body = tuple(dynamics.arrays)
+        self._initial, self._turns_thrust = dynamics.initial(), dynamics.turns_thrust
         self._advance, self._parameters = advance_kernel(dynamics, physics_step), dynamics(physics_step)
         self._physics = (physics_step, decimation)
         self._remembering = [
@@ -99,6 +100,16 @@ class Simulation:
     def episodes(self) -> IntArray:
         """Index of the current episode of each slot, shape (N,)."""
         return self._episodes
+
+    @property
+    def turns_thrust(self) -> bool:
+        """Whether the thrust stands in body axes."""
+        return self._turns_thrust
+
+    @property
+    def attitude(self) -> tuple[str, ...]:
+        """Names of the arrays of a body beside its position and velocity, such as ``orientation``."""
+        return self._of_body[2:]
 
     @property
     def drawn(self) -> tuple[str, ...]:
@@ -155,8 +166,9 @@ class Simulation:
         states, values = self._reset_plan.draw(streams)
         for name, index in self.world.bodies.items():
             for array in self._of_body:
-                if array in states[name]:
-                    fresh[array][:, index] = states[name][array]
+                given = states[name] if array in states[name] else self._initial
+                if array in given:
+                    fresh[array][:, index] = given[array]
         fresh.key[:] = streams.bits("step")[:, 0]
         for component in self.components.values():
             component.reset(fresh, values)

@@ -34,6 +34,19 @@ class Simulator(Plugin):
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
         """Return the dynamics, and the components in the order in which they follow a step."""
 
+    def with_attitude(self) -> Simulator:
+        """Return the simulator for platforms that turn.
+
+        Raises:
+            ValueError: It has none.
+        """
+        raise ValueError(f"{self.registered_name} moves points; platforms that turn need another simulator")
+
+    @property
+    def turns(self) -> bool:
+        """Whether its deputies have an attitude."""
+        return "orientation" in self.compose()[0].arrays
+
     def __call__(
         self,
         *,

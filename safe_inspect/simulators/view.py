@@ -123,7 +123,7 @@ class View:
 
     @property
     def control(self) -> FloatArray:
-        """Own thrust held over the last step [N], Hill frame, shape (R, 3)."""
+        """Own control held over the last step, its thrust [N] first, in the frame of the dynamics, shape (R, C)."""
         return self.per_agent(self.state.control)
 
     @property
@@ -267,12 +267,12 @@ class Step:
 
     @property
     def control(self) -> FloatArray:
-        """Thrust held over the step [N], Hill frame, shape (R, 3)."""
+        """Control held over the step, its thrust [N] first, in the frame of the dynamics, shape (R, C)."""
         return read_only(self.writable_control)
 
     @property
     def desired_control(self) -> FloatArray:
-        """Thrust that the policies asked for, before any safety filter [N], shape (R, 3)."""
+        """Control that the policies asked for, before any safety filter, shape (R, C)."""
         return read_only(self._desired_control)
 
     @property

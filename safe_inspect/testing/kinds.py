@@ -124,7 +124,9 @@ def _check_controller(plugin: Controller, report: Report) -> None:
         given = values[rows].copy()
         return Inputs((given,), {"the values": given})
 
-    check_call(Call("the controller", plugin, make, ROWS, Shape((3,), "f", "(R, 3), thrust [N]")), report)
+    size = plugin.control_size
+    what = "(R, 3), thrust [N]" if size == 3 else f"(R, {size}), control [N, N m]"
+    check_call(Call("the controller", plugin, make, ROWS, Shape((size,), "f", what)), report)
 
 
 def check_normalizer(plugin: Normalizer, parts: SampleParts, report: Report) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,9 @@ def check_parameter(plugin: Parameter, parts: Sequence[Part], report: Report) ->
 
 def check_initializer(plugin: Initializer, parts: Sequence[Part], report: Report) -> None:
     """Check an initialiser: named states with R rows, those of `gives` among them."""
-    states = _states()
+    states, slots = _states(), np.arange(_ROWS)
+    draw = Draw(Streams(12345, slots, slots), "sample")
+    defaults: dict[str, Any] = {name: parameter(draw.child(name)) for name, parameter in plugin.defaults.items()}
     drawn: dict[str, FloatArray | None] = {}
     for index, (name, symbol) in enumerate(plugin.parameters.items()):
         low, high = _RANGES.get(symbol or "", (0.1, 1.0))
@@ -52,6 +55,10 @@ def check_initializer(plugin: Initializer, parts: Sequence[Part], report: Report
     def make(rows: AnyArray) -> Inputs:
         taken = {name: array[rows].copy() for name, array in states.items()}
         given = {name: taken if array is None else array[rows].copy() for name, array in drawn.items()}
+        given |= {
+            name: {key: array[rows] for key, array in value.items()} if isinstance(value, dict) else value[rows]
+            for name, value in defaults.items()
+        }
         arrays = {name: array for name, array in given.items() if isinstance(array, np.ndarray)}
         return Inputs((given,), {**taken, **arrays})
 

@@ -10,8 +10,18 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneFunction
+from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
+from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.platforms.attitude_sensors import (
+    AngularVelocitySensor,
+    OrientationUnitVectorSensor,
+    QuaternionSensor,
+    RelativePositionSensor,
+    RelativeVelocitySensor,
+)
 from safe_inspect.platforms.base import Part, Sensor
 from safe_inspect.platforms.controllers import RateController
 from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
@@ -33,6 +43,7 @@ from safe_inspect.task_ids import TASKS
 from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.testing.flights import HORIZON, LENGTH, Flown, fly, take_rows
+from safe_inspect.testing.vehicle import SampleVehicle
 from safe_inspect.types import AnyArray, BoolArray
 
 __all__ = ["DEPUTIES", "ENVIRONMENTS", "sample_spec", "sample_steps", "sample_team_steps", "take_rows"]
@@ -63,7 +74,17 @@ def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), dep
     scripted = plugin if isinstance(plugin, ScriptedPolicy) else None
     dones = (*agent.dones, Named("under test", plugin)) if isinstance(plugin, DoneFunction) else agent.dones
     platform, begin = spec.platforms[agent.platform], spec.reset.deputies[agent.platform]
-    dynamics, components = spec.simulator.compose()
+    dynamics: Dynamics = SampleVehicle()
+    glues = agent.glues
+    if scripted is not None and scripted.commands_attitude:
+        dynamics = ClohessyWiltshireAttitude()
+        wheels = [
+            RateController(name=f"{name} Moment", axis=axis, property_class="MomentProp")
+            for axis, name in enumerate("XYZ", 3)
+        ]
+        named |= {part.part_name: part for part in wheels}
+        glues = (*glues, *(ControllerGlue(controller=part.part_name) for part in wheels))
+    components = spec.simulator.compose()[1]
     return replace(
         spec,
         simulator=ComposedSimulator(dynamics=dynamics, components=(*components, TumblingTarget(), SpeedLimitMonitor())),
@@ -74,6 +95,7 @@ def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), dep
                 name=f"{name}_ctrl",
                 platform=name,
                 parts=named,
+                glues=glues,
                 dones=dones,
                 scripted_policy=scripted,
                 policy=f"{name}_ctrl",
@@ -147,6 +169,11 @@ def _further_parts() -> tuple[Part, ...]:
         NearestDeputiesVelocitySensor(),
         NearestDeputiesPresenceSensor(),
         DeputyScanSensor(),
+        AngularVelocitySensor(),
+        OrientationUnitVectorSensor(),
+        QuaternionSensor(),
+        RelativePositionSensor(),
+        RelativeVelocitySensor(),
     )
 
 
@@ -180,7 +207,7 @@ def _gather(flown: Sequence[Flown], chosen: AnyArray, seed: int) -> tuple[Step, 
     model = flown[0].step
     size, agents, rows = len(flown[0].over), model.after.group.size, len(chosen)
     before, after = (State(rows, model.after.state.specs) for _ in range(2))
-    action, control = np.zeros((rows, agents, model.action.shape[1])), np.zeros((rows, agents, 3))
+    action, control = (np.zeros((rows, agents, array.shape[1])) for array in (model.action, model.control))
     status = np.zeros((rows, flown[0].status.shape[1]), dtype=np.int8)
     for number in np.unique(chosen // size):
         one, here = flown[number], np.flatnonzero(chosen // size == number)
@@ -188,10 +215,10 @@ def _gather(flown: Sequence[Flown], chosen: AnyArray, seed: int) -> tuple[Step, 
         before.put(here, one.step.before.state.take(there))
         after.put(here, one.step.after.state.take(there))
         action[here] = one.step.action.reshape(size, agents, -1)[there]
-        control[here] = one.step.control.reshape(size, agents, 3)[there]
+        control[here] = one.step.control.reshape(size, agents, -1)[there]
         status[here] = one.status[there]
     generator = np.random.default_rng((seed, 1))
-    flat = control.reshape(rows * agents, 3)
+    flat = control.reshape(rows * agents, -1)
     intervening = generator.random(rows * agents) < 0.25
     desired = flat + np.where(intervening, generator.uniform(-0.5, 0.5, rows * agents), 0.0)[:, None]
     first, last = (View(state, model.after.world, model.after.group) for state in (before, after))

@@ -51,8 +51,9 @@ def check_shared_done(plugin: SharedDoneFunction, parts: SampleParts, report: Re
 
 
 def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> None:
-    """Check a scripted policy: thrust [N] (R, 3)."""
-    limits = ThrustLimits(np.full(3, -1.0), np.full(3, 1.0))
+    """Check a scripted policy: thrust [N] (R, 3), or the control of a vehicle that turns [N, N m] (R, 6)."""
+    size = 6 if plugin.commands_attitude else 3
+    limits = ThrustLimits(np.full(size, -1.0), np.full(size, 1.0))
     for array in (limits.low, limits.high):
         array.flags.writeable = False
 
@@ -66,7 +67,7 @@ def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> 
             for array, value in zip(own, kept, strict=True):
                 array[...] = value
 
-    shape = Shape((3,), "f", "(R, 3), thrust [N]")
+    shape = Shape((size,), "f", f"(R, {size}), control [N, N m]" if size > 3 else "(R, 3), thrust [N]")
     for step in each_world(plugin, parts, report, FEW_ROWS):
         check_call(call_of_view("the policy", fly, step, shape), report)
         _check_flight(plugin, parts, step.after.group.size, report)

@@ -39,6 +39,23 @@ def test_docking_in_the_peers_grammar_is_docking(experiment):
         np.testing.assert_array_equal(one.status, other.status)
 
 
+def test_six_dof_inspection_in_the_peers_grammar_is_six_dof_inspection():
+    theirs = load_experiment(FILES / "six_dof" / "experiment.yml")
+    ours = load_experiment(configs_root() / "weighted-six-dof-inspection" / "experiment.yml")
+    environments = [BatchedEnvironment(each.spec, 8, seed=4) for each in (ours, theirs)]
+    first, second = (env.reset() for env in environments)
+    assert first.shape == (8, 1, 37)
+    np.testing.assert_allclose(first, second, rtol=1e-5, atol=1e-6)
+    generator = np.random.default_rng(2)
+    for _ in range(30):
+        action = generator.uniform(-1.0, 1.0, (8, 1, 6)) * np.repeat([0.1, 1.0], 3)
+        one, other = (env.step(action) for env in environments)
+        np.testing.assert_allclose(one.observation, other.observation, rtol=1e-5, atol=1e-6)
+        for name in one.terms:
+            np.testing.assert_allclose(one.terms[name], other.terms[name], rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(one.status, other.status)
+
+
 def test_the_environments_horizon_holds_and_the_other_is_noted(experiment):
     theirs = load_experiment(experiment)
     limits = {named.name: named.functor for named in theirs.spec.agents[0].dones}

@@ -33,7 +33,7 @@ def test_limits_take_units(properties):
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ({"axis": 3}, "less than or equal to 2"),
+        ({"axis": 3}, "takes a MomentProp"),
         ({"property_class": "ThurstProp"}, "did you mean `ThrustProp`"),
         ({"properties": {"low": 1.0, "high": 1.0}}, "not below"),
         ({"properties": {"units": "m"}}, "no unit of force"),

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
+from safe_inspect.config.building.attitude import check_controls, with_attitude
 from safe_inspect.config.building.policies import policy_name
 from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.building.resets import reset_plan
@@ -21,9 +22,10 @@ from safe_inspect.config.building.world import (
     worlds_of,
 )
 from safe_inspect.config.messages.messages import message
-from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
+from safe_inspect.config.models.experiment import AgentBody, AgentEntry, ExperimentConfig
 from safe_inspect.config.names import agent_names, world_names
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.dones.base import DoneFunction
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
@@ -31,6 +33,9 @@ from safe_inspect.platforms.base import Part, Platform
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugins.functor import Named, build
 from safe_inspect.policies.base import ScriptedPolicy
+from safe_inspect.rewards.base import Reward
+from safe_inspect.rewards.timely import WinLoseDoneReward
+from safe_inspect.simulators.simulator import Simulator
 
 _ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 
@@ -55,6 +60,7 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
         report(where, message)
 
     platforms = _platforms(config, note)
+    config = with_attitude(config, note)
     reset = reset_plan(config, note)
     environment = config.config.config.env_config
     names = world_names(platforms, reset, environment.simulator)
@@ -70,11 +76,12 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     for index, platform in enumerate(config.platform_config):
         if platform.name not in controlled and controlled and controlled <= set(platforms):
             note(("platform_config", index), f"no agent controls the platform {platform.name!r}; remove it")
-    worlds = worlds_of(config, platforms)
+    worlds, simulator = worlds_of(config, platforms), environment.simulator
     agents = [
         agent
         for index, entry in enumerate(config.agent_config)
-        if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, worlds[index], note)) is not None
+        if (agent := _agent(entry, ("agent_config", index), platforms, names, horizon, worlds[index], simulator, note))
+        is not None
     ]
     check_agents(config, agents, note)
     check_world(config, reset, worlds, note)
@@ -125,6 +132,7 @@ def _agent(
     names: Mapping[str, set[str]],
     horizon: int,
     world: WorldValues,
+    simulator: Simulator,
     report: ReportProblem,
 ) -> AgentSpec | None:
     for index, platform in enumerate(entry.platforms):
@@ -138,6 +146,7 @@ def _agent(
         report((*where, "platforms", 1), "an agent controls one platform; remove the others")
     body, base = entry.config.config, (*where, "config", "config")
     scripted = _scripted_policy(entry, where, names, report)
+    check_controls(body, simulator, base, report)
     parts: dict[str, Part] = {}
     for index, part in enumerate(body.parts):
         if part.part_name in parts:
@@ -171,11 +180,30 @@ def _agent(
         entry.platforms[0],
         parts,
         _exported(glues),
-        body.rewards,
+        _rewards(body, dones, base, report),
         tuple(dones),
         policy=policy_name(entry),
         scripted_policy=scripted,
     )
+
+
+def _rewards(
+    body: AgentBody, dones: list[Named[DoneFunction]], where: KeyTuple, report: ReportProblem
+) -> tuple[Named[Reward], ...]:
+    """Return the rewards, those of an end with the done function that they name."""
+    known = {named.name: named.functor for named in dones}
+    found = []
+    for index, named in enumerate(body.rewards):
+        functor = named.functor
+        if isinstance(functor, WinLoseDoneReward) and (functor.done_name is None or functor.done_name in known):
+            try:
+                functor = functor.with_dones(known)
+                if type(functor.done).remember is not DoneFunction.remember:
+                    raise ValueError(f"{functor.done_name} remembers earlier steps, which a reward cannot ask for")
+            except ValueError as error:
+                report((*where, "rewards", index), str(error))
+        found.append(Named(named.name, functor))
+    return tuple(found)
 
 
 def _scripted_policy(

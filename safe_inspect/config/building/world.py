@@ -19,6 +19,7 @@ from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan
+from safe_inspect.types import FloatArray
 
 #: Values of an agent's world by the names of `TaskParameters`, in SI units.
 WorldValues = Mapping[str, float]
@@ -39,12 +40,18 @@ def worlds_of(config: ExperimentConfig, platforms: Mapping[str, Platform]) -> li
             world["n"] = offered["mean_motion"]
         if entry.platforms and entry.platforms[0] in platforms:
             world["m"] = platforms[entry.platforms[0]].mass
-        limits = [part.limits for part in entry.config.config.parts if isinstance(part, Controller)]
+        limits = _thrust_limits(entry)
         thrust = min((float(min((-low).min(), high.min())) for low, high in limits), default=0.0)
         if thrust > 0.0:
             world["u_max"] = thrust
         worlds.append(world)
     return worlds
+
+
+def _thrust_limits(entry: AgentEntry) -> list[tuple[FloatArray, FloatArray]]:
+    """Return smallest and largest thrusts of an agent's controllers [N], those of moments left out."""
+    parts = entry.config.config.parts
+    return [part.limits for part in parts if isinstance(part, Controller) and part.control_size == 3]
 
 
 def common_world(worlds: Sequence[WorldValues]) -> WorldValues:
@@ -99,7 +106,7 @@ def check_world(
     for index, entry in enumerate(config.agent_config):
         world = worlds[index]
         base = ("agent_config", index, "config", "config")
-        largest = [part.limits for part in entry.config.config.parts if isinstance(part, Controller)]
+        largest = _thrust_limits(entry)
         looked = [(path, plugin, world) for path, plugin in plugins_of(entry, base)]
         for path, plugin, taken in looked + [(path, plugin, common) for path, plugin in shared]:
             radius = _value(plugin, "collision_radius", taken)
@@ -111,6 +118,11 @@ def check_world(
             if filters and isinstance(plugin, TaskParameters) and "n" not in world:
                 kind = environment.simulator.compose()[0].registered_name
                 text = f"the filter keeps deputies in Clohessy-Wiltshire dynamics safe, and these move by {kind}"
+                report((*path, "config", "enabled"), f"{text}; switch it off")
+            elif filters and environment.simulator.turns:
+                text = (
+                    "the filter certifies a thrust that is held along the axes of Hill's frame, and these deputies turn"
+                )
                 report((*path, "config", "enabled"), f"{text}; switch it off")
             thrust = _value(plugin, "u_max", taken)
             if filters and thrust is not None and any(thrust > min((-low).min(), high.min()) for low, high in largest):

@@ -50,7 +50,7 @@ class PlatformKeys(BaseModel):
     """Keys of ``platform.yml``: a label, and the kind of platform."""
 
     name: str = ""
-    platform: one_of("cwh", "CWHPlatform") = "cwh"  # type: ignore[valid-type]
+    platform: one_of("cwh", "CWHPlatform", "six-dof") = "cwh"  # type: ignore[valid-type]
 
 
 class AgentBodyKeys(BaseModel):

@@ -1,4 +1,4 @@
-"""The kernel that turns actions into thrust when every controller passes on a value of its own axis."""
+"""The kernel that turns actions into the control when every controller passes on a value of its own axis."""
 
 from __future__ import annotations
 
@@ -23,30 +23,31 @@ def command(
     most: FloatArray,
     axes: IntArray,
     clipped: FloatArray,
-    thrust: FloatArray,
+    control: FloatArray,
 ) -> bool:
-    """Write the actions within their bounds, shape (R, A), and the thrusts [N], shape (R, 3).
+    """Write the actions within their bounds, shape (R, A), and the control [N, N m], shape (R, C).
 
     Args:
         action: The actions, shape (N, G, A).
         low: Their smallest values, shape (A,).
         high: Their largest, shape (A,).
-        least: Smallest thrust of each controller [N], shape (A,).
-        most: Largest thrust of each [N], shape (A,).
+        least: Smallest value of each controller [N, N m], shape (A,).
+        most: Largest value of each [N, N m], shape (A,).
         axes: Axis of each controller, all different, shape (A,).
         clipped: Takes the actions.
-        thrust: Takes the thrusts.
+        control: Takes the control.
 
     Returns:
         Whether all actions are finite.
     """
     finite, size = True, action.shape[1]
     for row in range(clipped.shape[0]):
-        thrust[row, 0] = thrust[row, 1] = thrust[row, 2] = 0.0
+        for k in range(control.shape[1]):
+            control[row, k] = 0.0
         for a in range(len(axes)):
             value = action[row // size, row % size, a]
             finite &= math.isfinite(value)
             value = _within(value, low[a], high[a])
             clipped[row, a] = value
-            thrust[row, axes[a]] = 0.0 + _within(value, least[a], most[a])  # never -0, as in a sum from 0
+            control[row, axes[a]] = 0.0 + _within(value, least[a], most[a])  # never -0, as in a sum from 0
     return finite

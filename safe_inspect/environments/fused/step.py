@@ -51,7 +51,7 @@ class FusedGroup:
         )
 
     def command(self, action: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return the actions within their bounds, shape (R, A), and their thrusts [N], shape (R, 3).
+        """Return the actions within their bounds, shape (R, A), and their control [N, N m], shape (R, C).
 
         None when the controllers are no plain ones, or an action is not finite.
 
@@ -65,10 +65,10 @@ class FusedGroup:
         if not action.flags.writeable:
             action = action.copy()  # another type for Numba, which would compile the kernel again
         rows = len(action) * self._group.size
-        clipped, thrust = np.empty((rows, len(axes))), np.empty((rows, 3))
+        clipped, control = np.empty((rows, len(axes))), np.empty((rows, self._group.thrusters.size))
         layout = self._group.action_layout
-        finite = command(action, layout.low, layout.high, least, most, axes, clipped, thrust)
-        return (clipped, thrust) if finite else None
+        finite = command(action, layout.low, layout.high, least, most, axes, clipped, control)
+        return (clipped, control) if finite else None
 
     def observe(self, view: View) -> AnyArray | None:
         """Return the observations, float32, shape (R, O); None when something is not finite."""

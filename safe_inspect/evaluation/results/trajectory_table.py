@@ -23,10 +23,11 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
     """Return a table of PyArrow.
 
     Columns: ``episode``, ``step``, ``deputy`` (name), ``time`` [s], ``x``, ``y``, ``z`` [m], ``vx``, ``vy``, ``vz``
-    [m/s], ``ux``, ``uy``, ``uz`` (the thrust held over the step that begins there, NaN at the end [N]), ``delta_v``
-    [m/s], what components record, such as ``sun_angle`` [rad] (``NAME/0``, ``NAME/1``, ... of several numbers), and in
-    a task with points ``inspected`` (points of the team so far) and ``inspected_own`` (those that the deputy was the
-    first to inspect). Hill's frame. The metadata hold the points and when they were inspected.
+    [m/s], ``ux``, ``uy``, ``uz`` (the thrust held over the step that begins there, NaN at the end [N]), of vehicles
+    that turn ``mx``, ``my``, ``mz`` (the moment [N m]), ``delta_v`` [m/s], what is recorded besides, such as
+    ``sun_angle`` [rad] (``NAME/0``, ``NAME/1``, ... of several numbers), and in a task with points ``inspected`` (those
+    of the team so far) and ``inspected_own`` (those that the deputy was the first to inspect). Hill's frame, thrust and
+    moment of vehicles that turn along body axes. The metadata hold the points and when they were inspected.
     """
     import pyarrow  # type: ignore[import-untyped]
 
@@ -38,6 +39,8 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
             "status": int(trajectory.status),
             "deputies": list(trajectory.deputies),
             "mean_motion": trajectory.mean_motion,
+            "in_body_axes": trajectory.in_body_axes,
+            "camera": trajectory.camera,
             "arrays": {name: list(array.shape[1:]) for name, array in trajectory.arrays.items()},
             "points": trajectory.points.tolist(),
             "inspected_at": [when if np.isfinite(when) else None for when in trajectory.inspected_at.tolist()],
@@ -76,14 +79,17 @@ def _columns(trajectory: Trajectory) -> dict[str, AnyArray]:
     def each(array: AnyArray) -> AnyArray:
         return array.repeat(deputies)
 
-    control = np.concatenate((trajectory.control, np.full((1, deputies, 3), np.nan)))
+    end = np.full((1, *trajectory.control.shape[1:]), np.nan)
+    control = np.concatenate((trajectory.control, end))
     columns: dict[str, AnyArray] = {
         "episode": np.full(states * deputies, trajectory.slot),
         "step": each(np.arange(states)),
         "deputy": np.tile(np.array(trajectory.deputies, dtype=object), states),
         "time": each(trajectory.time),
     }
-    for start, array in (("", trajectory.position), ("v", trajectory.velocity), ("u", control)):
+    vectors = [("", trajectory.position), ("v", trajectory.velocity), ("u", control[..., :3])]
+    vectors += [("m", control[..., 3:])] if control.shape[-1] > 3 else []
+    for start, array in vectors:
         columns |= {f"{start}{letter}": array[..., axis].reshape(-1) for axis, letter in enumerate(_AXES)}
     columns["delta_v"] = trajectory.delta_v.reshape(-1)
     for name, array in trajectory.arrays.items():
@@ -119,7 +125,7 @@ def _trajectory(columns: dict[str, AnyArray], record: dict[str, Any]) -> Traject
         time=columns["time"][rows][::deputies],
         position=vectors(""),
         velocity=vectors("v"),
-        control=vectors("u")[:-1],
+        control=np.concatenate([vectors(start) for start in "um" if f"{start}x" in columns], axis=-1)[:-1],
         delta_v=columns["delta_v"][rows].reshape(-1, deputies),
         arrays={name: recorded(name, shape) for name, shape in arrays.items()},
         points=np.array(record["points"], dtype=np.float64).reshape(-1, 3),
@@ -129,4 +135,6 @@ def _trajectory(columns: dict[str, AnyArray], record: dict[str, Any]) -> Traject
         slot=int(record["slot"]),
         deputies=tuple(record["deputies"]),
         mean_motion=float(record["mean_motion"]),
+        in_body_axes=bool(record.get("in_body_axes")),
+        camera=(tuple(camera[0]), camera[1]) if (camera := record.get("camera")) else None,
     )

@@ -26,7 +26,9 @@ class Recorder:
         self._rows = rows
         self._slot = first_slot
         components = environment.simulation.components.values()
-        self._recorded = tuple(name for component in components for name in component.recorded)
+        self._of_deputies = ("position", "velocity", *environment.simulation.attitude)
+        of_components = (name for component in components for name in component.recorded)
+        self._recorded = (*environment.simulation.attitude, *of_components)
         self._states: dict[str, list[AnyArray]] = {name: [] for name in (*_KEPT, *self._recorded)}
         points = environment.simulation.world.offers.world.get("points", {})
         self._body = next(iter(points), None)
@@ -43,7 +45,7 @@ class Recorder:
         deputies = self._environment.simulation.world.num_deputies
         for name, kept in self._states.items():
             array = state[name][: self._rows]
-            kept.append((array[:, :deputies] if name in ("position", "velocity") else array).copy())
+            kept.append((array[:, :deputies] if name in self._of_deputies else array).copy())
         if self._body is not None:
             inspector = state.points[self._body].inspector[: self._rows]
             now = np.broadcast_to(state.time[: self._rows, None], inspector.shape)
@@ -72,6 +74,8 @@ class Recorder:
                     slot=self._slot + row,
                     deputies=self._environment.simulation.world.platforms,
                     mean_motion=self._environment.simulation.world.offers.world.get("mean_motion", 0.0),
+                    in_body_axes=self._environment.simulation.turns_thrust,
+                    camera=self._environment.simulation.world.offers.world.get("camera"),
                 )
             )
         return made

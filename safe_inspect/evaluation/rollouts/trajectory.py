@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
+from safe_inspect.dynamics.quaternion import rotate
 from safe_inspect.types import FloatArray, IntArray
 
 
@@ -19,7 +20,8 @@ class Trajectory:
         time: Time since the reset [s], shape (T + 1,).
         position: Position of each deputy [m], shape (T + 1, D, 3).
         velocity: Velocity of each deputy [m/s], shape (T + 1, D, 3).
-        control: Thrust of each deputy held over each step [N], shape (T, D, 3).
+        control: Control of each deputy held over each step: thrust [N], shape (T, D, 3), or thrust and moment [N m] of
+            vehicles that turn, shape (T, D, 6); see `thrust`.
         delta_v: Velocity change that each deputy has spent [m/s], shape (T + 1, D).
         status: How the episode ended.
         slot: Global index of the environment slot.
@@ -30,6 +32,8 @@ class Trajectory:
         inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
         inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
         mean_motion: Mean motion of the chief's orbit [rad/s], 0 where there is none.
+        in_body_axes: Whether the thrust in `control` stands in body axes; else in Hill's frame.
+        camera: Axis in body axes and half angle [rad] of the cone of a camera that turns with each deputy, if any.
     """
 
     time: FloatArray
@@ -45,6 +49,8 @@ class Trajectory:
     inspected_at: FloatArray = field(default_factory=lambda: np.zeros(0))
     inspector: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     mean_motion: float = 0.0
+    in_body_axes: bool = False
+    camera: tuple[tuple[float, float, float], float] | None = None
 
     def __getattr__(self, name: str) -> FloatArray:
         arrays: Mapping[str, FloatArray] = self.__dict__.get("arrays", {})
@@ -52,6 +58,19 @@ class Trajectory:
             known = f"; its components record {', '.join(arrays)}" if arrays else ""
             raise AttributeError(f"the recorded episode has no {name!r}{known}")
         return arrays[name]
+
+    @property
+    def thrust(self) -> FloatArray:
+        """Thrust of each deputy along Hill's axes at the beginning of each step [N], shape (T, D, 3)."""
+        thrust = self.control[..., :3]
+        return rotate(self.orientation[:-1], thrust) if self.in_body_axes else thrust
+
+    @property
+    def boresight(self) -> FloatArray | None:
+        """Unit vector of each deputy's camera, Hill frame, shape (T + 1, D, 3); None without one that turns."""
+        if self.camera is None:
+            return None
+        return rotate(self.orientation, np.broadcast_to(np.array(self.camera[0]), self.position.shape))
 
     @property
     def range(self) -> FloatArray:

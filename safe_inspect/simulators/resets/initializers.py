@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators.resets.parameters import Parameter
 from safe_inspect.types import FloatArray
 
 
@@ -19,11 +20,13 @@ class Initializer(Plugin):
     Class attributes:
         parameters: SI unit by the name of each parameter that it takes; None for a mapping of states.
         gives: Number of elements by the name of each state that it returns, where the class knows them.
+        defaults: Parameters that are drawn where the configuration gives none of their name.
     """
 
     kind: ClassVar[str] = "initializer"
     parameters: ClassVar[Mapping[str, str | None]] = {}
     gives: ClassVar[Mapping[str, int]] = {}
+    defaults: ClassVar[Mapping[str, Parameter]] = {}
 
     @abstractmethod
     def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:

@@ -15,7 +15,9 @@ from safe_inspect.simulators.resets.parameters import Draw, Parameter, SimAttrib
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: States that are a deputy's own; all others that a parameter gives, such as the sun's angle, are the environment's.
-OWN_STATES = ("position", "velocity")
+OWN_STATES = ("position", "velocity", "orientation", "angular_velocity")
+#: Draws of a further deputy that may start too near to those before it.
+_MAX_DRAWS = 100
 
 #: From the states of one deputy (R, ...), the index of the deputy and those of the deputies before it (R, d, 3) to the
 #: rows that it refuses, by the reason.
@@ -31,7 +33,13 @@ class BodyReset:
 
     def __call__(self, draw: Draw) -> dict[str, FloatArray]:
         """Return the body's states, each with R rows."""
-        return self.initializer({name: drawn(draw.child(name)) for name, drawn in self.parameters.items()})
+        taken = {**self.initializer.defaults, **self.parameters}
+        return self.initializer({name: drawn(draw.child(name)) for name, drawn in taken.items()})
+
+    @property
+    def draws(self) -> bool:
+        """Whether it draws anything itself, and does not take over reset parameters alone."""
+        return any(not isinstance(item, SimAttributeAccessor) for item in self.parameters.values())
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -91,7 +99,7 @@ class ResetPlan:
         placed: dict[str, FloatArray] = {}
         for index, (name, body) in enumerate(self.deputies.items()):
             own = values if index == 0 else self._redrawn(streams, values, body, index, placed)
-            bodies[name] = body(Draw(streams, name, values=own))
+            bodies[name] = self._apart(body, Draw(streams, name, values=own), placed)
             self._check_apart(bodies[name], index, placed)
             placed = _joined(placed, bodies[name])
         bodies |= {name: body(Draw(streams, name, values=values)) for name, body in self.entities.items()}
@@ -121,6 +129,24 @@ class ResetPlan:
                 if "/" in key:
                     base[key] = base[key] + drawn[key] if key in base else drawn[key]
         return own
+
+    def _apart(self, body: BodyReset, draw: Draw, placed: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return a body's states, drawn anew where it starts too near to those before it and draws of its own."""
+        states = body(draw)
+        if not placed or self.separation == 0.0:
+            return states
+        for attempt in range(1, _MAX_DRAWS if body.draws else 1):
+            rows = np.flatnonzero(_too_near(states["position"], placed["position"], self.separation))
+            if not len(rows):
+                break
+            values = {
+                name: {key: array[rows] for key, array in value.items()} if isinstance(value, dict) else value[rows]
+                for name, value in draw.values.items()
+            }
+            again = body(replace(draw, streams=draw.streams[rows], index=attempt, values=values))
+            for name, array in again.items():
+                states[name][rows] = array
+        return states
 
     def _tested(self, draw: Draw, index: int, placed: Mapping[str, FloatArray]) -> Draw:
         if not self.tests and (self.separation == 0.0 or not placed):
@@ -160,4 +186,5 @@ def _joined(placed: Mapping[str, FloatArray], states: Mapping[str, FloatArray]) 
     return {
         name: np.concatenate((placed[name], states[name][:, None]), axis=1) if placed else states[name][:, None]
         for name in OWN_STATES
+        if name in states
     }

@@ -15,13 +15,15 @@ from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import Credit
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfView
+from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.camera import Camera, inspect_by_camera
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points_model import PointsModel
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsOf
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray
-from safe_inspect.units import Angle, PositiveLength
+from safe_inspect.units import Angle, ConeOfView, PositiveLength
 
 #: The reset parameters that give the priority vector.
 _AZIMUTH, _ELEVATION = "priority_vector_azimuth_angle", "priority_vector_elevation_angle"
@@ -57,6 +59,9 @@ class InspectionPoints(Component):
         inspection_points_map: Points by the body that carries them.
         illumination_params: The sun's light; None: every point is lit at all times.
         field_of_view: Full angle of the camera's cone about the line to the body's centre [rad].
+        sensor_fov: Full angle of the cone of a camera that turns with the deputy [rad]; 2 pi sees to all sides. None:
+            the camera points to the body's centre, see `field_of_view`.
+        initial_sensor_unit_vec: Axis of that camera in body axes; any length.
         report_score: Whether infos and tables have the summed weight of the inspected points too.
     """
 
@@ -65,12 +70,16 @@ class InspectionPoints(Component):
     inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
     illumination_params: IlluminationParams | None = IlluminationParams()
     field_of_view: Angle = math.pi
+    sensor_fov: ConeOfView | None = None
+    initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
     report_score: bool = False
 
     @field_validator("field_of_view")
     @classmethod
     def _full_angle(cls, value: float) -> float:
         return check_field_of_view(value)
+
+    _has_length = field_validator("initial_sensor_unit_vec")(require_length)
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -90,7 +99,12 @@ class InspectionPoints(Component):
             )
             for name, points in self.inspection_points_map.items()
         }
-        return _RunningPoints(models, world.num_deputies, self.field_of_view, self.report_score)
+        camera = None
+        if self.sensor_fov is not None:
+            size = math.hypot(*self.initial_sensor_unit_vec)
+            x, y, z = (component / size for component in self.initial_sensor_unit_vec)
+            camera = Camera((x, y, z), 0.5 * self.sensor_fov)
+        return _RunningPoints(models, world.num_deputies, camera or self.field_of_view, self.report_score)
 
 
 def check_field_of_view(angle: float) -> float:
@@ -114,10 +128,11 @@ class _RunningPoints(RunningComponent):
     }
 
     def __init__(
-        self, models: Mapping[str, PointsModel], num_deputies: int, field_of_view: float, report_score: bool
+        self, models: Mapping[str, PointsModel], num_deputies: int, view: float | Camera, report_score: bool
     ) -> None:
         self._models, self._num_deputies, self._report_score = models, num_deputies, report_score
-        self._cos_half_fov = -1.0 if field_of_view >= math.pi else math.cos(field_of_view / 2.0)
+        self._camera = view if isinstance(view, Camera) else None
+        self._cos_half_fov = -1.0 if isinstance(view, Camera) or view >= math.pi else math.cos(view / 2.0)
         self._active = np.ones((0, num_deputies), dtype=np.bool_)
         self.arrays = {name: spec for model in models.values() for name, spec in model.arrays(num_deputies).items()}
         self.arrays[PRIORITY] = ArraySpec((3,))
@@ -130,7 +145,7 @@ class _RunningPoints(RunningComponent):
         self._look(state)
 
     def of_world(self) -> Mapping[str, Any]:
-        return {"points": self._models}
+        return {"points": self._models, "camera": self._camera}
 
     def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
         return {"points": PointsOf, PRIORITY: OfView(PRIORITY)}
@@ -180,10 +195,14 @@ class _RunningPoints(RunningComponent):
         scores = Scores(points.weights, points.team_score, points.own_score)
         active = self._active[: state.num_envs]
         sun = state["sun_direction"]
-        found = state.bound["inspect", model.entity] = (
-            inspect_body.dispatcher,
-            (state.position, model.body, sun, model.surface, self._cos_half_fov, active, credit, scores),
-        )
+        seen = sun, model.surface
+        call: Any
+        fixed: tuple[Any, ...]
+        if self._camera is None:
+            call, fixed = inspect_body, (state.position, model.body, *seen, self._cos_half_fov)
+        else:
+            call, fixed = inspect_by_camera, (state.position, state["orientation"], model.body, self._camera, *seen)
+        found = state.bound["inspect", model.entity] = call.dispatcher, (*fixed, active, credit, scores)
         return found
 
     def _weigh(self, state: State, values: Mapping[str, Any]) -> None:

@@ -8,27 +8,34 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
+from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule, check_interval
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points import InspectionPoints, SpherePoints, check_field_of_view
 from safe_inspect.tasks.inspection.sun import Sun
-from safe_inspect.units import Angle, PositiveAngularRate
+from safe_inspect.units import Angle, ConeOfView, PositiveAngularRate
 
 
 class InspectionSimulator(Simulator):
     """One chief, its points, the sun, and deputies that look at the chief.
 
-    It composes `ClohessyWiltshire`, `Sun`, `InspectionPoints` and `FuelPriceSchedule`.
+    It composes `ClohessyWiltshire`, `Sun`, `InspectionPoints` and `FuelPriceSchedule`. With platforms that turn
+    (``platform: six-dof``) the dynamics are `ClohessyWiltshireAttitude`, and the camera turns with the deputy.
 
     Attributes:
         inspection_points_map: Points by the body that carries them.
         illumination_params: The sun's light; None: every point is lit at all times.
         mean_motion: Mean motion of the chief's circular orbit [rad/s].
+        dynamics: How deputies move; given for other values than the defaults. Its mean motion is the chief's.
         field_of_view: Full angle of the camera's cone about the line to the chief's centre [rad].
+        sensor_fov: Full angle of the cone of a camera that turns with the deputy [rad], 2 pi unless given; it goes with
+            platforms that turn.
+        initial_sensor_unit_vec: Axis of that camera in body axes.
         steps_until_update: Steps of a slot between two updates of its delta-v scale.
         delta_v_scale_bounds: Smallest and largest scale of the delta-v reward [1/(m/s)]; it starts at the largest.
         delta_v_scale_step: Change of the scale at an update.
@@ -41,7 +48,10 @@ class InspectionSimulator(Simulator):
     inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
     illumination_params: IlluminationParams | None = IlluminationParams()
     mean_motion: PositiveAngularRate = 0.001027
+    dynamics: functor_field("dynamics") | None = None  # type: ignore[valid-type]
     field_of_view: Angle = math.pi
+    sensor_fov: ConeOfView | None = None
+    initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
     steps_until_update: int = Field(default=1500, ge=1)
     delta_v_scale_bounds: tuple[float, float] = (-0.1, -0.001)
     delta_v_scale_step: float = -0.00005
@@ -55,15 +65,29 @@ class InspectionSimulator(Simulator):
         check_field_of_view(self.field_of_view)
         return self
 
+    def with_attitude(self) -> Simulator:
+        """Return the simulator for platforms that turn, with a camera that turns with them.
+
+        Raises:
+            ValueError: The given dynamics have no attitude.
+        """
+        dynamics = self.dynamics or ClohessyWiltshireAttitude(mean_motion=self.mean_motion)
+        if "orientation" not in dynamics.arrays:
+            raise ValueError(f"the platforms turn, and {dynamics.registered_name} has no attitude; remove `dynamics`")
+        view = 2.0 * math.pi if self.sensor_fov is None else self.sensor_fov
+        return self.model_copy(update={"dynamics": dynamics, "sensor_fov": view})
+
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
         """Return the dynamics, the sun, the points and the price of fuel."""
-        light = self.illumination_params
-        return ClohessyWiltshire(mean_motion=self.mean_motion), (
+        light, dynamics = self.illumination_params, self.dynamics or ClohessyWiltshire(mean_motion=self.mean_motion)
+        return dynamics, (
             Sun(rate=self.mean_motion if light is None else light.mean_motion),
             InspectionPoints(
                 inspection_points_map=self.inspection_points_map,
                 illumination_params=light,
                 field_of_view=self.field_of_view,
+                sensor_fov=self.sensor_fov,
+                initial_sensor_unit_vec=self.initial_sensor_unit_vec,
                 report_score=self.delta_v_updater_criteria == "score",
             ),
             FuelPriceSchedule(

@@ -9,6 +9,7 @@ from pydantic import field_validator
 
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators.resets.attitudes import GivenAttitude, drawn_attitude, repeated_unit, require_length
 from safe_inspect.simulators.resets.parameters import Draw, Parameter, ScalarParameter, UniformParameter
 from safe_inspect.types import FloatArray
 
@@ -16,22 +17,18 @@ from safe_inspect.types import FloatArray
 class TumbleParameter(Parameter):
     """Attitude and tumble of a target at a reset.
 
-    With u1, u2, u3 uniform in [0, 1), ``q = [a sin(2 pi u2), a cos(2 pi u2), b sin(2 pi u3), b cos(2 pi u3)]``,
-    ``a = sqrt(1 - u1)``, ``b = sqrt(u1)`` is uniform over all attitudes (Shoemake, "Uniform random rotations",
-    Graphics Gems III, 1992).
-
     Returns:
         ``orientation`` q_WT (R, 4) and ``angular_velocity`` in T [rad/s] (R, 3).
 
     Attributes:
         rate: Distribution of the magnitude of the angular velocity, in rad/s unless it has `units`.
         direction: Direction of the angular velocity in the principal axes; None: uniform over the sphere.
-        orientation: Attitude q_WT [x, y, z, w], normalised; None: uniform over all attitudes.
+        orientation: Attitude q_WT [x, y, z, w], normalised; None: uniform over all attitudes, see `drawn_attitude`.
     """
 
     rate: functor_field("parameter") = UniformParameter(units="deg/s", low=1.0, high=5.0)  # type: ignore[valid-type]
     direction: tuple[float, float, float] | None = None
-    orientation: tuple[float, float, float, float] | None = None
+    orientation: GivenAttitude = None
 
     @field_validator("rate")
     @classmethod
@@ -40,12 +37,7 @@ class TumbleParameter(Parameter):
             raise ValueError("`rate` is a number in rad/s or deg/s; use a distribution such as UniformParameter")
         return value
 
-    @field_validator("direction", "orientation")
-    @classmethod
-    def _has_length(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        if value is not None and not any(value):
-            raise ValueError("all components are 0, which is no direction and no attitude; give another, or null")
-        return value
+    _has_length = field_validator("direction", "orientation")(require_length)
 
     def __call__(self, draw: Draw) -> dict[str, FloatArray]:
         """Return the drawn attitude and angular velocity."""
@@ -53,26 +45,14 @@ class TumbleParameter(Parameter):
         rate = self.rate(draw.child("rate"))
         assert isinstance(rate, np.ndarray), "such a parameter gives one number for each row"
         return {
-            "orientation": self._orientation(draw.child("orientation")),
+            "orientation": drawn_attitude(draw.child("orientation"), self.orientation),
             "angular_velocity": rate[:, None] * self._direction(draw.child("direction")),
         }
 
-    def _orientation(self, draw: Draw) -> FloatArray:
-        if self.orientation is not None:
-            return _repeated(self.orientation, len(draw.streams))
-        u1, u2, u3 = draw.streams.uniform(draw.purpose, 3, draw.index).T
-        a, b = np.sqrt(1.0 - u1), np.sqrt(u1)
-        s, t = 2.0 * math.pi * u2, 2.0 * math.pi * u3
-        return np.stack((a * np.sin(s), a * np.cos(s), b * np.sin(t), b * np.cos(t)), axis=-1)
-
     def _direction(self, draw: Draw) -> FloatArray:
         if self.direction is not None:
-            return _repeated(self.direction, len(draw.streams))
+            return repeated_unit(self.direction, len(draw.streams))
         height, turn = draw.streams.uniform(draw.purpose, 2, draw.index).T
         z, angle = 2.0 * height - 1.0, 2.0 * math.pi * turn
         across = np.sqrt(np.maximum(1.0 - z * z, 0.0))
         return np.stack((across * np.cos(angle), across * np.sin(angle), z), axis=-1)
-
-
-def _repeated(vector: tuple[float, ...], rows: int) -> FloatArray:
-    return np.tile(np.array(vector) / math.hypot(*vector), (rows, 1))

@@ -1,0 +1,1 @@
+"""Vehicles that turn: position and attitude together."""

@@ -1,0 +1,211 @@
+"""Position and attitude of one spacecraft under forces and moments that are held, compiled.
+
+    p'' = CWH(p, p') + R(q) F / m,        q' = q [w, 0] / 2 - n [0, 0, 1, 0] q / 2,        J w' = M - w x J w
+
+with q the attitude from body to Hill's frame and w the body's angular velocity against inertial space, in body axes.
+The second term of q' is the turn of Hill's frame at the rate n. Each component of w' is limited, and each of w stays
+within a limit: where it would go beyond, its derivative is 0.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.rigid_body import RotationState, Vector, rotation_rates
+from safe_inspect.dynamics.rotation_row import rotated
+from safe_inspect.types import FloatArray
+
+#: Attitude and angular velocity, position and velocity.
+CoupledState = tuple[RotationState, Vector, Vector]
+#: For each axis 1 or -1 where the angular velocity is held at its upper or lower limit, else 0.
+Held = tuple[int, int, int]
+
+#: Relative excess of an angular velocity over its limit that is rounding.
+_ROUNDING = 1e-13
+#: Largest number of tries to end a step where an axis reaches its limit.
+_TRIES = 12
+
+
+class TurningBody(NamedTuple):
+    """What does not change of a body that turns.
+
+    Attributes:
+        mean_motion: Mean motion of the chief's orbit [rad/s].
+        frame_rate: Rate at which Hill's frame turns about its z axis in the equation of the attitude [rad/s].
+        inertia: Principal moments of inertia [kg m^2].
+        rate_limit: Largest size of each component of the angular velocity [rad/s].
+        acceleration_limit: Largest size of each component of its derivative [rad/s^2].
+        in_body_axes: Whether the force stands in body axes; else in Hill's frame.
+        step_size: Length of a step [s].
+        substeps: Steps of the integration in it, where no axis reaches its limit.
+    """
+
+    mean_motion: float
+    frame_rate: float
+    inertia: Vector
+    rate_limit: float
+    acceleration_limit: float
+    in_body_axes: bool
+    step_size: float
+    substeps: int
+
+
+@njit(error_model="numpy")
+def _within(rate: float, limit: float, held: int) -> float:
+    """Return the derivative of an angular velocity within its limit, and not outwards where that is held."""
+    rate = min(max(rate, -limit), limit)
+    if (held > 0 and rate > 0.0) or (held < 0 and rate < 0.0):
+        return 0.0
+    return rate
+
+
+@njit(error_model="numpy")
+def turning_rates(body: TurningBody, x: RotationState, moment: Vector, held: Held) -> RotationState:
+    """Return the time derivatives of the attitude [1/s] and the angular velocity [rad/s^2].
+
+    Args:
+        body: The body.
+        x: Attitude from body to Hill's frame, and angular velocity in body axes.
+        moment: Moment in body axes [N m].
+        held: Axes whose angular velocity is at a limit.
+    """
+    rates = rotation_rates(body.inertia, x, moment)
+    half, limit = 0.5 * body.frame_rate, body.acceleration_limit
+    return (
+        rates[0] + half * x[1],
+        rates[1] - half * x[0],
+        rates[2] - half * x[3],
+        rates[3] + half * x[2],
+        _within(rates[4], limit, held[0]),
+        _within(rates[5], limit, held[1]),
+        _within(rates[6], limit, held[2]),
+    )
+
+
+@njit(error_model="numpy")
+def _acceleration(body: TurningBody, x: CoupledState, force: Vector) -> Vector:
+    """Return the acceleration in Hill's frame under a force for each kilogram [m/s^2]."""
+    q, p, v = x
+    fx, fy, fz = force
+    if body.in_body_axes:
+        fx, fy, fz = rotated((q[0], q[1], q[2], q[3]), fx, fy, fz)
+    n = body.mean_motion
+    return 3.0 * n * n * p[0] + 2.0 * n * v[1] + fx, -2.0 * n * v[0] + fy, -n * n * p[2] + fz
+
+
+@njit(error_model="numpy")
+def _sum3(x: Vector, rate: Vector, dt: float) -> Vector:
+    return x[0] + dt * rate[0], x[1] + dt * rate[1], x[2] + dt * rate[2]
+
+
+@njit(error_model="numpy")
+def _sum7(x: RotationState, rate: RotationState, dt: float) -> RotationState:
+    return (
+        x[0] + dt * rate[0],
+        x[1] + dt * rate[1],
+        x[2] + dt * rate[2],
+        x[3] + dt * rate[3],
+        x[4] + dt * rate[4],
+        x[5] + dt * rate[5],
+        x[6] + dt * rate[6],
+    )
+
+
+@njit(error_model="numpy")
+def _stage(body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held) -> CoupledState:
+    """Return the time derivatives of the whole state."""
+    return turning_rates(body, x[0], moment, held), x[2], _acceleration(body, x, force)
+
+
+@njit(error_model="numpy")
+def _moved(x: CoupledState, rate: CoupledState, dt: float) -> CoupledState:
+    return _sum7(x[0], rate[0], dt), _sum3(x[1], rate[1], dt), _sum3(x[2], rate[2], dt)
+
+
+@njit(error_model="numpy")
+def _substep(
+    body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held, dt: float
+) -> CoupledState:  # fmt: skip
+    """Return the state after one step of the classical Runge-Kutta method, the attitude not normalised."""
+    k1 = _stage(body, x, force, moment, held)
+    k2 = _stage(body, _moved(x, k1, 0.5 * dt), force, moment, held)
+    k3 = _stage(body, _moved(x, k2, 0.5 * dt), force, moment, held)
+    k4 = _stage(body, _moved(x, k3, dt), force, moment, held)
+    return _moved(_moved(_moved(_moved(x, k1, dt / 6.0), k2, dt / 3.0), k3, dt / 3.0), k4, dt / 6.0)
+
+
+@njit(error_model="numpy")
+def _side(rate: float, limit: float) -> int:
+    """Return at which limit an angular velocity is: 1, -1, or 0 for neither."""
+    return 1 if rate >= limit else -1 if rate <= -limit else 0
+
+
+@njit(error_model="numpy")
+def _share(before: float, after: float, limit: float, held: int) -> float:
+    """Return the share of a step after which an angular velocity reaches its limit, if it goes on as it has; else 1."""
+    if held != 0 or abs(after) <= limit * (1.0 + _ROUNDING):
+        return 1.0
+    return (math.copysign(limit, after) - before) / (after - before)
+
+
+@njit(error_model="numpy")
+def _tidied(x: CoupledState, limit: float) -> CoupledState:
+    """Return the state with a unit quaternion, and angular velocities within their limit."""
+    q = x[0]
+    scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    near = limit * (1.0 - _ROUNDING)
+    wx = math.copysign(limit, q[4]) if abs(q[4]) >= near else q[4]
+    wy = math.copysign(limit, q[5]) if abs(q[5]) >= near else q[5]
+    wz = math.copysign(limit, q[6]) if abs(q[6]) >= near else q[6]
+    return (scale * q[0], scale * q[1], scale * q[2], scale * q[3], wx, wy, wz), x[1], x[2]
+
+
+@njit(error_model="numpy")
+def coupled_step(body: TurningBody, x: CoupledState, force: Vector, moment: Vector) -> CoupledState:
+    """Return the state after a step in which force and moment are held.
+
+    Steps of the classical Runge-Kutta method that end where an axis reaches its limit: the time at which it does is
+    found by linear interpolation, which is exact where the moment alone accelerates the axis, and repeated elsewhere.
+
+    Args:
+        body: The body.
+        x: The state.
+        force: Force for each kilogram [m/s^2].
+        moment: Moment in body axes [N m].
+    """
+    x = _tidied(x, body.rate_limit)
+    limit, whole = body.rate_limit, body.step_size / body.substeps
+    left, wanted, tries = body.step_size, whole, 0
+    while left > 1e-12 * body.step_size:
+        q = x[0]
+        held = (_side(q[4], limit), _side(q[5], limit), _side(q[6], limit))
+        dt = min(wanted, left)
+        y = _substep(body, x, force, moment, held, dt)
+        share = min(
+            _share(q[4], y[0][4], limit, held[0]),
+            _share(q[5], y[0][5], limit, held[1]),
+            _share(q[6], y[0][6], limit, held[2]),
+        )
+        if share < 1.0 and tries < _TRIES:
+            wanted, tries = dt * share, tries + 1
+        else:
+            x, left, wanted, tries = _tidied(y, limit), left - dt, whole, 0
+    return x
+
+
+@njit(error_model="numpy")
+def rests(body: TurningBody, x: RotationState, moment: Vector) -> bool:
+    """Return whether the attitude and the angular velocity stay what they are."""
+    rates = turning_rates(body, x, moment, (0, 0, 0))
+    moves = 0.0
+    for rate in rates:
+        moves = max(moves, abs(rate))
+    return moves == 0.0
+
+
+@njit(error_model="numpy")
+def vector_of(array: FloatArray, start: int) -> Vector:
+    """Return three numbers of an array."""
+    return array[start], array[start + 1], array[start + 2]

@@ -1,0 +1,100 @@
+"""`SixDofInspector`: flies an inspection and keeps the camera on the chief."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from safe_inspect.dynamics.quaternion import exp, multiply, rotate_back
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.plugin import EntityName, Plugin
+from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, shortened
+from safe_inspect.policies.inspector import NaturalMotionInspector
+from safe_inspect.policies.rows import cross_rows, dot_rows, size_of_rows
+from safe_inspect.simulators.resets.attitudes import require_length
+from safe_inspect.simulators.state import ArraySpec
+from safe_inspect.simulators.view import View
+from safe_inspect.simulators.world import World
+from safe_inspect.types import FloatArray
+
+
+class SixDofInspector(ScriptedPolicy):
+    """Turn the camera to a body while another policy flies; for vehicles that turn.
+
+    With the rotation vector phi that takes the camera's axis to the line of sight by the least angle, the error e of
+    the angular velocity against that of the line of sight, and the step T, the next angular velocity is
+
+        w' = w + phi / T - 3/2 e,        |w'| <= share * rate limit
+
+    in body axes, and the moment J (w' - w) / T. Held moments of this size take both errors to zero in two steps where
+    no limit is reached (the deadbeat controller of a double integrator); a long turn goes at the rate limit before. The
+    thrust of the other policy is turned into body axes at the attitude that is expected in the middle of the step.
+
+    Attributes:
+        translation: What flies: a policy that gives thrust along Hill's axes.
+        entity_name: The body that the camera is to face.
+        initial_sensor_unit_vec: Axis of the camera in body axes; any length.
+        rate_share: Largest size of the wanted angular velocity as a share of the rate limit [-].
+    """
+
+    commands_attitude: ClassVar[bool] = True
+
+    translation: functor_field("policy") = NaturalMotionInspector(field_of_view="60 deg", near=20.0)  # type: ignore[valid-type]
+    entity_name: EntityName = "chief"
+    initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    rate_share: float = Field(default=0.98, gt=0, le=1)
+
+    _has_length = field_validator("initial_sensor_unit_vec")(require_length)
+
+    @field_validator("translation")
+    @classmethod
+    def _gives_thrust(cls, value: Plugin) -> Plugin:
+        if isinstance(value, ScriptedPolicy) and value.commands_attitude:
+            raise ValueError(f"{value.registered_name} commands the attitude itself; name one that gives thrust alone")
+        return value
+
+    def memory(self, world: World) -> Mapping[str, ArraySpec]:
+        """Declare what the other policy remembers."""
+        translation: Any = self.translation
+        remembered: Mapping[str, ArraySpec] = translation.memory(world)
+        return remembered
+
+    def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
+        """Return the control along body axes [N, N m], shape (R, 6)."""
+        translation: Any = self.translation
+        thrust_limits = ThrustLimits(limits.low[:3], limits.high[:3])
+        thrust = translation(view, thrust_limits)
+        vehicle, step = view.world.turning_body, view.world.step_size
+        q, w = view.per_agent(view.state["orientation"]), view.per_agent(view.state["angular_velocity"])
+        frame = rotate_back(q, np.tile([0.0, 0.0, vehicle.frame_rate], (view.num_rows, 1)))
+        way = view.entity_position(self.entity_name) - view.position
+        sight = rotate_back(q, _turn_of(way, view.entity_velocity(self.entity_name) - view.velocity)) + frame
+        phi = self._rotation(rotate_back(q, way))
+        wanted = w + phi / step - 1.5 * (w - sight)
+        if vehicle.rate_limit is not None:
+            size = size_of_rows(wanted)
+            wanted *= np.minimum(1.0, self.rate_share * vehicle.rate_limit / np.maximum(size, 1e-12))[:, None]
+        change = (wanted - w) / step
+        moment = shortened(change * np.array(vehicle.inertia), ThrustLimits(limits.low[3:], limits.high[3:]))
+        middle = multiply(q, exp(0.5 * step * (w - frame + 0.25 * step * moment / np.array(vehicle.inertia))))
+        along = rotate_back(middle, thrust) if vehicle.turns_thrust else thrust
+        return np.concatenate((shortened(along, thrust_limits), moment), axis=1)
+
+    def _rotation(self, way: FloatArray) -> FloatArray:
+        """Return the rotation vectors that take the camera's axis to a direction, body axes [rad], shape (R, 3)."""
+        axis = np.array(self.initial_sensor_unit_vec) / np.linalg.norm(self.initial_sensor_unit_vec)
+        least = np.eye(3)[np.abs(axis).argmin()]
+        across = np.cross(axis, least) / np.linalg.norm(np.cross(axis, least))
+        normal = cross_rows(np.broadcast_to(axis, way.shape), way)
+        size, along = size_of_rows(normal), dot_rows(np.broadcast_to(axis, way.shape), way)
+        straight = size < 1e-12  # either faced, or right behind: then about any axis across
+        unit = np.where(straight[:, None], across, normal / np.where(straight, 1.0, size)[:, None])
+        return np.asarray(np.arctan2(size, along)[:, None] * unit)
+
+
+def _turn_of(way: FloatArray, rate: FloatArray) -> FloatArray:
+    """Return the angular velocity of a line of sight, Hill frame [rad/s], shape (R, 3)."""
+    return np.asarray(cross_rows(way, rate) / np.maximum(dot_rows(way, way), 1e-12)[:, None])

@@ -1,0 +1,96 @@
+"""The reward for a camera that faces a body."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.rotation_row import rotated
+from safe_inspect.plugins.plugin import EntityName
+from safe_inspect.rewards.base import Reward
+from safe_inspect.simulators.resets.attitudes import require_length
+from safe_inspect.simulators.row_terms.inputs import BodyArray, OwnArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.types import FloatArray
+
+
+@njit
+def facing(axis: FloatArray, orientation: FloatArray, position: FloatArray, target: FloatArray) -> float:
+    """Return the cosine of the angle between a camera's axis and the way to a body; 0 where there is no way.
+
+    Args:
+        axis: Unit vector of the axis in body axes, shape (3,).
+        orientation: Attitude from body to Hill's frame, shape (4,).
+        position: Own position [m], shape (3,).
+        target: Position of the body [m], shape (3,).
+    """
+    x, y, z = target[0] - position[0], target[1] - position[1], target[2] - position[2]
+    size = math.sqrt(x * x + y * y + z * z)
+    if size == 0.0:
+        return 0.0
+    look = rotated(orientation, axis[0], axis[1], axis[2])
+    cosine: float = (look[0] * x + look[1] * y + look[2] * z) / size
+    return cosine
+
+
+@njit
+def _decay(
+    rule: FloatArray, axis: FloatArray, orientation: FloatArray, position: FloatArray, target: FloatArray
+) -> float:
+    away = facing(axis, orientation, position, target) - rule[1]
+    return rule[0] * math.exp(-away * away / rule[2]) if abs(away) <= rule[3] else 0.0
+
+
+class GaussianDecayFromTargetValue(Reward):
+    """Pay ``scale exp(-(f - target)^2 / eps)`` for the cosine f of the camera's axis and the way to a body; shape (R,).
+
+    Nothing is paid where f is farther from the target than `max_diff`. With the defaults the camera is to face the
+    body, and looking away from it earns nothing.
+
+    Attributes:
+        entity_name: The body.
+        initial_sensor_unit_vec: Axis of the camera in body axes; any length.
+        reward_scale: Largest reward of a step [-].
+        target_value: The cosine that earns most [-].
+        eps: Width of the bell [-].
+        max_diff: Largest difference from the target that is paid [-].
+        observation: The peer's key: it names the observation whose value is rewarded, which must be that cosine.
+        index: The peer's key: the element of that observation; it has one.
+    """
+
+    entity_name: EntityName = "chief"
+    initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    reward_scale: float = 0.0005
+    target_value: float = 1.0
+    eps: float = Field(default=0.15, gt=0)
+    max_diff: float = Field(default=1.0, ge=0)
+    observation: dict[str, Any] | None = None
+    index: int = Field(default=0, ge=0, le=0)
+
+    _has_length = field_validator("initial_sensor_unit_vec")(require_length)
+
+    @field_validator("observation")
+    @classmethod
+    def _is_facing(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
+        names = str(value)
+        if value is not None and not all(part in names for part in ("OrientationUnitVector", "DotProduct", "Position")):
+            raise ValueError(
+                "the reward is for the inner product of the camera's axis and the relative position, no other "
+                "observation; remove the key, and name the body by `entity_name`"
+            )
+        return value
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the reward of the cosine."""
+        rule = np.array([self.reward_scale, self.target_value, self.eps, self.max_diff])
+        axis = np.array(self.initial_sensor_unit_vec) / math.hypot(*self.initial_sensor_unit_vec)
+        return RowTerm(
+            _decay,
+            (rule, axis, OwnArray("orientation"), OwnArray("position"), BodyArray("position", self.entity_name)),
+        )

@@ -1,0 +1,94 @@
+"""Rewards for staying in the episode, and prices of how it ends."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from safe_inspect.compiling import Kernel, generate, njit
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.plugin import DoneName
+from safe_inspect.rewards.base import Reward
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group, Step
+from safe_inspect.simulators.world import World
+from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveDuration
+
+
+@njit
+def _alive(reward: float, last: float, time: float) -> float:
+    return reward if time <= last else 0.0
+
+
+class LiveTimestepReward(Reward):
+    """Pay `step_reward` in every step that ends at `max_time_rewarded` or before; shape (R,).
+
+    Attributes:
+        step_reward: Reward of a step [-].
+        max_time_rewarded: Time since the reset up to which steps are paid [s].
+    """
+
+    step_reward: float = 0.001
+    max_time_rewarded: PositiveDuration = 3000.0
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the reward of the step."""
+        return RowTerm(_alive, (self.step_reward, self.max_time_rewarded, EnvironmentArray("time")))
+
+
+@functools.cache
+def _paid(done: Kernel[..., bool], count: int) -> Kernel[..., float]:
+    """Return the row kernel that pays where a done function's gives true."""
+    inputs = ", ".join(f"a{index}" for index in range(count))
+    return generate(
+        "paid", f"def paid(scale, {inputs}):\n    return scale if done({inputs}) else 0.0\n", {"done": done}
+    )
+
+
+class WinLoseDoneReward(Reward):
+    """Pay `scale` in a step in which a done function ends the episode; shape (R,).
+
+    Attributes:
+        scale: Reward of that end [-].
+        done_name: Name of one of the agent's done functions, which then stands for `done`.
+        done_status: What the end is to mean; that of the done function unless given.
+        done: The done function.
+    """
+
+    scale: float = -1.0
+    done_name: DoneName | None = None
+    done_status: Literal["win", "lose", "draw"] | None = None
+    done: functor_field("done") = "MaxDistanceDoneFunction"  # type: ignore[valid-type]
+
+    def with_dones(self, dones: Mapping[str, Any]) -> WinLoseDoneReward:
+        """Return the reward with the done function that `done_name` names.
+
+        Args:
+            dones: The agent's done functions by name.
+
+        Raises:
+            ValueError: The done function ends episodes with another status.
+        """
+        done: Any = self.done if self.done_name is None else dones[self.done_name]
+        if self.done_status is not None and done.status.name.lower() != self.done_status:
+            raise ValueError(
+                f"{done.registered_name} ends episodes with `{done.status.name.lower()}`, never with "
+                f"`{self.done_status}`; change `done_status`"
+            )
+        return self.model_copy(update={"done": done})
+
+    def row(self, world: World, group: Group) -> RowTerm | None:
+        """Return scale where the done function fires, else 0."""
+        done: Any = self.done
+        term = done.row(world, group)
+        return None if term is None else RowTerm(_paid(term.kernel, len(term.inputs)), (self.scale, *term.inputs))
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return scale where the done function fires, else 0, shape (R,)."""
+        done: Any = self.done
+        return np.where(done(step), self.scale, 0.0)
