@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, to_matrix
+from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, rotate, to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.rendezvous.characterise.history import History
 from safe_inspect.rendezvous.characterise.ratios import inertia_of
@@ -27,6 +27,10 @@ _LEAST_DRIFT = 1e-8
 class Motion(NamedTuple):
     """A tumble at one time.
 
+    Its tangent is ``(a, r, logits)``: attitude ``q Exp(a)`` and angular velocity ``Exp(-a) w + r``. The measured
+    rotations tell w in inertial axes far better than the principal axes, so r is small where a is not; with ``w + r``
+    the likely motions would lie on a curve, and their covariance would be too small across it.
+
     Attributes:
         time: The time [s].
         orientation: q_WT, shape (4,).
@@ -41,11 +45,9 @@ class Motion(NamedTuple):
 
     def moved(self, steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return inertia (n, 3), attitudes (n, 4) and angular velocities (n, 3) after steps of the tangent, (n, 8)."""
-        return (
-            inertia_of(self.logits + steps[:, 6:8]),
-            multiply(self.orientation, exp(steps[:, :3])),
-            self.angular_velocity + steps[:, 3:6],
-        )
+        turn = exp(steps[:, :3])
+        rate = rotate(conjugate(turn), np.broadcast_to(self.angular_velocity, (len(steps), 3))) + steps[:, 3:6]
+        return inertia_of(self.logits + steps[:, 6:8]), multiply(self.orientation, turn), rate
 
     def at(self, time: float) -> Motion:
         """Return the tumble at another time [s]."""
@@ -59,7 +61,8 @@ class Motion(NamedTuple):
         moved = self.moved(steps)
         q, w = (value[:, 0] for value in tumble(*moved, np.array([time - self.time])))
         turn = log(multiply(conjugate(q[8:]), q[:8]))
-        return np.concatenate((turn.T, (w[:8] - w[8:]).T, np.diag(2.0 * size)[6:])) / (2.0 * size)
+        rate = w[:8] - rotate(conjugate(exp(turn)), w[8:])
+        return np.concatenate((turn.T, rate.T, np.diag(2.0 * size)[6:])) / (2.0 * size)
 
 
 @dataclass(frozen=True)
@@ -95,8 +98,8 @@ class Fit(NamedTuple):
         motion: At the first frame.
         drift: Error of the gyroscopes' bias [rad/s], shape (3,): the chaser's attitude is ``Exp(theta) q_WB`` with
             ``theta(t) = int R_WB drift dt`` from the first frame on.
-        covariance: Of the motion's tangent, attitude [rad], angular velocity [rad/s], logits, and of the drift, shape
-            (11, 11), for residuals of unit variance.
+        covariance: Of the motion's tangent, see `Motion` [rad, rad/s, -], and of the drift, shape (11, 11), for
+            residuals of unit variance.
         residuals: Of the edges, in standard deviations, shape (E, 3); zero for poses to the model without `q_MT`.
         used: Which edges are used, shape (E,).
     """

@@ -13,6 +13,7 @@ from safe_inspect.rendezvous.characterise.polhode import HALF_TURNS, Polhode, pr
 from safe_inspect.rendezvous.characterise.rates import angular_velocities
 from safe_inspect.rendezvous.characterise.ratios import logits_of, ratios_of
 from safe_inspect.rendezvous.edges import MODEL
+from safe_inspect.rendezvous.poses import skew
 from safe_inspect.types import FloatArray
 
 #: Fewest frames that a motion is fitted to.
@@ -23,8 +24,8 @@ _TRIAL, _WARM = 15, 8
 _DOUBTFUL = 0.3
 #: Axes of a rigid body that no motion has shown [ratios].
 _GENERIC = np.array([0.5, 0.8])
-#: Standard deviation of the logits about a prior that stands for what is not observed.
-_HELD = 0.05
+#: Standard deviation of the logits about a prior that stands for what is not observed, of a known and an unknown body.
+_HELD, _UNKNOWN = 0.05, 2.0
 #: Standard deviation of the logits that only keeps them finite, and the largest that is started from or drawn to.
 _WIDE, _MOST = 20.0, 8.0
 #: Two principal moments count as different where their ratio is so many standard deviations away from 1.
@@ -64,7 +65,7 @@ class CharacteriseOptions:
 
     def fitting(self, evaluations: int, *, held: bool = False, warm: bool = False) -> FitOptions:
         """Return how a motion is fitted, with the ratios held at the prior or not."""
-        sigma = _HELD if held else self.ratios_sigma or _WIDE
+        sigma = (_UNKNOWN if self.ratios is None else _HELD) if held else self.ratios_sigma or _WIDE
         prior = (np.clip(logits_of(_GENERIC if self.ratios is None else self.ratios), -_MOST, _MOST), sigma)
         return FitOptions(
             prior, self.q_MT, telescoping=self.telescoping, memory=self.memory, drift=self.drift,
@@ -200,6 +201,7 @@ def _estimate(
     transition = np.zeros((8, 11))
     transition[:, :8] = fit.motion.transition(time)
     transition[:3, 8:] = -to_matrix(motion.orientation).T @ turned
+    transition[3:6, 8:] = -skew(motion.angular_velocity) @ transition[:3, 8:]
     axes = np.sqrt(scale * np.linalg.eigvalsh(fit.covariance[:3, :3])[-1])
     return TargetEstimate(
         time=time,
