@@ -20,6 +20,8 @@ _STEPS = np.repeat([1e-6, 1e-7, 1e-5, 1e-7], [3, 3, 2, 3])
 _SCALES = np.repeat([1e-2, 1e-3, 0.3, 1e-4], [3, 3, 2, 3])
 #: Number of unknowns of the motion, and of all.
 _MOTION, _ALL = 8, 11
+#: Median of the size of three independent numbers of unit variance.
+MEDIAN_SIZE = 1.538
 #: Least standard deviation of the drift [rad/s].
 _LEAST_DRIFT = 1e-8
 
@@ -221,8 +223,8 @@ def fit_motion(history: History, start: Motion, options: FitOptions) -> Fit:
     if not options.warm:
         parameters = solve(parameters, "soft_l1", options.evaluations)
     size = np.linalg.norm(problem.edges(parameters[None])[0], axis=1)
-    spread = np.median(size[problem.used]) / 1.538 if problem.used.any() else 1.0  # the median of chi with 3 degrees
-    problem.used &= size <= 4.0 * 1.538 * max(spread, 1e-9) + 1e-6
+    spread = np.median(size[problem.used]) / MEDIAN_SIZE if problem.used.any() else 1.0
+    problem.used &= size <= 4.0 * MEDIAN_SIZE * max(spread, 1e-9) + 1e-6
     problem.correlate()
     parameters = solve(parameters, "linear", options.evaluations)
     jacobian = problem.jacobian(parameters)

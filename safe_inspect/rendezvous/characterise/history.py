@@ -104,7 +104,8 @@ class TargetEstimate:
         observable: Whether the motion shows the transverse axes and the ratios; else they are the prior's.
         aligned: Whether poses to the model tell which of the axes' directions are the model's.
         misfit: Root mean square of the residuals in standard deviations; about 1 where noise and motion are as assumed.
-        recent_misfit: The same of the newest edges: large where the motion has changed.
+        recent_misfit: The same of the newest edges, left out or not, by their median: large where the motion has
+            changed.
         singular: Ratios s6 / s5 and s5 / s1 of the quadrics' singular values.
     """
 

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, rotate, to_matrix
-from safe_inspect.rendezvous.characterise.fit import Fit, FitOptions, Motion, edge_residuals, fit_motion, turned_by_bias
+from safe_inspect.rendezvous.characterise.fit import (
+    MEDIAN_SIZE,
+    Fit,
+    FitOptions,
+    Motion,
+    edge_residuals,
+    fit_motion,
+    turned_by_bias,
+)
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.characterise.polhode import HALF_TURNS, Polhode, principal_axes_of_motion
 from safe_inspect.rendezvous.characterise.rates import angular_velocities
@@ -193,7 +201,7 @@ def _estimate(
     used = fit.residuals[fit.used]
     misfit = float(np.sqrt((used**2).mean())) if len(used) else 0.0
     known = np.abs(fit.residuals).sum(axis=1) > 0.0
-    newest = fit.residuals[known][-_RECENT:]
+    newest = np.linalg.norm(fit.residuals[known][-_RECENT:], axis=1)
     scale = (options.inflation * max(misfit, 1e-6)) ** 2
     # At the end the drift has turned the back end's W, which the chaser's own attitude is in.
     turned = turned_by_bias(history)[-1]
@@ -214,7 +222,7 @@ def _estimate(
         observable=observable,
         aligned=aligned,
         misfit=misfit,
-        recent_misfit=float(np.sqrt((newest**2).mean())) if len(newest) else 0.0,
+        recent_misfit=float(np.median(newest)) / MEDIAN_SIZE if len(newest) else 0.0,
         singular=shown.singular,
     )
 
