@@ -14,7 +14,7 @@ from safe_inspect.rendezvous.characterise.fit import Motion
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.estimation.change import departs, motion_of
-from safe_inspect.rendezvous.estimation.innovation import centre_innovation, widened
+from safe_inspect.rendezvous.estimation.innovation import centre_innovation
 from safe_inspect.rendezvous.front_end.context import FrontEndRun
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
@@ -30,11 +30,9 @@ _QUICK_SIGMA, _QUICK_SPAN = (0.05, 0.02), 3.0
 #: Innovation of the centre of mass in B beyond which the accelerometers' bias has jumped, in standard deviations, and
 #: for how many frames it may go on.
 _JUMP, _JUMP_FRAMES = 5.0, 3
-#: Distance from the target below which a registration may slide, as a share of the radius that it sweeps, the
-#: innovation that shows it, in standard deviations, and for how many frames in a row edges are refused at most.
-_NEAR, _SLIDING, _MOST_REFUSED = 0.75, 2.5, 30
-#: Least standard deviation of an edge's translation there [m].
-_NEAR_SIGMA = 0.1
+#: Distance from the target, as a share of the radius that it sweeps, below which such a frame is refused at first, and
+#: how many in a row.
+_NEAR, _MOST_REFUSED = 0.75, 2
 #: Time of frames that a motion is found from, and whose history stays [s].
 _LEAST_TIME, _LONGEST = 15.0, 240.0
 #: Misfit beyond which a motion is looked for anew, in standard deviations.
@@ -230,8 +228,8 @@ class EstimationPipeline:
     def _trusted(self, expected: FloatArray, edges: list[Edge]) -> list[Edge]:
         """Return the edges that may be used, and note a jump of the bias.
 
-        Far from the target the front end is right and an innovation is a jump of the bias. Near it, where the target
-        fills the frame, a registration may slide along a face: there the inertial unit is right, for a while.
+        Near the target, where it fills the frame, a registration may be wrong for a frame or two: there the inertial
+        unit is right at first. An innovation that stays is a jump of the bias.
         """
         graph, target = self.graph, self._parts.target
         if graph is None or not edges:
@@ -239,15 +237,13 @@ class EstimationPipeline:
             return edges
         innovations = [centre_innovation(graph, expected, edge) for edge in edges]
         distance = float(np.linalg.norm(graph.centre - expected[:3, 3]))
-        if target is not None and distance < _NEAR * target.swept_radius:
-            kept = [
-                widened(edge, _NEAR_SIGMA) for edge, value in zip(edges, innovations, strict=True) if value < _SLIDING
-            ]
-            self._refused = 0 if kept else self._refused + 1
-            self._jumps = 0
-            return kept if self._refused <= _MOST_REFUSED else edges
-        self._refused = 0
-        self._jumps = _JUMP_FRAMES if max(innovations) > _JUMP else max(self._jumps - 1, 0)
+        if max(innovations) <= _JUMP:
+            self._refused, self._jumps = 0, max(self._jumps - 1, 0)
+            return edges
+        if target is not None and distance < _NEAR * target.swept_radius and self._refused < _MOST_REFUSED:
+            self._refused += 1
+            return [edge for edge, value in zip(edges, innovations, strict=True) if value <= _JUMP]
+        self._jumps = _JUMP_FRAMES
         return edges
 
     def _predicted(self, time: float) -> FloatArray | None:
