@@ -26,7 +26,7 @@ _FIXED, _LOOSE = 1e-5, 10.0
 #: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
 _UNMEASURED = 0.3
 #: Of the bias at a jump [m/s^2, rad/s].
-_BIAS_JUMP = (0.05, 5e-3)
+_BIAS_JUMP = (0.05, 1e-3)
 #: Least standard deviation of the bias's walk between two frames [m/s^2, rad/s].
 _LEAST_WALK = (1e-5, 1e-6)
 

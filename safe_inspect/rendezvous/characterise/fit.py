@@ -18,10 +18,12 @@ from safe_inspect.types import BoolArray, FloatArray
 _STEPS = np.repeat([1e-6, 1e-7, 1e-5, 1e-7], [3, 3, 2, 3])
 #: Scale of the parameters for the solver's trust region [rad, rad/s, -, rad/s].
 _SCALES = np.repeat([1e-2, 1e-3, 0.3, 1e-4], [3, 3, 2, 3])
-#: Number of unknowns of the motion, and of all.
-_MOTION, _ALL = 8, 11
+#: Number of unknowns of the motion, and of all, and of residuals of the priors.
+_MOTION, _ALL, _PRIORS = 8, 11, 5
 #: Median of the size of three independent numbers of unit variance.
 MEDIAN_SIZE = 1.538
+#: Share of the variance of a pose to the model that is its own, and not alike for poses that follow each other.
+_ALONE = 0.1
 #: Least standard deviation of the drift [rad/s].
 _LEAST_DRIFT = 1e-8
 
@@ -104,6 +106,7 @@ class Fit(NamedTuple):
             residuals of unit variance.
         residuals: Of the edges, in standard deviations, shape (E, 3); zero for poses to the model without `q_MT`.
         used: Which edges are used, shape (E,).
+        spread: Root of the reduced chi square, with what edges have in common: 1 where the noise is as assumed.
     """
 
     motion: Motion
@@ -111,6 +114,7 @@ class Fit(NamedTuple):
     covariance: FloatArray
     residuals: FloatArray
     used: BoolArray
+    spread: float
 
 
 class _Problem:
@@ -140,7 +144,7 @@ class _Problem:
         if memory > 0.0:
             models = np.flatnonzero(history.first == MODEL)
             at = history.times[history.second[models]]
-            correlation[np.ix_(models, models)] = np.exp(-np.abs(at[:, None] - at) / memory)
+            correlation[np.ix_(models, models)] = (1.0 - _ALONE) * np.exp(-np.abs(at[:, None] - at) / memory)
         correlation[np.diag_indices(len(correlation))] = 1.0
         used = np.flatnonzero(self.used)
         self._mixing = np.zeros_like(correlation)
@@ -233,4 +237,6 @@ def fit_motion(history: History, start: Motion, options: FitOptions) -> Fit:
     covariance = np.asarray(np.linalg.inv(scaled) * np.outer(_SCALES, _SCALES), dtype=np.float64)
     _, q, w = start.moved(parameters[None])
     motion = Motion(start.time, q[0], w[0], start.logits + parameters[6:_MOTION])
-    return Fit(motion, parameters[_MOTION:], covariance, problem.edges(parameters[None])[0], problem.used.copy())
+    residuals, whitened = problem.edges(parameters[None])[0], problem.vector(parameters[None])[0, :-_PRIORS]
+    spread = np.sqrt((whitened**2).sum() / max(3 * int(problem.used.sum()) - _MOTION, 1))
+    return Fit(motion, parameters[_MOTION:], covariance, residuals, problem.used.copy(), float(spread))

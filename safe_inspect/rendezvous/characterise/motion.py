@@ -202,7 +202,8 @@ def _estimate(
     misfit = float(np.sqrt((used**2).mean())) if len(used) else 0.0
     known = np.abs(fit.residuals).sum(axis=1) > 0.0
     newest = np.linalg.norm(fit.residuals[known][-_RECENT:], axis=1)
-    scale = (options.inflation * max(misfit, 1e-6)) ** 2
+    # Slow errors hide in the motion, so that small residuals do not say that the edges are better than they state.
+    scale = (options.inflation * max(fit.spread, 1.0)) ** 2
     # At the end the drift has turned the back end's W, which the chaser's own attitude is in.
     turned = turned_by_bias(history)[-1]
     orientation = multiply(exp(-turned @ fit.drift), motion.orientation)

@@ -27,12 +27,9 @@ Characterise = Callable[[History, Target | None, Motion | None, FloatArray | Non
 _CHANGED_FRAMES, _CHANGED_TIMES, _CHANGED_MISFIT = 5, 2, 3.0
 #: Errors of a motion that is known from a few frames only [rad, rad/s], and their span [s].
 _QUICK_SIGMA, _QUICK_SPAN = (0.05, 0.02), 3.0
-#: Innovation of the centre of mass in B beyond which the accelerometers' bias has jumped, in standard deviations, and
-#: for how many frames it may go on.
-_JUMP, _JUMP_FRAMES = 5.0, 3
-#: Distance from the target, as a share of the radius that it sweeps, below which such a frame is refused at first, and
-#: how many in a row.
-_NEAR, _MOST_REFUSED = 0.75, 2
+#: Innovation of the centre of mass in B beyond which a frame is refused, in standard deviations, how many in a row are
+#: before it is the accelerometers' bias that has jumped, and for how many frames it may go on.
+_JUMP, _MOST_REFUSED, _JUMP_FRAMES = 5.0, 1, 3
 #: Time of frames that a motion is found from, and whose history stays [s].
 _LEAST_TIME, _LONGEST = 15.0, 240.0
 #: Misfit beyond which a motion is looked for anew, in standard deviations.
@@ -228,20 +225,17 @@ class EstimationPipeline:
     def _trusted(self, expected: FloatArray, edges: list[Edge]) -> list[Edge]:
         """Return the edges that may be used, and note a jump of the bias.
 
-        Near the target, where it fills the frame, a registration may be wrong for a frame or two: there the inertial
-        unit is right at first. An innovation that stays is a jump of the bias.
+        A single frame may be wrong, and the inertial unit is right; an innovation that stays is a jump of its bias.
         """
-        graph, target = self.graph, self._parts.target
-        if graph is None or not edges:
+        if self.graph is None or not edges:
             self._jumps = max(self._jumps - 1, 0)
             return edges
-        innovations = [centre_innovation(graph, expected, edge) for edge in edges]
-        distance = float(np.linalg.norm(graph.centre - expected[:3, 3]))
+        innovations = [centre_innovation(self.graph, expected, edge) for edge in edges]
         if max(innovations) <= _JUMP:
             self._refused, self._jumps = 0, max(self._jumps - 1, 0)
             return edges
-        if target is not None and distance < _NEAR * target.swept_radius and self._refused < _MOST_REFUSED:
-            self._refused += 1
+        self._refused += 1
+        if self._refused <= _MOST_REFUSED and not self._jumps:
             return [edge for edge, value in zip(edges, innovations, strict=True) if value <= _JUMP]
         self._jumps = _JUMP_FRAMES
         return edges

@@ -25,7 +25,7 @@ class Cloud:
         points: Positions [m], shape (n, 3).
         rays: Unit directions from the camera, shape (n, 3).
         ranges: Distances from the camera [m], shape (n,).
-        silhouette: Row and column of the nearest pixel that sees the target, shape (2, height, width).
+        silhouette: Row and column of the nearest pixel that sees anything, shape (2, height, width).
         outwards: Direction along rows and columns out of the silhouette at each pixel, a unit vector near its border,
             shape (2, height, width).
     """
@@ -75,15 +75,16 @@ class Cleaning:
         """
         directions = self.camera.directions
         used = frame.valid & (frame.depth >= self.nearest) & (frame.depth <= self.farthest)
+        # A part that seems apart from the rest, behind an edge for instance, is no place where nothing is seen.
+        seen = used | ndimage.binary_closing(used)
         used = _largest_cluster(directions, frame.depth, used)
         inner = used & ~_depth_edges(frame.depth, used, self.edge)
         rays = directions[inner]
         ranges = frame.depth[inner] / rays[:, 2]
         silhouette, outwards = np.zeros((2, *used.shape), np.int64), np.zeros((2, *used.shape))
         if used.any():
-            closed = used | ndimage.binary_closing(used)
-            silhouette = ndimage.distance_transform_edt(~closed, return_distances=False, return_indices=True)
-            outwards = _outwards(closed)
+            silhouette = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+            outwards = _outwards(seen)
         return Cloud(
             move(T_BC, rays * ranges[:, None]),
             rays @ T_BC[:3, :3].T,
