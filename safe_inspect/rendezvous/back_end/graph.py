@@ -26,7 +26,7 @@ _FIXED, _LOOSE = 1e-5, 10.0
 #: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
 _UNMEASURED = 0.3
 #: Of the bias at a jump [m/s^2, rad/s].
-_BIAS_JUMP = (0.05, 5e-3)
+_BIAS_JUMP = (0.05, 1e-3)
 #: Least standard deviation of the bias's walk between two frames [m/s^2, rad/s].
 _LEAST_WALK = (1e-5, 1e-6)
 
@@ -152,10 +152,11 @@ class PoseGraph:
         frames = self._frames if newest is None else self._frames[-newest:]
         return np.stack([self._solver.calculateEstimatePose3(key("X", frame)).matrix() for frame in frames])
 
-    def relative_poses(self) -> dict[int, FloatArray]:
-        """Return T_GB, smoothed, of the frames that an edge has reached."""
-        values = self._solver.calculateEstimate()
-        return {frame: values.atPose3(key("G", frame)).matrix() for frame in self._frames if frame in self._reached}
+    def relative_poses(self, newest: int | None = None) -> dict[int, FloatArray]:
+        """Return T_GB, smoothed, of those of all frames or of the newest that an edge has reached."""
+        frames = self._frames if newest is None else self._frames[-newest:]
+        pose_of = self._solver.calculateEstimatePose3
+        return {frame: pose_of(key("G", frame)).matrix() for frame in frames if frame in self._reached}
 
     def batch(self) -> Any:
         """Return the optimum of all factors by Levenberg-Marquardt, as a `gtsam.Values`."""

@@ -40,8 +40,8 @@ class BackEndRun(Protocol):
     def chaser_poses(self, newest: int | None = None) -> FloatArray:
         """Return T_WB of all frames or of the newest, smoothed, shape (F, 4, 4)."""
 
-    def relative_poses(self) -> dict[int, FloatArray]:
-        """Return T_GB, smoothed, of the frames that an edge has reached."""
+    def relative_poses(self, newest: int | None = None) -> dict[int, FloatArray]:
+        """Return T_GB, smoothed, of those of all frames or of the newest that an edge has reached."""
 
 
 class GraphBackEnd:
@@ -90,6 +90,6 @@ class GraphBackEnd:
         """Return T_WB of all frames or of the newest, smoothed, shape (F, 4, 4)."""
         return self._graph.chaser_poses(newest)
 
-    def relative_poses(self) -> dict[int, FloatArray]:
-        """Return T_GB, smoothed, of the frames that an edge has reached."""
-        return self._graph.relative_poses()
+    def relative_poses(self, newest: int | None = None) -> dict[int, FloatArray]:
+        """Return T_GB, smoothed, of those of all frames or of the newest that an edge has reached."""
+        return self._graph.relative_poses(newest)

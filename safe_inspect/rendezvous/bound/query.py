@@ -36,8 +36,9 @@ class JointErrors(EstimateErrors):
     """Errors of an estimate that depend on each other; they are drawn from `joint`, which the numbers only describe.
 
     Attributes:
-        joint: Covariance of the logits of the inertia ratios (2), attitude (3) and rate (3) in T, and of the centre of
-            mass (3) and the chaser's velocity (3) in W, both relative to the other body, shape (14, 14).
+        joint: Covariance of the logits of the inertia ratios (2), attitude a (3) and rate r (3) in T, and of the centre
+            of mass (3) and the chaser's velocity (3) in W, both relative to the other body, shape (14, 14). The
+            attitude is ``q Exp(a)`` and the rate ``Exp(-a) w + r``: r is the error in axes that a does not turn.
     """
 
     joint: FloatArray = field(default_factory=lambda: np.zeros((14, 14)), compare=False)

@@ -101,8 +101,12 @@ def _windows(query: BoundQuery, draws: _Draws, period: int, length: int) -> tupl
     plan = query.plan
     rows, estimates = draws.attitude.shape[:2]
     start = np.arange(estimates) * period
-    orientation = quaternion.multiply(plan.orientation[start], quaternion.exp(draws.attitude))
-    rate = plan.angular_velocity[start] + draws.rate
+    turn = quaternion.exp(draws.attitude)
+    orientation = quaternion.multiply(plan.orientation[start], turn)
+    rate = np.broadcast_to(plan.angular_velocity[start], draws.rate.shape)
+    if isinstance(query.errors, JointErrors):
+        rate = quaternion.rotate(quaternion.conjugate(turn), rate)
+    rate = rate + draws.rate
     inertia = np.repeat(_inertia(query.inertia, draws.inertia), estimates, axis=0)
     since = query.step * np.arange(length, dtype=np.float64)
     q, w = tumble(inertia, orientation.reshape(-1, 4), rate.reshape(-1, 3), since)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, to_matrix
+from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, rotate, to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.rendezvous.characterise.history import History
 from safe_inspect.rendezvous.characterise.ratios import inertia_of
@@ -18,14 +18,22 @@ from safe_inspect.types import BoolArray, FloatArray
 _STEPS = np.repeat([1e-6, 1e-7, 1e-5, 1e-7], [3, 3, 2, 3])
 #: Scale of the parameters for the solver's trust region [rad, rad/s, -, rad/s].
 _SCALES = np.repeat([1e-2, 1e-3, 0.3, 1e-4], [3, 3, 2, 3])
-#: Number of unknowns of the motion, and of all.
-_MOTION, _ALL = 8, 11
+#: Number of unknowns of the motion, and of all, and of residuals of the priors.
+_MOTION, _ALL, _PRIORS = 8, 11, 5
+#: Median of the size of three independent numbers of unit variance.
+MEDIAN_SIZE = 1.538
+#: Share of the variance of a pose to the model that is its own, and not alike for poses that follow each other.
+_ALONE = 0.1
 #: Least standard deviation of the drift [rad/s].
 _LEAST_DRIFT = 1e-8
 
 
 class Motion(NamedTuple):
     """A tumble at one time.
+
+    Its tangent is ``(a, r, logits)``: attitude ``q Exp(a)`` and angular velocity ``Exp(-a) w + r``. The measured
+    rotations tell w in inertial axes far better than the principal axes, so r is small where a is not; with ``w + r``
+    the likely motions would lie on a curve, and their covariance would be too small across it.
 
     Attributes:
         time: The time [s].
@@ -41,11 +49,9 @@ class Motion(NamedTuple):
 
     def moved(self, steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return inertia (n, 3), attitudes (n, 4) and angular velocities (n, 3) after steps of the tangent, (n, 8)."""
-        return (
-            inertia_of(self.logits + steps[:, 6:8]),
-            multiply(self.orientation, exp(steps[:, :3])),
-            self.angular_velocity + steps[:, 3:6],
-        )
+        turn = exp(steps[:, :3])
+        rate = rotate(conjugate(turn), np.broadcast_to(self.angular_velocity, (len(steps), 3))) + steps[:, 3:6]
+        return inertia_of(self.logits + steps[:, 6:8]), multiply(self.orientation, turn), rate
 
     def at(self, time: float) -> Motion:
         """Return the tumble at another time [s]."""
@@ -59,7 +65,8 @@ class Motion(NamedTuple):
         moved = self.moved(steps)
         q, w = (value[:, 0] for value in tumble(*moved, np.array([time - self.time])))
         turn = log(multiply(conjugate(q[8:]), q[:8]))
-        return np.concatenate((turn.T, (w[:8] - w[8:]).T, np.diag(2.0 * size)[6:])) / (2.0 * size)
+        rate = w[:8] - rotate(conjugate(exp(turn)), w[8:])
+        return np.concatenate((turn.T, rate.T, np.diag(2.0 * size)[6:])) / (2.0 * size)
 
 
 @dataclass(frozen=True)
@@ -95,10 +102,11 @@ class Fit(NamedTuple):
         motion: At the first frame.
         drift: Error of the gyroscopes' bias [rad/s], shape (3,): the chaser's attitude is ``Exp(theta) q_WB`` with
             ``theta(t) = int R_WB drift dt`` from the first frame on.
-        covariance: Of the motion's tangent, attitude [rad], angular velocity [rad/s], logits, and of the drift, shape
-            (11, 11), for residuals of unit variance.
+        covariance: Of the motion's tangent, see `Motion` [rad, rad/s, -], and of the drift, shape (11, 11), for
+            residuals of unit variance.
         residuals: Of the edges, in standard deviations, shape (E, 3); zero for poses to the model without `q_MT`.
         used: Which edges are used, shape (E,).
+        spread: Root of the reduced chi square, with what edges have in common: 1 where the noise is as assumed.
     """
 
     motion: Motion
@@ -106,6 +114,7 @@ class Fit(NamedTuple):
     covariance: FloatArray
     residuals: FloatArray
     used: BoolArray
+    spread: float
 
 
 class _Problem:
@@ -135,7 +144,7 @@ class _Problem:
         if memory > 0.0:
             models = np.flatnonzero(history.first == MODEL)
             at = history.times[history.second[models]]
-            correlation[np.ix_(models, models)] = np.exp(-np.abs(at[:, None] - at) / memory)
+            correlation[np.ix_(models, models)] = (1.0 - _ALONE) * np.exp(-np.abs(at[:, None] - at) / memory)
         correlation[np.diag_indices(len(correlation))] = 1.0
         used = np.flatnonzero(self.used)
         self._mixing = np.zeros_like(correlation)
@@ -218,8 +227,8 @@ def fit_motion(history: History, start: Motion, options: FitOptions) -> Fit:
     if not options.warm:
         parameters = solve(parameters, "soft_l1", options.evaluations)
     size = np.linalg.norm(problem.edges(parameters[None])[0], axis=1)
-    spread = np.median(size[problem.used]) / 1.538 if problem.used.any() else 1.0  # the median of chi with 3 degrees
-    problem.used &= size <= 4.0 * 1.538 * max(spread, 1e-9) + 1e-6
+    spread = np.median(size[problem.used]) / MEDIAN_SIZE if problem.used.any() else 1.0
+    problem.used &= size <= 4.0 * MEDIAN_SIZE * max(spread, 1e-9) + 1e-6
     problem.correlate()
     parameters = solve(parameters, "linear", options.evaluations)
     jacobian = problem.jacobian(parameters)
@@ -228,4 +237,6 @@ def fit_motion(history: History, start: Motion, options: FitOptions) -> Fit:
     covariance = np.asarray(np.linalg.inv(scaled) * np.outer(_SCALES, _SCALES), dtype=np.float64)
     _, q, w = start.moved(parameters[None])
     motion = Motion(start.time, q[0], w[0], start.logits + parameters[6:_MOTION])
-    return Fit(motion, parameters[_MOTION:], covariance, problem.edges(parameters[None])[0], problem.used.copy())
+    residuals, whitened = problem.edges(parameters[None])[0], problem.vector(parameters[None])[0, :-_PRIORS]
+    spread = np.sqrt((whitened**2).sum() / max(3 * int(problem.used.sum()) - _MOTION, 1))
+    return Fit(motion, parameters[_MOTION:], covariance, residuals, problem.used.copy(), float(spread))

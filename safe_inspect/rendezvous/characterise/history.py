@@ -98,13 +98,14 @@ class TargetEstimate:
         angular_velocity: In T [rad/s], shape (3,).
         ratios: k1 = J1 / J3 and k2 = J2 / J3, shape (2,).
         q_GT: Principal axes in G, shape (4,).
-        covariance: Of attitude (tangent in T) [rad], angular velocity in T [rad/s] and the logits a and b of the
-            ratios, at that time, shape (8, 8).
+        covariance: Of the motion's tangent at that time, attitude [rad], angular velocity in the turned axes [rad/s]
+            and logits, shape (8, 8); see `safe_inspect.rendezvous.characterise.fit.Motion`.
         axes_sigma: Standard deviation of the principal axes in G, the largest [rad].
         observable: Whether the motion shows the transverse axes and the ratios; else they are the prior's.
         aligned: Whether poses to the model tell which of the axes' directions are the model's.
         misfit: Root mean square of the residuals in standard deviations; about 1 where noise and motion are as assumed.
-        recent_misfit: The same of the newest edges: large where the motion has changed.
+        recent_misfit: The same of the newest edges, left out or not, by their median: large where the motion has
+            changed.
         singular: Ratios s6 / s5 and s5 / s1 of the quadrics' singular values.
     """
 

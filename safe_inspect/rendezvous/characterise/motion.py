@@ -7,12 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, rotate, to_matrix
-from safe_inspect.rendezvous.characterise.fit import Fit, FitOptions, Motion, edge_residuals, fit_motion, turned_by_bias
+from safe_inspect.rendezvous.characterise.fit import (
+    MEDIAN_SIZE,
+    Fit,
+    FitOptions,
+    Motion,
+    edge_residuals,
+    fit_motion,
+    turned_by_bias,
+)
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.characterise.polhode import HALF_TURNS, Polhode, principal_axes_of_motion
 from safe_inspect.rendezvous.characterise.rates import angular_velocities
 from safe_inspect.rendezvous.characterise.ratios import logits_of, ratios_of
 from safe_inspect.rendezvous.edges import MODEL
+from safe_inspect.rendezvous.poses import skew
 from safe_inspect.types import FloatArray
 
 #: Fewest frames that a motion is fitted to.
@@ -23,8 +32,8 @@ _TRIAL, _WARM = 15, 8
 _DOUBTFUL = 0.3
 #: Axes of a rigid body that no motion has shown [ratios].
 _GENERIC = np.array([0.5, 0.8])
-#: Standard deviation of the logits about a prior that stands for what is not observed.
-_HELD = 0.05
+#: Standard deviation of the logits about a prior that stands for what is not observed, of a known and an unknown body.
+_HELD, _UNKNOWN = 0.05, 2.0
 #: Standard deviation of the logits that only keeps them finite, and the largest that is started from or drawn to.
 _WIDE, _MOST = 20.0, 8.0
 #: Two principal moments count as different where their ratio is so many standard deviations away from 1.
@@ -64,7 +73,7 @@ class CharacteriseOptions:
 
     def fitting(self, evaluations: int, *, held: bool = False, warm: bool = False) -> FitOptions:
         """Return how a motion is fitted, with the ratios held at the prior or not."""
-        sigma = _HELD if held else self.ratios_sigma or _WIDE
+        sigma = (_UNKNOWN if self.ratios is None else _HELD) if held else self.ratios_sigma or _WIDE
         prior = (np.clip(logits_of(_GENERIC if self.ratios is None else self.ratios), -_MOST, _MOST), sigma)
         return FitOptions(
             prior, self.q_MT, telescoping=self.telescoping, memory=self.memory, drift=self.drift,
@@ -192,14 +201,16 @@ def _estimate(
     used = fit.residuals[fit.used]
     misfit = float(np.sqrt((used**2).mean())) if len(used) else 0.0
     known = np.abs(fit.residuals).sum(axis=1) > 0.0
-    newest = fit.residuals[known][-_RECENT:]
-    scale = (options.inflation * max(misfit, 1e-6)) ** 2
+    newest = np.linalg.norm(fit.residuals[known][-_RECENT:], axis=1)
+    # Slow errors hide in the motion, so that small residuals do not say that the edges are better than they state.
+    scale = (options.inflation * max(fit.spread, 1.0)) ** 2
     # At the end the drift has turned the back end's W, which the chaser's own attitude is in.
     turned = turned_by_bias(history)[-1]
     orientation = multiply(exp(-turned @ fit.drift), motion.orientation)
     transition = np.zeros((8, 11))
     transition[:, :8] = fit.motion.transition(time)
     transition[:3, 8:] = -to_matrix(motion.orientation).T @ turned
+    transition[3:6, 8:] = -skew(motion.angular_velocity) @ transition[:3, 8:]
     axes = np.sqrt(scale * np.linalg.eigvalsh(fit.covariance[:3, :3])[-1])
     return TargetEstimate(
         time=time,
@@ -212,7 +223,7 @@ def _estimate(
         observable=observable,
         aligned=aligned,
         misfit=misfit,
-        recent_misfit=float(np.sqrt((newest**2).mean())) if len(newest) else 0.0,
+        recent_misfit=float(np.median(newest)) / MEDIAN_SIZE if len(newest) else 0.0,
         singular=shown.singular,
     )
 

@@ -70,7 +70,7 @@ def observed(context: MissionContext) -> bool:
     mission, estimate = context.config.mission, context.estimate
     errors = estimate.errors
     accurate = errors.attitude <= mission.attitude_sigma and errors.rate <= mission.rate_sigma
-    return bool(context.elapsed >= mission.observe - _ROUNDING and accurate)
+    return bool(context.elapsed >= mission.observe - _ROUNDING and accurate and not estimate.alarm)
 
 
 def observed_at_most(context: MissionContext) -> bool:

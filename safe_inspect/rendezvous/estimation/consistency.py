@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, log, multiply
+from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, rotate
 from safe_inspect.rendezvous.bound.query import JointErrors
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.types import FloatArray
@@ -28,11 +28,13 @@ def attitude_error(estimate: StateEstimate, chaser: BodyState, target: BodyState
 def normalised_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> float:
     """Return the squared error of attitude and angular velocity over their covariance (NEES); NaN without one.
 
-    It is 6 on average where the covariance is right; nothing is aligned to the truth.
+    It is 6 on average where the covariance is right; nothing is aligned to the truth. The error is that of the
+    estimate's tangent: the truth is ``q Exp(a)`` and ``Exp(-a) w + r``, see `JointErrors`.
     """
     if not isinstance(estimate.errors, JointErrors):
         return float("nan")
     joint = estimate.errors.joint
-    rate = estimate.target.angular_velocity - target.angular_velocity
-    error = np.concatenate([attitude_error(estimate, chaser, target), rate])
+    turn = attitude_error(estimate, chaser, target)  # the estimate as seen from the truth: -a
+    rate = target.angular_velocity - rotate(exp(turn), estimate.target.angular_velocity)
+    error = np.concatenate([-turn, rate])
     return float(error @ np.linalg.solve(joint[2:8, 2:8], error))

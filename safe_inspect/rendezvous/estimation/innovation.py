@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from safe_inspect.rendezvous.back_end.options import GraphEstimate
@@ -36,8 +34,3 @@ def centre_innovation(graph: GraphEstimate, expected: FloatArray, edge: Edge) ->
     difference = seen - expected[:3, :3].T @ (graph.centre - expected[:3, 3])
     covariance = graph.centre_covariance + edge.covariance[3:, 3:] + graph.velocity_covariance + arm * np.eye(3)
     return float(np.sqrt(difference @ np.linalg.solve(covariance, difference) / 3.0))
-
-
-def widened(edge: Edge, sigma: float) -> Edge:
-    """Return an edge whose translation has a further independent error of some standard deviation [m]."""
-    return replace(edge, covariance=edge.covariance + np.diag([0.0, 0.0, 0.0, *[sigma**2] * 3]))

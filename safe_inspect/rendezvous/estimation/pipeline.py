@@ -12,9 +12,9 @@ from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, G
 from safe_inspect.rendezvous.back_end.run import BackEndRun
 from safe_inspect.rendezvous.characterise.fit import Motion
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-from safe_inspect.rendezvous.characterise.ratios import logits_of
-from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.estimation.innovation import centre_innovation, widened
+from safe_inspect.rendezvous.edges import Edge
+from safe_inspect.rendezvous.estimation.change import departs, motion_of
+from safe_inspect.rendezvous.estimation.innovation import centre_innovation
 from safe_inspect.rendezvous.front_end.context import FrontEndRun
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
@@ -22,20 +22,14 @@ from safe_inspect.types import FloatArray
 
 #: Called with the history, the target, the motion as it was known and q_GM.
 Characterise = Callable[[History, Target | None, Motion | None, FloatArray | None], TargetEstimate | None]
-#: Innovation of a frame's rotations, in standard deviations, beyond which the motion has changed, and how often in a
-#: row; it is the least of the frame's edges, so that a single bad one does not count. Below the angle [rad] it is the
-#: front end's view, and not a change, that is likely.
-_CHANGED, _CHANGED_ANGLE, _CHANGED_TIMES = 5.0, 0.08, 2
+#: Number of the newest frames that are compared with the known motion, how often in a row they must depart from it,
+#: and the misfit of the newest edges that shows a change as well, in standard deviations.
+_CHANGED_FRAMES, _CHANGED_TIMES, _CHANGED_MISFIT = 5, 2, 3.0
 #: Errors of a motion that is known from a few frames only [rad, rad/s], and their span [s].
 _QUICK_SIGMA, _QUICK_SPAN = (0.05, 0.02), 3.0
-#: Innovation of the centre of mass in B beyond which the accelerometers' bias has jumped, in standard deviations, and
-#: for how many frames it may go on.
-_JUMP, _JUMP_FRAMES = 5.0, 3
-#: Distance from the target below which a registration may slide, as a share of the radius that it sweeps, the
-#: innovation that shows it, in standard deviations, and for how many frames in a row edges are refused at most.
-_NEAR, _SLIDING, _MOST_REFUSED = 0.75, 2.5, 30
-#: Least standard deviation of an edge's translation there [m].
-_NEAR_SIGMA = 0.1
+#: Innovation of the centre of mass in B beyond which a frame is refused, in standard deviations, how many in a row are
+#: before it is the accelerometers' bias that has jumped, and for how many frames it may go on.
+_JUMP, _MOST_REFUSED, _JUMP_FRAMES = 5.0, 1, 3
 #: Time of frames that a motion is found from, and whose history stays [s].
 _LEAST_TIME, _LONGEST = 15.0, 240.0
 #: Misfit beyond which a motion is looked for anew, in standard deviations.
@@ -63,6 +57,11 @@ class PipelineParts:
     target: Target | None
     T_BC: FloatArray
     fit_period: float = 2.0
+
+
+def _is_consistent(found: TargetEstimate | None) -> bool:
+    """Return whether one motion agrees with all edges and with the newest."""
+    return found is not None and max(found.misfit, found.recent_misfit) < _DOUBTFUL
 
 
 class EstimationPipeline:
@@ -159,63 +158,51 @@ class EstimationPipeline:
         self._fitted_at = time
         model = None if graph.model is None else from_matrix(graph.model[:3, :3])
         before = None
-        if not self.changed and known is not None and known.misfit < _DOUBTFUL and known.aligned == (model is not None):
-            before = Motion(known.time, known.orientation, known.angular_velocity, logits_of(known.ratios))
+        if known is not None and known.misfit < _DOUBTFUL and known.aligned == (model is not None):
+            before = motion_of(known)
         found = parts.characterise(history, parts.target, before, model)
-        if found is None:
-            return
-        self.target, self.changed = found, False
+        if self.changed and before is not None and not _is_consistent(found):
+            found = parts.characterise(history, parts.target, None, model)
+        if found is None or _is_consistent(found):
+            self.target, self.changed = found or known, self.changed and found is None
+        elif self.changed:  # frames from before the change, or a further one: what is older is left out
+            self._since = max(self._since, time - _LEAST_TIME + 2.0 * parts.fit_period)
+        elif known is not None and found.recent_misfit > _CHANGED_MISFIT:
+            self._forget_before(time - _QUICK_SPAN, time)
+        else:
+            self.target = found
 
     def _check_motion(self, time: float, edges: list[Edge]) -> None:
-        """See whether the newest rotations are those of the known motion; if not, forget it."""
+        """See whether the newest attitudes are those of the known motion; if not, forget what was before them."""
         known = self.target
         if known is None or not edges:
             return
         if self.changed:
             self._follow_newest(time)
             return
-        innovations = [self._rotation_innovation(known, edge) for edge in edges]
-        seen = [value for value in innovations if value is not None]
-        if not seen:
-            return
-        size, angle = min(seen)
-        is_strange = size > _CHANGED * max(known.misfit, 1.0) and angle > _CHANGED_ANGLE
+        times, orientation = self._newest_attitudes(known)
+        sigma = np.sqrt(np.mean([np.trace(edge.covariance[:3, :3]) for edge in edges]) / 3.0)
+        is_strange = departs(known, times, orientation, float(sigma) * max(known.misfit, 1.0))
         self._strange = self._strange + 1 if is_strange else 0
         if self._strange >= _CHANGED_TIMES:
-            self.changed, self._since, self._strange = True, time - _QUICK_SPAN + 1.0, 0
-            self._follow_newest(time)
+            # The frames that were strange are after the change; those before them may not be.
+            self._forget_before(float(times[-_CHANGED_TIMES]), time)
 
-    def _rotation_innovation(self, known: TargetEstimate, edge: Edge) -> tuple[float, float] | None:
-        """Return how far a measured rotation is from the known motion, in standard deviations of one axis and in rad.
-
-        It is None where that cannot be determined: of an edge to an old frame, or to a model that is not placed yet.
-        """
-        chaser = self._newest_poses(2)
-        if edge.second not in chaser or (edge.first != MODEL and edge.first not in chaser):
-            return None
-        second = self._in_target(known, edge.second, chaser)
-        if edge.first == MODEL:
-            if not known.aligned or self.graph is None or self.graph.model is None:
-                return None
-            first = from_matrix(self.graph.model[:3, :3].T @ to_matrix(known.q_GT))
-            error = log(multiply(conjugate(from_matrix(edge.pose[:3, :3])), multiply(first, second)))
-        else:
-            first = self._in_target(known, edge.first, chaser)
-            error = log(multiply(conjugate(from_matrix(edge.pose[:3, :3])), multiply(conjugate(first), second)))
-        covariance = edge.covariance[:3, :3] + (known.covariance[:3, :3] if edge.first == MODEL else 0.0)
-        size = float(np.sqrt(error @ np.linalg.solve(covariance, error) / 3.0))
-        return size, float(np.linalg.norm(error))
-
-    def _newest_poses(self, count: int) -> dict[int, FloatArray]:
-        """Return the attitudes q_WB of the newest frames."""
+    def _newest_attitudes(self, known: TargetEstimate) -> tuple[FloatArray, FloatArray]:
+        """Return times [s], shape (n,), and measured attitudes q_WT, shape (n, 4), of the newest frames."""
         assert self._back_end is not None, "frames come before poses"
-        frames = self._back_end.frames[-count:]
-        return dict(zip(frames, from_matrix(self._back_end.chaser_poses(count)[:, :3, :3]), strict=True))
+        is_placed = known.aligned or self.graph is None or self.graph.model is None
+        frames = self._back_end.frames[-_CHANGED_FRAMES:]
+        poses = dict(zip(frames, self._back_end.chaser_poses(len(frames)), strict=True))
+        relative = self._back_end.relative_poses(len(frames)) if is_placed else {}
+        q_WG = [from_matrix(poses[frame][:3, :3] @ relative[frame][:3, :3].T) for frame in relative]  # noqa: N806
+        times = np.array([self._times[frame] for frame in relative])
+        return times, multiply(np.reshape(q_WG, (-1, 4)), known.q_GT)
 
-    def _in_target(self, known: TargetEstimate, frame: int, chaser: dict[int, FloatArray]) -> FloatArray:
-        """Return q_TB of a frame by the known motion."""
-        q, _ = known.predict(np.array([self._times[frame]]))
-        return np.asarray(multiply(conjugate(q[0]), chaser[frame]))
+    def _forget_before(self, since: float, time: float) -> None:
+        """Take the motion as changed at a time [s], now: it is found anew from what is seen since then."""
+        self.changed, self._since, self._strange = True, since, 0
+        self._follow_newest(time)
 
     def _follow_newest(self, time: float) -> None:
         """Take the motion of the newest frames: the axes in the body are known, and do not change."""
@@ -238,24 +225,19 @@ class EstimationPipeline:
     def _trusted(self, expected: FloatArray, edges: list[Edge]) -> list[Edge]:
         """Return the edges that may be used, and note a jump of the bias.
 
-        Far from the target the front end is right and an innovation is a jump of the bias. Near it, where the target
-        fills the frame, a registration may slide along a face: there the inertial unit is right, for a while.
+        A single frame may be wrong, and the inertial unit is right; an innovation that stays is a jump of its bias.
         """
-        graph, target = self.graph, self._parts.target
-        if graph is None or not edges:
+        if self.graph is None or not edges:
             self._jumps = max(self._jumps - 1, 0)
             return edges
-        innovations = [centre_innovation(graph, expected, edge) for edge in edges]
-        distance = float(np.linalg.norm(graph.centre - expected[:3, 3]))
-        if target is not None and distance < _NEAR * target.swept_radius:
-            kept = [
-                widened(edge, _NEAR_SIGMA) for edge, value in zip(edges, innovations, strict=True) if value < _SLIDING
-            ]
-            self._refused = 0 if kept else self._refused + 1
-            self._jumps = 0
-            return kept if self._refused <= _MOST_REFUSED else edges
-        self._refused = 0
-        self._jumps = _JUMP_FRAMES if max(innovations) > _JUMP else max(self._jumps - 1, 0)
+        innovations = [centre_innovation(self.graph, expected, edge) for edge in edges]
+        if max(innovations) <= _JUMP:
+            self._refused, self._jumps = 0, max(self._jumps - 1, 0)
+            return edges
+        self._refused += 1
+        if self._refused <= _MOST_REFUSED and not self._jumps:
+            return [edge for edge, value in zip(edges, innovations, strict=True) if value <= _JUMP]
+        self._jumps = _JUMP_FRAMES
         return edges
 
     def _predicted(self, time: float) -> FloatArray | None:

@@ -9,10 +9,9 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import from_matrix, to_matrix
 from safe_inspect.rendezvous.back_end.options import ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.bound.query import EstimateErrors, JointErrors
-from safe_inspect.rendezvous.characterise.fit import Motion
 from safe_inspect.rendezvous.characterise.history import TargetEstimate
-from safe_inspect.rendezvous.characterise.ratios import logits_of
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
+from safe_inspect.rendezvous.estimation.change import covariance_at
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
 from safe_inspect.rendezvous.estimation.suite import SensorSuite
 from safe_inspect.rendezvous.poses import pose
@@ -139,9 +138,7 @@ class PipelineEstimatorRun:
 
 def _errors(found: TargetEstimate, graph: GraphEstimate, time: float) -> EstimateErrors:
     """Return the errors at a time: their covariance, and of each kind the largest standard deviation of a direction."""
-    motion = Motion(found.time, found.orientation, found.angular_velocity, logits_of(found.ratios))
-    transition = motion.transition(time)
-    covariance = transition @ found.covariance @ transition.T
+    covariance = covariance_at(found, time)
     rotation = graph.chaser[:3, :3]
     centre = rotation @ graph.centre_covariance @ rotation.T
     joint = np.zeros((14, 14))

@@ -13,6 +13,8 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Edge of the voxels whose neighbours are taken as one cluster [m].
 _LINK = 0.08
+#: Width over which the border of a silhouette is averaged for its direction [px], and its least slope [1/px].
+_BLUR, _LEAST_SLOPE = 3.0, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +25,16 @@ class Cloud:
         points: Positions [m], shape (n, 3).
         rays: Unit directions from the camera, shape (n, 3).
         ranges: Distances from the camera [m], shape (n,).
-        silhouette: Row and column of the nearest pixel that sees the target, shape (2, height, width).
+        silhouette: Row and column of the nearest pixel that sees anything, shape (2, height, width).
+        outwards: Direction along rows and columns out of the silhouette at each pixel, a unit vector near its border,
+            shape (2, height, width).
     """
 
     points: FloatArray
     rays: FloatArray
     ranges: FloatArray
     silhouette: IntArray
+    outwards: FloatArray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -39,7 +44,7 @@ class Cloud:
         if len(self) <= count:
             return self
         kept = np.linspace(0, len(self) - 1, count).astype(int)
-        return Cloud(self.points[kept], self.rays[kept], self.ranges[kept], self.silhouette)
+        return Cloud(self.points[kept], self.rays[kept], self.ranges[kept], self.silhouette, self.outwards)
 
 
 @dataclass(frozen=True)
@@ -70,17 +75,31 @@ class Cleaning:
         """
         directions = self.camera.directions
         used = frame.valid & (frame.depth >= self.nearest) & (frame.depth <= self.farthest)
+        # A part that seems apart from the rest, behind an edge for instance, is no place where nothing is seen.
+        seen = used | ndimage.binary_closing(used)
         used = _largest_cluster(directions, frame.depth, used)
         inner = used & ~_depth_edges(frame.depth, used, self.edge)
         rays = directions[inner]
         ranges = frame.depth[inner] / rays[:, 2]
-        silhouette = np.zeros((2, *used.shape), np.int64)
+        silhouette, outwards = np.zeros((2, *used.shape), np.int64), np.zeros((2, *used.shape))
         if used.any():
-            closed = used | ndimage.binary_closing(used)
-            silhouette = ndimage.distance_transform_edt(~closed, return_distances=False, return_indices=True)
+            silhouette = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+            outwards = _outwards(seen)
         return Cloud(
-            move(T_BC, rays * ranges[:, None]), rays @ T_BC[:3, :3].T, ranges, silhouette.astype(np.int64, copy=False)
+            move(T_BC, rays * ranges[:, None]),
+            rays @ T_BC[:3, :3].T,
+            ranges,
+            silhouette.astype(np.int64, copy=False),
+            outwards,
         )
+
+
+def _outwards(seen: BoolArray) -> FloatArray:
+    """Return the directions in which a blurred mask falls, shape (2, height, width); 0 far from its border."""
+    blurred = ndimage.gaussian_filter(seen.astype(np.float64), _BLUR, mode="nearest")
+    slope = -np.stack(np.gradient(blurred))
+    length = np.sqrt((slope**2).sum(axis=0))
+    return np.asarray(np.where(length > _LEAST_SLOPE, slope / np.maximum(length, _LEAST_SLOPE), 0.0))
 
 
 def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:

@@ -124,7 +124,7 @@ class PolhodeCharacteriser(Characteriser):
     ratios_sigma: float | None = Field(default=None, gt=0.0)
     use_model: bool = True
     telescoping: float = Field(default=0.5, ge=0.0, lt=1.0)
-    memory: NonNegativeDuration = 2.0  # type: ignore[valid-type]
+    memory: NonNegativeDuration = 6.0  # type: ignore[valid-type]
     drift: quantity("rad/s", ge=0) = 5e-5  # type: ignore[valid-type]
     inflation: float = Field(default=1.0, gt=0.0)
 

@@ -147,36 +147,41 @@ def test_the_transition_is_the_derivative_of_the_motion() -> None:
     step = 1e-5 * np.array([0.3, -0.2, 0.5, 0.02, 0.03, -0.01, 0.4, 0.6])
     inertia, q, w = motion.moved(step[None])
     moved_q, moved_w = tumble(inertia, q, w, np.array([40.0]))
-    change = np.concatenate(
-        (log(multiply(conjugate(later.orientation), moved_q[0, 0])), moved_w[0, 0] - later.angular_velocity)
-    )
+    turn = log(multiply(conjugate(later.orientation), moved_q[0, 0]))
+    change = np.concatenate((turn, moved_w[0, 0] - rotate(exp(-turn), later.angular_velocity)))
     np.testing.assert_allclose((transition @ step)[:6], change, rtol=1e-3, atol=1e-9)
 
 
-def _error(found: TargetEstimate, q: FloatArray, w: FloatArray) -> FloatArray:
-    """Return the error of attitude and rate, for the turn by a half of the axes that is nearest."""
+def _squared_error(found: TargetEstimate, q: FloatArray, w: FloatArray) -> float:
+    """Return the squared error of the tangent's attitude and rate, for the turn by a half of the axes that is nearest.
+
+    Args:
+        found: The estimate.
+        q: True q_WT, shape (4,).
+        w: True angular velocity in T [rad/s], shape (3,).
+    """
     turned = from_matrix(to_matrix(found.orientation) @ HALF_TURNS)
-    angles = log(multiply(conjugate(q), turned))
+    angles = log(multiply(conjugate(turned), q))
     k = int(np.linalg.norm(angles, axis=1).argmin())
-    covariance = found.covariance[:6, :6]
     turn = np.kron(np.eye(2), HALF_TURNS[k])
-    error = np.concatenate((angles[k], HALF_TURNS[k] @ found.angular_velocity - w))
-    return np.asarray(error @ np.linalg.solve(turn @ covariance @ turn.T, error))
+    rate = w - rotate(exp(-angles[k]), HALF_TURNS[k] @ found.angular_velocity)
+    error = np.concatenate((angles[k], rate))
+    return float(error @ np.linalg.solve(turn @ found.covariance[:6, :6] @ turn.T, error))
 
 
-@pytest.mark.slow
-@pytest.mark.xfail(reason="the covariance is too small: the mean is 18.5 instead of 6 for these edges")
-def test_the_covariance_of_the_fit_is_consistent() -> None:
+@pytest.mark.parametrize("direction", [[0.7, 0.5, 0.5], [0.2, 0.4, 0.9]])
+def test_the_covariance_of_the_fit_is_consistent(direction: list[float]) -> None:
+    """Of an unknown body; relative poses alone leave 5 degrees of the axes open, and the second motion the ratios."""
     sigma, found = np.deg2rad(0.3), []
-    times, q, w, q_GT = _tumbling(_INERTIA, [0.7, 0.5, 0.5], seconds=90)  # noqa: N806
-    for seed in range(12):
+    times, q, w, q_GT = _tumbling(_INERTIA, direction, seconds=90)  # noqa: N806
+    for seed in range(16):
         history = _history(times, q, q_GT, sigma, seed, skips=1)
         start = Motion(0.0, q[0], w[0], logits_of(_INERTIA[:2]))
         estimate = characterise(history, CharacteriseOptions(), before=start)
         assert estimate is not None
-        found.append(_error(estimate, q[-1], w[-1]))
-    # The mean of 12 squares with 6 degrees of freedom each: 99.8 % are between 3.3 and 9.6.
-    assert 3.0 < np.mean(found) < 10.0
+        found.append(_squared_error(estimate, q[-1], w[-1]))
+    # The mean of 16 squares with 6 degrees of freedom each: 99.8 % are between 3.6 and 9.1.
+    assert 3.5 < np.mean(found) < 9.5
 
 
 def test_an_edge_that_is_wrong_does_not_count() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply
+from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, rotate
 from safe_inspect.rendezvous.bound.query import EstimateErrors, JointErrors
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.consistency import attitude_error, normalised_error
@@ -119,11 +119,13 @@ def test_a_turn_of_the_estimated_frame_is_no_error() -> None:
     still, sigma = np.zeros(3), 0.01
     chaser, target = BodyState(still, still, _LEVEL, still), BodyState(still, still, attitude, rate)
     joint = np.eye(14) * sigma**2
+    error = exp(np.array([sigma, 0.0, 0.0]))  # of the axes alone: the rate is right in inertial axes
+    seen = target._replace(
+        orientation=multiply(multiply(turn, attitude), error), angular_velocity=rotate(conjugate(error), rate)
+    )
     turned = StateEstimate(
-        0.0, 0.0, chaser._replace(orientation=turn),
-        target._replace(orientation=multiply(multiply(turn, attitude), exp(np.array([sigma, 0.0, 0.0])))),
-        np.array([0.2, 0.9, 1.0]), JointErrors(joint=joint), 0.9,
-    )  # fmt: skip
+        0.0, 0.0, chaser._replace(orientation=turn), seen, np.array([0.2, 0.9, 1.0]), JointErrors(joint=joint), 0.9
+    )
     np.testing.assert_allclose(attitude_error(turned, chaser, target), [sigma, 0.0, 0.0], atol=1e-12)
     assert normalised_error(turned, chaser, target) == pytest.approx(1.0)
     assert np.isnan(normalised_error(_estimate([0.0, 0.0, 0.0], None), chaser, target))

@@ -17,6 +17,11 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Distance beyond which a point counts the same in the score [m].
 FAR = 0.05
+#: Least cosine of incidence on a face that points count for: what seems to lie on a flatter one flies beside an edge.
+_LEAST_COSINE = 0.12
+#: Least share of the points that a face must have: the few on another one are pixels that fly, or what the shape leaves
+#: out, and would alone decide where the shape may slide along the faces that are seen.
+_LEAST_SHARE = 0.005
 #: Pixels at the border of an image that are not compared with the silhouette, and edge of the cells in which parts that
 #: are too near hide others [px].
 _BORDER, _CELL = 2.0, 16
@@ -27,7 +32,7 @@ class RangeNoise(NamedTuple):
 
     Attributes:
         sigma0: Constant part of the standard deviation of a range [m].
-        k: Part that grows with ``r^2 / max(cos(incidence), 0.15)`` [1/m].
+        k: Part that grows with ``r^2 / cos(incidence)`` [1/m].
         lateral: Standard deviation across a ray, relative to the range.
         cut: Distance from a face at which Tukey's weights reach zero [m].
     """
@@ -45,6 +50,7 @@ class FrameView(NamedTuple):
         axes: R_BC, shape (3, 3).
         origin: Position of the camera in B [m], shape (3,).
         silhouette: Row and column of the nearest pixel that sees the target, shape (2, height, width).
+        outwards: Direction along rows and columns out of the silhouette, shape (2, height, width).
         intrinsics: Focal lengths along rows and columns and the principal point [px].
         sigma: Standard deviation of the silhouette [px].
         cut: Distance to the silhouette from which Huber's weights fall [m].
@@ -56,6 +62,7 @@ class FrameView(NamedTuple):
     axes: FloatArray
     origin: FloatArray
     silhouette: IntArray
+    outwards: FloatArray
     intrinsics: tuple[float, float, float, float]
     sigma: float
     cut: float
@@ -127,6 +134,7 @@ def face_equations(
 ) -> tuple[float, float, int, int]:
     """Set the normal equations of measured points against the visible faces, and return the parts of `Sums`.
 
+    Points on a face that is seen too flatly, or with too few others, do not count.
     Residuals are the height above the face's plane and what a point is beyond the face's sides. The variance along a
     unit vector n is ``sigma^2 (n.d)^2 + (lateral r)^2 (1 - (n.d)^2)`` with d the ray.
 
@@ -147,6 +155,8 @@ def face_equations(
     r00, r01, r02 = transform[0, 0], transform[0, 1], transform[0, 2]
     r10, r11, r12 = transform[1, 0], transform[1, 1], transform[1, 2]
     r20, r21, r22 = transform[2, 0], transform[2, 1], transform[2, 2]
+    nearest, counts = np.empty(points.shape[0], np.int64), np.zeros(faces.centre.shape[0], np.int64)
+    offsets = np.empty((points.shape[0], 3))
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         x = r00 * px + r01 * py + r02 * pz + transform[0, 3]
@@ -155,12 +165,29 @@ def face_equations(
         f, h, a, b = nearest_face(faces, visible, x, y, z)
         square = h * h + a * a + b * b if f >= 0 else FAR * FAR
         distance += min(math.sqrt(square), FAR)
-        if square >= noise.cut * noise.cut:
+        is_near = square < noise.cut * noise.cut
+        nearest[i], offsets[i, 0], offsets[i, 1], offsets[i, 2] = f if is_near else -1, h, a, b
+        if is_near:
+            counts[f] += 1
+            inliers += 1
+    least = _LEAST_SHARE * points.shape[0]
+    for i in range(points.shape[0]):
+        f = nearest[i]
+        if f < 0 or counts[f] < least:
             continue
-        inliers += 1
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        h, a, b = offsets[i, 0], offsets[i, 1], offsets[i, 2]
+        square = h * h + a * a + b * b
+        nx, ny, nz = faces.axes[f, 0, 0], faces.axes[f, 0, 1], faces.axes[f, 0, 2]
+        cosine = abs(
+            (r00 * nx + r10 * ny + r20 * nz) * rays[i, 0]
+            + (r01 * nx + r11 * ny + r21 * nz) * rays[i, 1]
+            + (r02 * nx + r12 * ny + r22 * nz) * rays[i, 2]
+        )
+        if cosine < _LEAST_COSINE:
+            continue
         kept = (1.0 - square / (noise.cut * noise.cut)) ** 2
         across = (noise.lateral * ranges[i]) ** 2
-        cosine = 0.15
         for k in range(3):
             residual = h if k == 0 else (a if k == 1 else b)
             if k > 0 and residual == 0.0:
@@ -170,8 +197,6 @@ def face_equations(
             gy = r01 * nx + r11 * ny + r21 * nz
             gz = r02 * nx + r12 * ny + r22 * nz
             along = gx * rays[i, 0] + gy * rays[i, 1] + gz * rays[i, 2]
-            if k == 0:
-                cosine = max(abs(along), 0.15)
             sigma = noise.sigma0 + noise.k * ranges[i] * ranges[i] / cosine
             along *= along
             weight = kept / (sigma * sigma * along + across * (1.0 - along))
@@ -226,8 +251,9 @@ def add_silhouette_equations(
 ) -> tuple[float, float, int, int]:
     """Add the normal equations of points that should be seen where nothing is, and return the parts of `Sums`.
 
-    The residual of such a point is its distance, across the ray, to the nearest pixel that sees the target. What is too
-    near to be measured, and what is next to it in the image and may be behind it, takes no part.
+    The residual of such a point is its distance, across the ray, to the silhouette's border, along the normal of the
+    border: where a border leads through the image to both sides, the shape may slide along it. What is too near to be
+    measured, and what is next to it in the image and may be behind it, takes no part.
 
     Args:
         samples: Points on the faces in M.
@@ -253,25 +279,24 @@ def add_silhouette_equations(
         right, down = (column - cx - 0.5) / fx, (row - cy - 0.5) / fy
         seen += 1
         pixel = depth / fx
-        u = column - (view.silhouette[1, int(row), int(column)] + 0.5)
-        v = row - (view.silhouette[0, int(row), int(column)] + 0.5)
+        near_row, near_column = view.silhouette[0, int(row), int(column)], view.silhouette[1, int(row), int(column)]
+        u, v = column - (near_column + 0.5), row - (near_row + 0.5)
         u = math.copysign(max(abs(u) - 0.5, 0.0), u) * pixel
         v = math.copysign(max(abs(v) - 0.5, 0.0), v) * depth / fy
-        length = math.sqrt(u * u + v * v)
-        if length == 0.0:
+        across, up = view.outwards[1, near_row, near_column], view.outwards[0, near_row, near_column]
+        residual = across * u + up * v
+        if residual <= 0.0:
             continue
         beyond += 1
-        total += min(length, FAR)
-        weight = min(1.0, view.cut / length) / (view.sigma * pixel) ** 2
-        squares += weight * length * length
-        for k in range(2):
-            residual, slope = (u, right) if k == 0 else (v, down)
-            gx = axes[0, k] - slope * axes[0, 2]
-            gy = axes[1, k] - slope * axes[1, 2]
-            gz = axes[2, k] - slope * axes[2, 2]
-            line = (gy * z - gz * y, gz * x - gx * z, gx * y - gy * x, -gx, -gy, -gz)
-            for m in range(6):
-                gradient[m] += weight * line[m] * residual
-                for n in range(6):
-                    hessian[m, n] += weight * line[m] * line[n]
+        total += min(residual, FAR)
+        weight = min(1.0, view.cut / residual) / (view.sigma * pixel) ** 2
+        squares += weight * residual * residual
+        gx = across * (axes[0, 0] - right * axes[0, 2]) + up * (axes[0, 1] - down * axes[0, 2])
+        gy = across * (axes[1, 0] - right * axes[1, 2]) + up * (axes[1, 1] - down * axes[1, 2])
+        gz = across * (axes[2, 0] - right * axes[2, 2]) + up * (axes[2, 1] - down * axes[2, 2])
+        line = (gy * z - gz * y, gz * x - gx * z, gx * y - gy * x, -gx, -gy, -gz)
+        for m in range(6):
+            gradient[m] += weight * line[m] * residual
+            for n in range(6):
+                hessian[m, n] += weight * line[m] * line[n]
     return squares, total, seen, beyond

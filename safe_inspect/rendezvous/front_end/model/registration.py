@@ -150,6 +150,7 @@ class ModelRegistration:
             axes=np.ascontiguousarray(mount[:3, :3]),
             origin=mount[:3, 3].copy(),
             silhouette=cloud.silhouette,
+            outwards=cloud.outwards,
             intrinsics=self._camera.intrinsics,
             sigma=1.5,
             cut=0.02,

@@ -13,7 +13,7 @@ from safe_inspect.rendezvous.front_end.model.acquisition import acquire
 from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
 from safe_inspect.rendezvous.front_end.motion import RelativeMotion
 from safe_inspect.rendezvous.front_end.registration import Registration, relative
-from safe_inspect.rendezvous.poses import difference, inverse, rotation_log
+from safe_inspect.rendezvous.poses import difference, inverse, perturbed, rotation_log
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
@@ -31,6 +31,8 @@ class ModelTracking:
         largest_shift: The same of the position [m].
         turn_sigma: Standard deviation of the prediction's attitude [rad].
         shift_sigma: The same of its position [m].
+        expected_turn_sigma: Standard deviation of the back end's prediction of the attitude [rad].
+        expected_shift_sigma: The same of the position [m].
         failures: Frames in a row without a pose after which an attitude is given up, and the shape is searched anew.
         alternatives: Number of poses beyond which a frame tells too little to start with.
         expected_turn: Difference of attitude within which a found pose is the expected one [rad].
@@ -45,11 +47,13 @@ class ModelTracking:
     least_points: int = 150
     search_points: int = 300
     least_inliers: float = 0.6
-    largest_score: float = 0.015
+    largest_score: float = 0.008
     largest_turn: float = np.deg2rad(25.0)
     largest_shift: float = 0.25
     turn_sigma: float = np.deg2rad(2.0)
     shift_sigma: float = 0.02
+    expected_turn_sigma: float = np.deg2rad(0.5)
+    expected_shift_sigma: float = 0.005
     failures: int = 3
     alternatives: int = 4
     expected_turn: float = np.deg2rad(45.0)
@@ -58,6 +62,15 @@ class ModelTracking:
     views: int = 15
     view_angle: float = np.deg2rad(10.0)
     scale: float = 3.0
+
+
+#: Share of a frame that the pose of G in M takes, and how far [rad, m] it may be from it.
+_PLACING, _FAR_OFF = 0.2, (0.1, 0.1)
+
+
+def _is_beyond(off: FloatArray, limits: tuple[float, float]) -> bool:
+    """Return whether a tangent's rotation [rad] or translation [m] is longer than a limit."""
+    return bool(np.linalg.norm(off[:3]) > limits[0] or np.linalg.norm(off[3:]) > limits[1])
 
 
 @dataclass(eq=False)
@@ -126,7 +139,7 @@ class ModelFrontEndRun:
             self._fail(self._hypotheses)
             return []
         if self._hypotheses:
-            self._track(cloud, frame.time)
+            self._track(cloud, frame.time, predicted)
         elif len(cloud) >= tracking.search_points:
             self._search(cloud, frame.time, predicted)
         if not self._hypotheses or self._hypotheses[0].failures:
@@ -141,7 +154,7 @@ class ModelFrontEndRun:
             found = best.found
             edges.append(Edge(MODEL, number, found.pose, found.covariance(tracking.scale), found.inliers, "model"))
             if predicted is not None:
-                self._T_MG = found.pose @ inverse(predicted)
+                self._place(found, predicted)
         return edges
 
     def _fail(self, failed: list[_Hypothesis]) -> None:
@@ -152,20 +165,45 @@ class ModelFrontEndRun:
         if not self._hypotheses:
             self._view = None
 
-    def _track(self, cloud: Cloud, time: float) -> None:
-        """Register the frame at the predictions of all hypotheses."""
+    def _place(self, found: Registration, predicted: FloatArray) -> None:
+        """Take part of where a frame shows G to be in M; all of it where that is far from what was known."""
+        shown = found.pose @ inverse(predicted)
+        off = None if self._T_MG is None else difference(self._T_MG, shown)
+        if off is None or self._T_MG is None or _is_beyond(off, _FAR_OFF):
+            self._T_MG = shown
+        else:
+            self._T_MG = perturbed(self._T_MG, _PLACING * off)
+
+    def _registered(self, cloud: Cloud, start: FloatArray, expected: FloatArray | None) -> Registration:
+        """Return the frame registered at the back end's prediction, or where that fits worse at the own one.
+
+        The prediction holds what the frame does not show, along a face that fills the image for instance; the own one
+        would drift there. Where they differ, the target may move otherwise than the back end thinks.
+        """
+        tracking, tried = self._tracking, []
+        if expected is not None:
+            sigma = np.repeat([tracking.expected_turn_sigma, tracking.expected_shift_sigma], 3)
+            tried.append(self._registration(cloud, expected, Prior(expected, np.diag(sigma**-2))))
+        if expected is None or _is_beyond(difference(expected, start), (tracking.turn_sigma, tracking.shift_sigma)):
+            sigma = np.repeat([tracking.turn_sigma, tracking.shift_sigma], 3)
+            tried.append(self._registration(cloud, start, Prior(start, np.diag(sigma**-2))))
+        return min(tried, key=lambda one: one.score)
+
+    def _track(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
+        """Register the frame at the predictions of all hypotheses, or of a single one at the back end's."""
         tracking, failed = self._tracking, []
-        sigma = np.repeat([tracking.turn_sigma, tracking.shift_sigma], 3)
+        expected = None
+        if len(self._hypotheses) == 1 and self._T_MG is not None and predicted is not None:
+            expected = self._T_MG @ predicted
         for hypothesis in self._hypotheses:
             start = hypothesis.motion.predict(time)
-            found = self._registration(cloud, start, Prior(start, np.diag(sigma**-2)))
+            found = self._registered(cloud, start, expected)
             off = difference(start, found.pose)
             hypothesis.score = found.score
             if (
                 found.inliers >= tracking.least_inliers
                 and found.score <= tracking.largest_score
-                and np.linalg.norm(off[:3]) <= tracking.largest_turn
-                and np.linalg.norm(off[3:]) <= tracking.largest_shift
+                and not _is_beyond(off, (tracking.largest_turn, tracking.largest_shift))
             ):
                 hypothesis.found, hypothesis.failures = found, 0
                 hypothesis.motion.observe(time, found.pose)

@@ -1,0 +1,58 @@
+"""Whether the newest attitudes are those of the known motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, log, multiply
+from safe_inspect.rendezvous.characterise.fit import Motion
+from safe_inspect.rendezvous.characterise.history import TargetEstimate
+from safe_inspect.rendezvous.characterise.ratios import logits_of
+from safe_inspect.types import FloatArray
+
+#: Fewest frames that show a departure.
+_LEAST_FRAMES = 3
+#: Departure of rate or attitude that counts, in standard deviations, and what is below the front end's errors of a
+#: view [rad/s, rad].
+_SIGMAS, _LEAST_RATE, _LEAST_ANGLE = 5.0, 0.009, 0.08
+
+
+def motion_of(known: TargetEstimate) -> Motion:
+    """Return the motion of an estimate."""
+    return Motion(known.time, known.orientation, known.angular_velocity, logits_of(known.ratios))
+
+
+def covariance_at(known: TargetEstimate, time: float) -> FloatArray:
+    """Return the covariance of an estimate's tangent at another time [s], shape (8, 8)."""
+    transition = motion_of(known).transition(time)
+    return np.asarray(transition @ known.covariance @ transition.T)
+
+
+def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, sigma: float) -> bool:
+    """Return whether measured attitudes are not those of a motion.
+
+    A line ``e(t) = a + b (t - t_mean)`` through the errors ``e = Log(q_predicted^-1 q_measured)``: a is an error of
+    attitude, b one of the rate. Each is compared with the covariance of the motion and the errors of the frames, which
+    may be alike for all frames (a), or add up from the first to the last (b).
+
+    Args:
+        known: The motion.
+        times: Times of the newest frames [s], ascending, shape (n,).
+        orientation: Measured q_WT of the frames, shape (n, 4).
+        sigma: Standard deviation of their errors about each axis [rad].
+    """
+    if len(times) < _LEAST_FRAMES:
+        return False
+    error = log(multiply(conjugate(known.predict(times)[0]), orientation))
+    since = times - times.mean()
+    attitude, rate = error.mean(axis=0), since @ error / (since @ since)
+    covariance = covariance_at(known, float(times[-1]))
+    span = float(times[-1] - times[0])
+    return _counts(attitude, covariance[:3, :3], sigma, _LEAST_ANGLE) or _counts(
+        rate, covariance[3:6, 3:6], 2.0 * sigma / span, _LEAST_RATE
+    )
+
+
+def _counts(error: FloatArray, covariance: FloatArray, sigma: float, least: float) -> bool:
+    expected = covariance + sigma**2 * np.eye(3)
+    return bool(error @ np.linalg.solve(expected, error) > _SIGMAS**2 and error @ error > least**2)
