@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.building.attitude import check_controls, with_attitude
+from safe_inspect.config.building.guarantees import check_guarantees
 from safe_inspect.config.building.policies import policy_name
 from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.building.resets import reset_plan
@@ -85,6 +86,7 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     ]
     check_agents(config, agents, note)
     check_world(config, reset, worlds, note)
+    check_guarantees(config, reset, note)
     common = common_world(worlds)
     reset = reset_in_world(reset, common, note)
     if environment.rta is not None:
