@@ -11,7 +11,7 @@ from pydantic import model_validator
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.glues.base import Bounds, Parts
-from safe_inspect.glues.derived import DerivedGlue, norms_of, observed
+from safe_inspect.glues.derived import DerivedGlue, norms_of, wrapped_input
 from safe_inspect.glues.observe_sensor import ObserveSensor
 from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.functor import functor_field
@@ -110,7 +110,7 @@ class RotateVectorToLocalRef3d(DerivedGlue):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the turned vector."""
-        rotation, vector = (observed(glue, group) for glue in self.wrapped)
+        rotation, vector = (wrapped_input(glue, group) for glue in self.wrapped)
         euler = self.mode == "euler"
         return RowTerm(_turned, (float(self.apply_inv), float(euler), rotation, vector))
 
@@ -146,7 +146,7 @@ class MagNorm3DGlue(DerivedGlue):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write length and unit vector."""
-        return RowTerm(_magnitude_and_direction, (observed(self.wrapped, group),))
+        return RowTerm(_magnitude_and_direction, (wrapped_input(self.wrapped, group),))
 
 
 class AngleToUnitVector(DerivedGlue):
@@ -180,7 +180,7 @@ class AngleToUnitVector(DerivedGlue):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the unit vector."""
-        return RowTerm(_direction, (observed(self.wrapped, group),))
+        return RowTerm(_direction, (wrapped_input(self.wrapped, group),))
 
 
 class CoordinateAxisGlue(DerivedGlue):
@@ -251,7 +251,7 @@ class DotProductGlue(DerivedGlue):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the inner product."""
-        first, second = (observed(glue, group) for glue in self.wrapped)
+        first, second = (wrapped_input(glue, group) for glue in self.wrapped)
         return RowTerm(_product, (float(self.normalize_vectors), first, second))
 
 

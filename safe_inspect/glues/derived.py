@@ -119,7 +119,7 @@ class VelocityLimitGlue(SpeedLimit, DerivedGlue):
         return limit
 
 
-def observed(glue: Any, group: Group) -> SensorReading | GlueReading:
+def wrapped_input(glue: Any, group: Group) -> SensorReading | GlueReading:
     """Return what a wrapped glue observes as the input of a row kernel.
 
     Args:
