@@ -2,22 +2,71 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import math
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
 
-from safe_inspect.dynamics.quaternion import rotate, rotate_back
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.glues.base import Bounds, Parts
-from safe_inspect.glues.derived import DerivedGlue, norms_of
+from safe_inspect.glues.derived import DerivedGlue, norms_of, wrapped_input
 from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.functor import functor_field
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 
 #: Lengths below this have no direction.
 _LEAST = 1e-5
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+@njit
+def _turned(back: float, euler: float, rotation: FloatArray, vector: FloatArray, out: FloatArray) -> None:
+    if euler != 0.0:
+        half = 0.5 * rotation[0]
+        q = (0.0, 0.0, math.sin(half), math.cos(half))
+    else:
+        q = (rotation[0], rotation[1], rotation[2], rotation[3])
+    if back != 0.0:
+        out[0], out[1], out[2] = rotated_back(q, vector[0], vector[1], vector[2])
+    else:
+        out[0], out[1], out[2] = rotated(q, vector[0], vector[1], vector[2])
+
+
+@njit
+def _length(vector: FloatArray) -> float:
+    total = 0.0
+    for k in range(len(vector)):
+        total += vector[k] * vector[k]
+    return math.sqrt(total)
+
+
+@njit
+def _magnitude_and_direction(vector: FloatArray, out: FloatArray) -> None:
+    size = _length(vector)
+    out[0] = size if size >= _LEAST else 0.0
+    for k in range(3):
+        out[1 + k] = min(max(vector[k] / size, -1.0), 1.0) if size >= _LEAST else 0.0
+
+
+@njit
+def _direction(angle: FloatArray, out: FloatArray) -> None:
+    out[0], out[1], out[2] = math.cos(angle[0]), -math.sin(angle[0]), 0.0
+
+
+@njit
+def _product(normalises: float, first: FloatArray, second: FloatArray, out: FloatArray) -> None:
+    total = 0.0
+    for k in range(len(first)):
+        total += first[k] * second[k]
+    if normalises != 0.0:
+        total = min(max(total / (_length(first) * _length(second) + _LEAST), -1.0), 1.0)
+    out[0] = total
 
 
 class RotateVectorToLocalRef3d(DerivedGlue):
@@ -29,6 +78,8 @@ class RotateVectorToLocalRef3d(DerivedGlue):
             which the first, a turn about z [rad], is used.
         apply_inv: False: the vector stands in body axes and is turned into Hill's frame, ``R v``.
     """
+
+    row_size: ClassVar[int] = 3
 
     wrapped: tuple[functor_field("glue"), functor_field("glue")] = (  # type: ignore[valid-type]
         ObserveSensor(sensor="Sensor_Quaternion"),
@@ -57,17 +108,11 @@ class RotateVectorToLocalRef3d(DerivedGlue):
             )
         return _within_ball(vector)
 
-    def values(self, view: View) -> FloatArray:
-        """Return the turned vector, shape (R, 3)."""
-        rotation, vector = (glue(view) for glue in self._glues)
-        if self.mode == "euler":
-            half, zero = 0.5 * rotation[:, 0], np.zeros(len(rotation))
-            rotation = np.stack((zero, zero, np.sin(half), np.cos(half)), axis=-1)
-        return rotate_back(rotation, vector) if self.apply_inv else rotate(rotation, vector)
-
-    @property
-    def _glues(self) -> tuple[Any, ...]:
-        return self.wrapped
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the turned vector."""
+        rotation, vector = (wrapped_input(glue, group) for glue in self.wrapped)
+        euler = self.mode == "euler"
+        return RowTerm(_turned, (float(self.apply_inv), float(euler), rotation, vector))
 
 
 class MagNorm3DGlue(DerivedGlue):
@@ -76,6 +121,8 @@ class MagNorm3DGlue(DerivedGlue):
     Attributes:
         wrapped: The glue.
     """
+
+    row_size: ClassVar[int] = 4
 
     wrapped: functor_field("glue") = ObserveSensor(sensor="Sensor_Position")  # type: ignore[valid-type]
 
@@ -97,13 +144,9 @@ class MagNorm3DGlue(DerivedGlue):
         largest = _within_ball((low, high))[1][:1]
         return np.array([0.0, -1.0, -1.0, -1.0]), np.concatenate((largest, np.ones(3)))
 
-    def values(self, view: View) -> FloatArray:
-        """Return length and unit vector, shape (R, 4)."""
-        wrapped: Any = self.wrapped
-        vector = wrapped(view)
-        size = norms_of(vector)
-        found = np.concatenate((size, np.clip(vector / np.maximum(size, _LEAST), -1.0, 1.0)), axis=1)
-        return np.where(size < _LEAST, 0.0, found)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write length and unit vector."""
+        return RowTerm(_magnitude_and_direction, (wrapped_input(self.wrapped, group),))
 
 
 class AngleToUnitVector(DerivedGlue):
@@ -113,6 +156,8 @@ class AngleToUnitVector(DerivedGlue):
         wrapped: The glue.
         output_units: The peer's key, without effect: the vector has no unit.
     """
+
+    row_size: ClassVar[int] = 3
 
     wrapped: functor_field("glue") = ObserveSensor(sensor="Sensor_SunAngle")  # type: ignore[valid-type]
     output_units: str | None = None
@@ -133,11 +178,9 @@ class AngleToUnitVector(DerivedGlue):
             raise ValueError(f"it wraps one angle, not {len(low)} numbers")
         return np.full(3, -1.0), np.ones(3)
 
-    def values(self, view: View) -> FloatArray:
-        """Return the unit vector, shape (R, 3)."""
-        wrapped: Any = self.wrapped
-        angle = wrapped(view)[:, 0]
-        return np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=-1)
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the unit vector."""
+        return RowTerm(_direction, (wrapped_input(self.wrapped, group),))
 
 
 class CoordinateAxisGlue(DerivedGlue):
@@ -146,6 +189,8 @@ class CoordinateAxisGlue(DerivedGlue):
     Attributes:
         axis: The axis.
     """
+
+    row_size: ClassVar[int] = 3
 
     axis: Literal["x", "y", "z"] = "x"
 
@@ -157,9 +202,9 @@ class CoordinateAxisGlue(DerivedGlue):
         """Return 0 and 1."""
         return np.zeros(3), np.ones(3)
 
-    def values(self, view: View) -> FloatArray:
-        """Return the unit vector, shape (R, 3)."""
-        return np.tile(np.array(_AXES[self.axis]), (view.num_rows, 1))
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the unit vector."""
+        return RowTerm(copy_vector, (np.array(_AXES[self.axis]),))
 
 
 class DotProductGlue(DerivedGlue):
@@ -169,6 +214,8 @@ class DotProductGlue(DerivedGlue):
         wrapped: The two glues.
         normalize_vectors: Give the cosine of their angle, ``a b / (|a| |b| + 1e-5)``, within -1 and 1.
     """
+
+    row_size: ClassVar[int] = 1
 
     wrapped: tuple[functor_field("glue"), functor_field("glue")] = (  # type: ignore[valid-type]
         ObserveSensor(sensor="Sensor_Position"),
@@ -186,7 +233,8 @@ class DotProductGlue(DerivedGlue):
 
     def names(self, parts: Parts) -> tuple[str, ...]:
         """Return ``a . b``."""
-        first, second = (_stem(glue.names(parts)) for glue in self._glues)
+        glues: tuple[Any, ...] = self.wrapped
+        first, second = (_stem(glue.names(parts)) for glue in glues)
         return (f"{first} . {second}",)
 
     def limits(self, parts: Parts) -> Bounds:
@@ -201,20 +249,10 @@ class DotProductGlue(DerivedGlue):
         largest = np.ones(1) if self.normalize_vectors else _within_ball(first)[1][:1] * _within_ball(second)[1][:1]
         return -largest, largest
 
-    def values(self, view: View) -> FloatArray:
-        """Return the inner product, shape (R, 1)."""
-        first, second = (glue(view) for glue in self._glues)
-        total = np.zeros(len(first))
-        for a, b in zip(first.T, second.T, strict=True):
-            total = total + a * b
-        product = total[:, None]
-        if not self.normalize_vectors:
-            return product
-        return np.asarray(np.clip(product / (norms_of(first) * norms_of(second) + _LEAST), -1.0, 1.0))
-
-    @property
-    def _glues(self) -> tuple[Any, ...]:
-        return self.wrapped
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the inner product."""
+        first, second = (wrapped_input(glue, group) for glue in self.wrapped)
+        return RowTerm(_product, (float(self.normalize_vectors), first, second))
 
 
 def _stem(names: tuple[str, ...]) -> str:

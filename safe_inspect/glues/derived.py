@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,23 +12,36 @@ from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.observe_sensor import ObserveSensor
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import SensorName
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators.row_terms.inputs import GlueReading, SensorReading
+from safe_inspect.simulators.row_terms.plugin import RowCalls
+from safe_inspect.simulators.view import Group, View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
 
 
-class DerivedGlue(ObservationGlue):
+class DerivedGlue(ObservationGlue, RowCalls):
     """A quantity that follows from what the agent's sensors read, normalised; shape (R, size).
+
+    It defines `values`, or `row`, a row kernel that writes the quantity into its last argument, shape (`row_size`,).
 
     Attributes:
         normalization: Which normaliser is applied.
+
+    Class attributes:
+        row_size: Number of elements of the quantity, where it defines `row`.
     """
+
+    row_size: ClassVar[int] = 0
 
     normalization: Normalization = Normalization(enabled=False)
 
-    @abstractmethod
     def values(self, view: View) -> FloatArray:
         """Return the quantity, shape (R, size)."""
+        return self.call_rows(view)
+
+    def row_result(self) -> tuple[type[Any], int]:
+        """Return float and the size of the quantity."""
+        return np.float64, self.row_size
 
     @abstractmethod
     def limits(self, parts: Parts) -> Bounds:
@@ -104,6 +117,20 @@ class VelocityLimitGlue(SpeedLimit, DerivedGlue):
         threshold, distance, slope, _ = self.limit_line(view.world)
         limit: FloatArray = threshold + slope * np.maximum(norms_of(view.reading(self.sensor)) - distance, 0.0)
         return limit
+
+
+def wrapped_input(glue: Any, group: Group) -> SensorReading | GlueReading:
+    """Return what a wrapped glue observes as the input of a row kernel.
+
+    Args:
+        glue: The glue.
+        group: The agents.
+    """
+    if type(glue) is ObserveSensor:
+        scale, normalizer, _, _ = glue.prepared(group.sensors[glue.sensor])
+        if scale == 1.0 and normalizer is None:
+            return SensorReading(glue.sensor)
+    return GlueReading(glue, len(glue.names(group.sensors)))
 
 
 def norms_of(vectors: FloatArray) -> FloatArray:

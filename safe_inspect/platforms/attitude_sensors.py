@@ -10,7 +10,7 @@ from pydantic import field_validator
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.platforms.copies import copy_vector, difference
+from safe_inspect.platforms.copies import copy_difference, copy_vector
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.row_terms.inputs import BodyArray, OwnArray
@@ -112,7 +112,7 @@ class RelativePositionSensor(Sensor, name="Sensor_RelativePosition"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the relative position [m]."""
-        return RowTerm(difference, (BodyArray("position", self.entity_name), OwnArray("position")))
+        return RowTerm(copy_difference, (BodyArray("position", self.entity_name), OwnArray("position")))
 
 
 class RelativeVelocitySensor(Sensor, name="Sensor_RelativeVelocity"):
@@ -129,7 +129,7 @@ class RelativeVelocitySensor(Sensor, name="Sensor_RelativeVelocity"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the relative velocity [m/s]."""
-        return RowTerm(difference, (BodyArray("velocity", self.entity_name), OwnArray("velocity")))
+        return RowTerm(copy_difference, (BodyArray("velocity", self.entity_name), OwnArray("velocity")))
 
 
 class OrbitStabilitySensor(Sensor, name="Sensor_OrbitStability"):

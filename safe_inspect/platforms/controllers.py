@@ -116,10 +116,10 @@ class RateController(Controller):
         commanded = self.commanded  # a wrong property is found now, not at the first step
         if isinstance(commanded, ActuatorLimits) and (commanded.symbol == "N m") != (self.axis > 2):
             right = "MomentProp" if self.axis > 2 else "ThrustProp"
-            raise ValueError(
-                f"the axis {self.axis} takes a {right}, not a {commanded.registered_name}: 0 to 2 are the axes of "
-                "thrusts, 3 to 5 those of moments"
-            )
+            text = f"the axis {self.axis} takes a {right}, not a {commanded.registered_name}"
+            message = f"{text}: 0 to 2 are the axes of thrusts, 3 to 5 those of moments"
+            problem = {"type": "value_error", "loc": ("axis",), "msg": message}
+            raise PydanticCustomError("functor", "the axis is wrong", {"errors": [problem]})
         return self
 
     @cached_property

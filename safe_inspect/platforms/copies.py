@@ -14,7 +14,7 @@ def copy_vector(vector: FloatArray, reading: FloatArray) -> None:
 
 
 @njit
-def difference(one: FloatArray, other: FloatArray, reading: FloatArray) -> None:
+def copy_difference(one: FloatArray, other: FloatArray, reading: FloatArray) -> None:
     """Write the difference of two vectors, shape (size,)."""
     for k in range(len(reading)):
         reading[k] = one[k] - other[k]

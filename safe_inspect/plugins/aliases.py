@@ -68,7 +68,6 @@ ALIASES: dict[str, str] = {
     f"{_INITIALIZERS}.docking_initializer.Docking3DRadialInitializer": "Docking3DRadialInitializer",
     f"{_SAS}.simulators.inspection_simulator.InspectionSimulator": "InspectionSimulator",
     f"{_SAS}.simulators.inspection_simulator.InspectionCallbacks": "InspectionCallbacks",
-    # safe-autonomy-simulation and its forerunner
-    "safe_autonomy_dynamics.cwh.sun_model.SunEntity": "Sun",
+    # safe-autonomy-simulation
     "safe_autonomy_simulation.sims.inspection.sun.Sun": "Sun",
 }

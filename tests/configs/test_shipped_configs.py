@@ -17,7 +17,8 @@ from safe_inspect.task_ids import TASKS, TEAM_TASKS
 FILES = sorted(configs_root().rglob("*.yml"))
 FOLDERS = ("translational-inspection", "multiagent-translational-inspection")
 WEIGHTED = ("weighted-translational-inspection", "multiagent-weighted-translational-inspection")
-OTHERS = (*WEIGHTED, "docking", "multiagent-docking", "tumbling-rendezvous-learning")
+SIX_DOF = ("weighted-six-dof-inspection", "multiagent-weighted-six-dof-inspection")
+OTHERS = (*WEIGHTED, *SIX_DOF, "docking", "multiagent-docking", "tumbling-rendezvous-learning")
 EXPERIMENTS = sorted(
     path for folder in (*FOLDERS, *OTHERS) for path in (configs_root() / folder).rglob("experiment*.yml")
 )

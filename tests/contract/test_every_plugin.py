@@ -22,6 +22,7 @@ from safe_inspect.platforms import (
 )
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.registry import registry
+from safe_inspect.policies import SixDofInspector, ZeroThrust
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.plugins import MeshTarget
 from safe_inspect.rewards import InspectionCrashReward, InspectionDeltaVReward
@@ -48,6 +49,8 @@ def _mesh_file() -> str:
 _NEEDS_FIELDS = {
     ("parameter", "RejectionSampler"): lambda: sample_spec().reset.parameters["init_state"],
     ("target_model", "MeshTarget"): lambda: MeshTarget(path=_mesh_file()),
+    # Its default flies as NaturalMotionInspector, whose search takes its time and is checked by itself.
+    ("policy", "SixDofInspector"): lambda: SixDofInspector(translation=ZeroThrust()),
 }
 
 _PLUGINS = [

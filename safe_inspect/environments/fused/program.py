@@ -10,9 +10,10 @@ import numpy as np
 from safe_inspect.compiling import njit
 from safe_inspect.environments.fused import kernel
 from safe_inspect.environments.group import AgentGroup
+from safe_inspect.glues.derived import DerivedGlue
 from safe_inspect.glues.normalizers import Affine
 from safe_inspect.glues.observe_sensor import ObserveSensor
-from safe_inspect.simulators.row_terms.inputs import Intervening, OwnArray, Scene
+from safe_inspect.simulators.row_terms.inputs import GlueReading, Intervening, OwnArray, Scene
 from safe_inspect.simulators.row_terms.loops import PlacedTerm, RowTerm, place_term
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
@@ -141,8 +142,7 @@ class Program:
             if term is None:
                 foreign.append(index)
             else:
-                for sensor in term.sensors:
-                    self._read(sensor)
+                self._read(term)
                 self._calls.append(TermCall(kind, index, term, plugin.row_result()))
         return foreign
 
@@ -156,15 +156,43 @@ class Program:
                 for row, factor in enumerate((np.full(1, scale), *affine)):
                     self.factors[row, columns] = factor
                 return
+        if isinstance(glue, DerivedGlue):
+            normalizer, limits = glue.normalization.active, glue.limits(self._group.sensors)  # type: ignore[arg-type]
+            affine = Affine() if normalizer is None else normalizer.affine(*limits)
+            if affine is not None and self._call_values(glue, columns):
+                for row, factor in enumerate(affine, 1):
+                    self.factors[row, columns] = factor
+                return
         self.glues.append((glue, columns))
 
-    def _read(self, sensor: str) -> None:
-        """Let the readings of a sensor stand in columns of their own, unless they stand in some already."""
-        if sensor not in self._columns:
-            columns = self._take_columns(self._group.sensors[sensor].size)
-            if not self._call_sensor(sensor, columns):
-                self._columns[sensor] = columns
-                self.sensors.append((sensor, columns))
+    def _read(self, term: RowTerm) -> None:
+        """Let the readings that a term is given stand in columns of their own, unless they stand in some already."""
+        for reading in term.read:
+            if reading.key in self._columns:
+                continue
+            columns = self._take_columns(reading.size_of(self._group))
+            if isinstance(reading, GlueReading):
+                if not self._call_glue(reading.glue, columns):
+                    self.glues.append((reading.glue, columns))
+                self._columns[reading.key] = columns
+            elif not self._call_sensor(reading.sensor, columns):
+                self._columns[reading.key] = columns
+                self.sensors.append((reading.sensor, columns))
+
+    def _call_glue(self, glue: Any, columns: slice) -> bool:
+        """Add the call of a glue whose values stand there as they are; return whether it has a row kernel."""
+        if not isinstance(glue, DerivedGlue) or glue.normalization.active is not None:
+            return False
+        return self._call_values(glue, columns)
+
+    def _call_values(self, glue: DerivedGlue, columns: slice) -> bool:
+        """Add the call of the row kernel of a glue's values; return whether it has one."""
+        term = glue.row(self._world, self._group)
+        if term is None:
+            return False
+        self._read(term)
+        self._calls.append(TermCall(kernel.READING, columns.start, term, glue.row_result()))
+        return True
 
     def _call_sensor(self, name: str, columns: slice) -> bool:
         """Add the call of a sensor; return whether it is one that a row kernel defines."""
@@ -172,8 +200,7 @@ class Program:
         term = sensor.row(self._world, self._group)
         if term is None:
             return False
-        for other in term.sensors:
-            self._read(other)
+        self._read(term)
         self._columns.setdefault(name, columns)
         self._calls.append(TermCall(kernel.READING, columns.start, term, sensor.row_result()))
         return True

@@ -15,7 +15,7 @@ import numpy as np
 
 from safe_inspect.simulators.missing import missing
 from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray
 
@@ -156,12 +156,52 @@ class SensorReading:
 
     sensor: str
 
+    @property
+    def key(self) -> str:
+        """Name of its columns."""
+        return self.sensor
+
     def place(self, scene: Scene) -> InputPlace:
         """Return where the input lies."""
-        columns = scene.columns[self.sensor]
-        shape = (*scene.rows, columns.stop - columns.start)
-        strides = (8 * scene.width * scene.group.size, 8 * scene.width, 8)
-        return InputPlace(MemoryBase.READINGS, 8 * columns.start, np.dtype(np.float64), shape, strides)
+        return _in_readings(scene, self.key)
+
+    def size_of(self, group: Group) -> int:
+        """Return its number of elements."""
+        return group.sensors[self.sensor].size
+
+    def read(self, view: View) -> AnyArray:
+        """Return it for all rows, shape (R, k)."""
+        return view.reading(self.sensor)
+
+
+@dataclass(frozen=True, eq=False)
+class GlueReading:
+    """What a glue of the agent observes after the step, shape (k,).
+
+    Attributes:
+        glue: The glue, called with a `View`.
+        size: Its number of elements, k.
+    """
+
+    glue: Any
+    size: int
+
+    @property
+    def key(self) -> str:
+        """Name of its columns, the same for equal glues."""
+        return repr(self.glue)
+
+    def place(self, scene: Scene) -> InputPlace:
+        """Return where the input lies."""
+        return _in_readings(scene, self.key)
+
+    def size_of(self, group: Group) -> int:
+        """Return its number of elements."""
+        return self.size
+
+    def read(self, view: View) -> AnyArray:
+        """Return it for all rows, shape (R, k)."""
+        return np.asarray(self.glue(view))
 
 
 @dataclass(frozen=True)
@@ -194,6 +234,7 @@ RowInput = (
     | EnvironmentArray
     | SensorMemory
     | SensorReading
+    | GlueReading
     | Intervening
     | AgentParameter
     | AnyArray
@@ -214,6 +255,14 @@ def place_of(given: RowInput, scene: Scene) -> InputPlace:
 
 def _absolute(array: AnyArray) -> InputPlace:
     return InputPlace(MemoryBase.ABSOLUTE, array.ctypes.data, array.dtype, array.shape, array.strides, array)
+
+
+def _in_readings(scene: Scene, key: str) -> InputPlace:
+    """Return where the columns lie that have a name."""
+    columns = scene.columns[key]
+    shape = (*scene.rows, columns.stop - columns.start)
+    strides = (8 * scene.width * scene.group.size, 8 * scene.width, 8)
+    return InputPlace(MemoryBase.READINGS, 8 * columns.start, np.dtype(np.float64), shape, strides)
 
 
 def _in_state(scene: Scene, name: str, agents: slice | None, before: bool) -> InputPlace:

@@ -19,7 +19,15 @@ import numpy as np
 
 from safe_inspect.compiling import Kernel, generate
 from safe_inspect.errors import PluginValueError
-from safe_inspect.simulators.row_terms.inputs import InputPlace, MemoryBase, RowInput, Scene, SensorReading, place_of
+from safe_inspect.simulators.row_terms.inputs import (
+    GlueReading,
+    InputPlace,
+    MemoryBase,
+    RowInput,
+    Scene,
+    SensorReading,
+    place_of,
+)
 from safe_inspect.types import AnyArray
 
 _SIGNATURE = "int64(int64, int64, int64, int64, int64)"
@@ -39,9 +47,11 @@ class RowTerm:
     inputs: Sequence[RowInput]
 
     @property
-    def sensors(self) -> tuple[str, ...]:
-        """The sensors whose readings it is given, each once."""
-        return tuple(dict.fromkeys(given.sensor for given in self.inputs if isinstance(given, SensorReading)))
+    def read(self) -> tuple[SensorReading | GlueReading, ...]:
+        """The readings of sensors and glues that it is given, each once."""
+        return tuple(
+            {given.key: given for given in self.inputs if isinstance(given, SensorReading | GlueReading)}.values()
+        )
 
 
 @dataclass(frozen=True, eq=False)

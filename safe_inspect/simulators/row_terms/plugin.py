@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.errors import PluginValueError
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.row_terms.inputs import Intervening, MemoryBase, Scene
+from safe_inspect.simulators.row_terms.inputs import GlueReading, Intervening, MemoryBase, Scene, SensorReading
 from safe_inspect.simulators.row_terms.loops import PlacedTerm, RowTerm, address_of, place_term
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
@@ -35,21 +35,12 @@ class _Known(NamedTuple):
     group: Group
     specs: Any
     placed: PlacedTerm
-    sensors: tuple[str, ...]
+    read: tuple[SensorReading | GlueReading, ...]
     intervening: bool
 
 
-class RowPlugin(Plugin):
-    """A plugin that defines ``__call__`` on a batch, or `row`, of which the batch call follows.
-
-    A class that defines both is called where `row` returns None, and must give the same otherwise.
-    """
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Give a class that defines `row` its batch call."""
-        super().__init_subclass__(**kwargs)
-        if "row" in vars(cls) and "__call__" not in vars(cls):
-            cls.__call__ = RowPlugin.call_rows  # type: ignore[method-assign]
+class RowCalls(Plugin):
+    """A plugin that may define a row kernel, by `row`; see `RowPlugin`."""
 
     def row(self, world: World, group: Group) -> RowTerm | None:
         """Return the row kernel with its inputs; None: the plugin is called with the whole batch.
@@ -73,8 +64,8 @@ class RowPlugin(Plugin):
         if known is None or known.world is not view.world or known.group is not group or known.specs is not state.specs:
             known = by_size[state.num_envs] = self._place(view.world, group, state)
         given: list[AnyArray | None] = [None, state.floats, before.writable.floats, None, None]
-        if known.sensors:
-            readings = [view.reading(sensor) for sensor in known.sensors]
+        if known.read:
+            readings = [reading.read(view) for reading in known.read]
             given[MemoryBase.READINGS] = np.concatenate(readings, axis=1, dtype=np.float64)
         if known.intervening and isinstance(seen, Step):
             given[MemoryBase.INTERVENING] = np.ascontiguousarray(seen.writable_intervening)
@@ -96,12 +87,25 @@ class RowPlugin(Plugin):
         if term is None:
             raise TypeError(f"{type(self).__name__} defines no row kernel; define `row` or `__call__`")
         columns, width = {}, 0
-        for sensor in term.sensors:
-            size = group.sensors[sensor].size
-            columns[sensor] = slice(width, width + size)
+        for reading in term.read:
+            size = reading.size_of(group)
+            columns[reading.key] = slice(width, width + size)
             width += size
         dtype, size = self.row_result()
         scene = Scene(world, group, state, columns, width)
         placed = place_term(term, scene, dtype, np.dtype(dtype).itemsize * max(size, 1), size)
         intervening = any(isinstance(given, Intervening) for given in term.inputs)
-        return _Known(world, group, state.specs, placed, term.sensors, intervening)
+        return _Known(world, group, state.specs, placed, term.read, intervening)
+
+
+class RowPlugin(RowCalls):
+    """A plugin that defines ``__call__`` on a batch, or `row`, of which the batch call follows.
+
+    A class that defines both is called where `row` returns None, and must give the same otherwise.
+    """
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Give a class that defines `row` its batch call."""
+        super().__init_subclass__(**kwargs)
+        if "row" in vars(cls) and "__call__" not in vars(cls):
+            cls.__call__ = RowPlugin.call_rows  # type: ignore[method-assign]

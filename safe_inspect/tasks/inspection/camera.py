@@ -14,7 +14,7 @@ from safe_inspect.geometry.visibility import Credit, Surface, count_inspected, l
 from safe_inspect.types import BoolArray, FloatArray
 
 
-class Camera(NamedTuple):
+class ConeCamera(NamedTuple):
     """A camera with a cone of view, whose tip is the deputy's centre.
 
     Attributes:
@@ -45,7 +45,7 @@ def inspect_by_camera(
     position: FloatArray,
     orientation: FloatArray,
     body: int,
-    camera: Camera,
+    camera: ConeCamera,
     sun: FloatArray,
     surface: Surface,
     active: BoolArray,

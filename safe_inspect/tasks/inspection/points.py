@@ -18,7 +18,7 @@ from safe_inspect.simulators.offers import OfView
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.inspection.camera import Camera, inspect_by_camera
+from safe_inspect.tasks.inspection.camera import ConeCamera, inspect_by_camera
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points_model import PointsModel
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsOf
@@ -103,7 +103,7 @@ class InspectionPoints(Component):
         if self.sensor_fov is not None:
             size = math.hypot(*self.initial_sensor_unit_vec)
             x, y, z = (component / size for component in self.initial_sensor_unit_vec)
-            camera = Camera((x, y, z), 0.5 * self.sensor_fov)
+            camera = ConeCamera((x, y, z), 0.5 * self.sensor_fov)
         return _RunningPoints(models, world.num_deputies, camera or self.field_of_view, self.report_score)
 
 
@@ -128,11 +128,11 @@ class _RunningPoints(RunningComponent):
     }
 
     def __init__(
-        self, models: Mapping[str, PointsModel], num_deputies: int, view: float | Camera, report_score: bool
+        self, models: Mapping[str, PointsModel], num_deputies: int, view: float | ConeCamera, report_score: bool
     ) -> None:
         self._models, self._num_deputies, self._report_score = models, num_deputies, report_score
-        self._camera = view if isinstance(view, Camera) else None
-        self._cos_half_fov = -1.0 if isinstance(view, Camera) or view >= math.pi else math.cos(view / 2.0)
+        self._camera = view if isinstance(view, ConeCamera) else None
+        self._cos_half_fov = -1.0 if isinstance(view, ConeCamera) or view >= math.pi else math.cos(view / 2.0)
         self._active = np.ones((0, num_deputies), dtype=np.bool_)
         self.arrays = {name: spec for model in models.values() for name, spec in model.arrays(num_deputies).items()}
         self.arrays[PRIORITY] = ArraySpec((3,))
