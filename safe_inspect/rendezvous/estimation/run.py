@@ -10,8 +10,8 @@ from safe_inspect.dynamics.quaternion import from_matrix, to_matrix
 from safe_inspect.rendezvous.back_end.options import ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.bound.query import EstimateErrors, JointErrors
 from safe_inspect.rendezvous.characterise.history import TargetEstimate
-from safe_inspect.rendezvous.estimation.change import covariance_at
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
+from safe_inspect.rendezvous.estimation.change import covariance_at
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
 from safe_inspect.rendezvous.estimation.suite import SensorSuite
 from safe_inspect.rendezvous.poses import pose
