@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,8 @@ class PoseGraph:
         self._frames: list[int] = []
         self._reached: set[int] = set()
         self._has_model = False
+        #: How many poses to the model count as one, since their errors are alike.
+        self._alike = 1.0
         pose = gtsam.Pose3(start.pose)
         imu = options.imu
         bias = gtsam.imuBias.ConstantBias()
@@ -98,6 +101,9 @@ class PoseGraph:
         if len(self._frames) >= self._options.largest:
             self._forget()
         before, gtsam = self._frames[-1], self._gtsam
+        if self._options.memory > 0.0 and imu.duration > 0.0:
+            share = np.exp(-imu.duration / self._options.memory)
+            self._alike = float((1.0 + share) / (1.0 - share))
         pose, velocity = imu.predict(*self.last)
         self._add_frame(frame, pose, velocity, self._state["B"])
         keys = [key("X", before), key("V", before), key("X", frame), key("V", frame), key("B", before)]
@@ -192,7 +198,8 @@ class PoseGraph:
                 self._add(gtsam.PriorFactorPose3(key("M"), model, self._same(6, _LOOSE)))
                 for factor in model_centre_factors(self._options.model_centre):
                     self._add(factor)
-            self._add(edge_factor(edge, key("M"), key("G", second), self._options.huber), second)
+            alike = replace(edge, covariance=self._alike * edge.covariance)
+            self._add(edge_factor(alike, key("M"), key("G", second), self._options.huber), second)
             return
         if first not in self._reached and second not in self._reached:
             return

@@ -23,6 +23,8 @@ class GraphOptions:
         huber: Residual beyond which an edge counts less, in standard deviations.
         relinearise: Change beyond which iSAM2 linearises a variable anew [rad, m, m/s].
         largest: Number of frames beyond which the older half is replaced by priors.
+        memory: Time over which errors of poses to the model stay alike [s]: their covariances are multiplied by
+            ``(1 + rho) / (1 - rho)`` with ``rho = exp(-dt / memory)``; 0 for independent ones.
     """
 
     imu: ImuNoise = field(default_factory=ImuNoise)
@@ -34,6 +36,7 @@ class GraphOptions:
     huber: float = 1.345
     relinearise: float = 1e-3
     largest: int = 600
+    memory: float = 0.0
 
 
 class ChaserStart(NamedTuple):

@@ -10,8 +10,9 @@ from safe_inspect.rendezvous.characterise.history import TargetEstimate
 from safe_inspect.rendezvous.characterise.ratios import logits_of
 from safe_inspect.types import FloatArray
 
-#: Fewest frames that show a departure.
-_LEAST_FRAMES = 3
+#: How many of the newest frames must all be off, by how many standard deviations each: a few views in which the front
+#: end errs are over by then.
+OFF_FRAMES, _OFF_SIGMAS = 3, 3.0
 #: Departure of rate or attitude that counts, in standard deviations, and what is below the front end's errors of a
 #: view [rad/s, rad].
 _SIGMAS, _LEAST_RATE, _LEAST_ANGLE = 5.0, 0.009, 0.08
@@ -33,7 +34,7 @@ def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, s
 
     A line ``e(t) = a + b (t - t_mean)`` through the errors ``e = Log(q_predicted^-1 q_measured)``: a is an error of
     attitude, b one of the rate. Each is compared with the covariance of the motion and the errors of the frames, which
-    may be alike for all frames (a), or add up from the first to the last (b).
+    may be alike for all frames (a), or add up from the first to the last (b). The newest frames must all be off.
 
     Args:
         known: The motion.
@@ -41,18 +42,21 @@ def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, s
         orientation: Measured q_WT of the frames, shape (n, 4).
         sigma: Standard deviation of their errors about each axis [rad].
     """
-    if len(times) < _LEAST_FRAMES:
+    if len(times) < OFF_FRAMES:
         return False
     error = log(multiply(conjugate(known.predict(times)[0]), orientation))
     since = times - times.mean()
     attitude, rate = error.mean(axis=0), since @ error / (since @ since)
     covariance = covariance_at(known, float(times[-1]))
-    span = float(times[-1] - times[0])
-    return _counts(attitude, covariance[:3, :3], sigma, _LEAST_ANGLE) or _counts(
-        rate, covariance[3:6, 3:6], 2.0 * sigma / span, _LEAST_RATE
-    )
+    of_attitude = covariance[:3, :3] + sigma**2 * np.eye(3)
+    of_rate = covariance[3:6, 3:6] + (2.0 * sigma / float(times[-1] - times[0])) ** 2 * np.eye(3)
+    if any(_size(one, of_attitude) < _OFF_SIGMAS for one in error[-OFF_FRAMES:]):
+        return False
+    is_turned = _size(attitude, of_attitude) > _SIGMAS and np.linalg.norm(attitude) > _LEAST_ANGLE
+    is_faster = _size(rate, of_rate) > _SIGMAS and np.linalg.norm(rate) > _LEAST_RATE
+    return bool(is_turned or is_faster)
 
 
-def _counts(error: FloatArray, covariance: FloatArray, sigma: float, least: float) -> bool:
-    expected = covariance + sigma**2 * np.eye(3)
-    return bool(error @ np.linalg.solve(expected, error) > _SIGMAS**2 and error @ error > least**2)
+def _size(error: FloatArray, covariance: FloatArray) -> float:
+    """Return the length of an error in standard deviations."""
+    return float(np.sqrt(error @ np.linalg.solve(covariance, error)))

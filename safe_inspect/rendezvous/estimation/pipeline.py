@@ -13,7 +13,7 @@ from safe_inspect.rendezvous.back_end.run import BackEndRun
 from safe_inspect.rendezvous.characterise.fit import Motion
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.edges import Edge
-from safe_inspect.rendezvous.estimation.change import departs, motion_of
+from safe_inspect.rendezvous.estimation.change import OFF_FRAMES, departs, motion_of
 from safe_inspect.rendezvous.estimation.innovation import centre_innovation
 from safe_inspect.rendezvous.front_end.context import FrontEndRun
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
@@ -22,9 +22,9 @@ from safe_inspect.types import FloatArray
 
 #: Called with the history, the target, the motion as it was known and q_GM.
 Characterise = Callable[[History, Target | None, Motion | None, FloatArray | None], TargetEstimate | None]
-#: Number of the newest frames that are compared with the known motion, how often in a row they must depart from it,
-#: and the misfit of the newest edges that shows a change as well, in standard deviations.
-_CHANGED_FRAMES, _CHANGED_TIMES, _CHANGED_MISFIT = 5, 2, 3.0
+#: Number of the newest frames that are compared with the known motion, and the misfit of the newest edges that shows a
+#: change as well, in standard deviations.
+_CHANGED_FRAMES, _CHANGED_MISFIT = 5, 3.0
 #: Errors of a motion that is known from a few frames only [rad, rad/s], and their span [s].
 _QUICK_SIGMA, _QUICK_SPAN = (0.05, 0.02), 3.0
 #: Innovation of the centre of mass in B beyond which a frame is refused, in standard deviations, how many in a row are
@@ -81,7 +81,7 @@ class EstimationPipeline:
         self._count = 0
         self._since = 0.0
         self._fitted_at = -np.inf
-        self._strange = self._jumps = self._refused = 0
+        self._jumps = self._refused = 0
         self.graph: GraphEstimate | None = None
         self.target: TargetEstimate | None = None
         self.updated = 0.0
@@ -182,11 +182,9 @@ class EstimationPipeline:
             return
         times, orientation = self._newest_attitudes(known)
         sigma = np.sqrt(np.mean([np.trace(edge.covariance[:3, :3]) for edge in edges]) / 3.0)
-        is_strange = departs(known, times, orientation, float(sigma) * max(known.misfit, 1.0))
-        self._strange = self._strange + 1 if is_strange else 0
-        if self._strange >= _CHANGED_TIMES:
-            # The frames that were strange are after the change; those before them may not be.
-            self._forget_before(float(times[-_CHANGED_TIMES]), time)
+        if departs(known, times, orientation, float(sigma) * max(known.misfit, 1.0)):
+            # The frames that are off are after the change; those before them may not be.
+            self._forget_before(float(times[-OFF_FRAMES]), time)
 
     def _newest_attitudes(self, known: TargetEstimate) -> tuple[FloatArray, FloatArray]:
         """Return times [s], shape (n,), and measured attitudes q_WT, shape (n, 4), of the newest frames."""
@@ -201,7 +199,7 @@ class EstimationPipeline:
 
     def _forget_before(self, since: float, time: float) -> None:
         """Take the motion as changed at a time [s], now: it is found anew from what is seen since then."""
-        self.changed, self._since, self._strange = True, since, 0
+        self.changed, self._since = True, since
         self._follow_newest(time)
 
     def _follow_newest(self, time: float) -> None:

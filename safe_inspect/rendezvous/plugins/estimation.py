@@ -82,12 +82,14 @@ class ISAM2BackEnd(BackEnd):
         huber: Residual beyond which an edge counts less, in standard deviations.
         relinearise: Change beyond which a variable is linearised anew [rad, m, m/s].
         largest: Number of frames beyond which the older half is replaced by priors.
+        memory: Time over which errors of poses to the model stay alike [s]; 0 for independent ones.
     """
 
     kinematic_sigma: PositiveLength = 0.005  # type: ignore[valid-type]
     huber: float = Field(default=1.345, gt=0.0)
     relinearise: float = Field(default=1e-3, gt=0.0)
     largest: int = Field(default=600, ge=10)
+    memory: NonNegativeDuration = 6.0  # type: ignore[valid-type]
 
     def __call__(self, imu: ImuNoise, period: float, start: ChaserStart, centre: CentrePrior) -> GraphBackEnd:
         """Return the back end of a mission."""
@@ -100,6 +102,7 @@ class ISAM2BackEnd(BackEnd):
             huber=self.huber,
             relinearise=self.relinearise,
             largest=self.largest,
+            memory=self.memory,
         )
         return GraphBackEnd(options, period, start, centre)
 
