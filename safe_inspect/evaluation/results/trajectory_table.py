@@ -38,6 +38,7 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
             "status": int(trajectory.status),
             "deputies": list(trajectory.deputies),
             "mean_motion": trajectory.mean_motion,
+            "docking_radius": trajectory.docking_radius,
             "arrays": {name: list(array.shape[1:]) for name, array in trajectory.arrays.items()},
             "points": trajectory.points.tolist(),
             "inspected_at": [when if np.isfinite(when) else None for when in trajectory.inspected_at.tolist()],
@@ -129,4 +130,5 @@ def _trajectory(columns: dict[str, AnyArray], record: dict[str, Any]) -> Traject
         slot=int(record["slot"]),
         deputies=tuple(record["deputies"]),
         mean_motion=float(record["mean_motion"]),
+        docking_radius=float(record.get("docking_radius", 0.0)),  # older files have none
     )

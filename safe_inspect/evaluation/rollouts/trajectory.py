@@ -30,6 +30,7 @@ class Trajectory:
         inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
         inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
         mean_motion: Mean motion of the chief's orbit [rad/s], 0 where there is none.
+        docking_radius: Radius of the docking region about the chief [m], 0 where there is none.
     """
 
     time: FloatArray
@@ -45,6 +46,7 @@ class Trajectory:
     inspected_at: FloatArray = field(default_factory=lambda: np.zeros(0))
     inspector: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     mean_motion: float = 0.0
+    docking_radius: float = 0.0
 
     def __getattr__(self, name: str) -> FloatArray:
         arrays: Mapping[str, FloatArray] = self.__dict__.get("arrays", {})
