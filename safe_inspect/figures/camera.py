@@ -64,16 +64,16 @@ class Moment:
         time: Time since the reset [s].
         position: Position of each deputy [m], shape (D, 3).
         delta_v: Velocity change that each deputy has spent [m/s], shape (D,).
-        sun: Unit vector to the sun, shape (3,).
+        sun: Unit vector to the sun, shape (3,); None in a task without a sun.
         seen: Points that are inspected, shape (P,).
-        lit: Points on the sun's side, shape (P,).
+        lit: Points on the sun's side, shape (P,); none without a sun.
         row: The last recorded state that is not later.
     """
 
     time: float
     position: FloatArray
     delta_v: FloatArray
-    sun: FloatArray
+    sun: FloatArray | None
     seen: BoolArray
     lit: BoolArray
     row: int
@@ -96,9 +96,10 @@ def moment(episode: Trajectory, time: float) -> Moment:
         + (3.0 * u**2 - 2.0 * u**3) * there
         + (u**3 - u**2) * arriving
     )
-    angle = float((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
-    sun = np.array([np.cos(angle), -np.sin(angle), 0.0])
+    sun, lit = None, np.zeros(len(episode.points), dtype=np.bool_)
+    if "sun_angle" in episode.arrays:
+        angle = float((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
+        sun = np.array([np.cos(angle), -np.sin(angle), 0.0])
+        lit = episode.points @ sun > 0.0
     last = row + 1 if u >= 1.0 else row
-    return Moment(
-        time, position, episode.delta_v[last], sun, episode.inspected_at <= time, (episode.points @ sun) > 0.0, last
-    )
+    return Moment(time, position, episode.delta_v[last], sun, episode.inspected_at <= time, lit, last)

@@ -1,4 +1,4 @@
-// The scene of an inspection: chief, deputies, their ways and burns, and the sun.
+// The scene of an episode: deputies, their ways and burns; the chief and the sun, or the docking region.
 const { position, sun, points, radius, rings, deputies } = episode;
 const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
 
@@ -6,17 +6,22 @@ const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
 function stateAt(t) {
   const row = rowAt(t), next = Math.min(row + 1, last);
   const u = next > row ? (t - time[row]) / (time[next] - time[row]) : 0;
-  const angle = sun[row] + u * (sun[next] - sun[row]);
+  const angle = sun && sun[row] + u * (sun[next] - sun[row]);
   return {
     row,
     places: position.map((way) => mixed(way[row], way[next], u)),
-    light: [Math.cos(angle), -Math.sin(angle), 0],
+    light: sun && [Math.cos(angle), -Math.sin(angle), 0],
     count: episode.inspected_at.filter((when) => when !== null && when <= t).length,
   };
 }
 
 /** Draw the chief with its day side and the points on the reader's side; r in pixels. */
 function drawChief(pen, x, y, r, view, light, t) {
+  if (!points.length || !light) {
+    if (episode.docking_radius) disc(pen, x, y, r, null, "#222");
+    for (const [dx, dy] of [[5, 0], [0, 5]]) polyline(pen, [[x - dx, y - dy], [x + dx, y + dy]], "#222", 1);
+    return;
+  }
   disc(pen, x, y, r, NIGHT);
   const a = dot3(light, view.right), b = dot3(light, view.up), d = dot3(light, view.sight);
   pen.save();
@@ -48,7 +53,7 @@ function drawScene(t) {
   const metre = camera.zoom * Math.min(width, 1.25 * height) / 2.2 / reach;
   const x0 = 0.5 * width, y0 = 0.5 * height, r = radius * metre;
   const flat = (p) => [x0 + dot3(p, view.right) * metre, y0 - dot3(p, view.up) * metre];
-  const hidden = (p) => dot3(p, view.sight) < 0
+  const hidden = (p) => points.length > 0 && dot3(p, view.sight) < 0
     && dot3(p, view.right) ** 2 + dot3(p, view.up) ** 2 < radius * radius;
   const circle = (ring) => Array.from({ length: 121 }, (_, i) => {
     const angle = i / 60 * Math.PI;
@@ -71,14 +76,7 @@ function drawScene(t) {
     pen.fillStyle = GREY;
     pen.fillText(name, x, y);
   });
-  const tail = flat(scaled(state.light, 0.7 * outer)), tip = flat(scaled(state.light, outer));
-  const aside = [-state.light[1], state.light[0], 0];
-  const barbs = [1, -1].map((side) => flat([0, 1, 2].map((i) =>
-    outer * (0.92 * state.light[i] + side * 0.045 * aside[i]))));
-  polyline(pen, [tail, tip, barbs[0], tip, barbs[1]], ORANGE, 2.5);
-  const [sx, sy] = flat(scaled(state.light, 1.1 * outer));
-  pen.fillStyle = "#B87A00";
-  pen.fillText("sun", sx, sy);
+  if (state.light) drawSun(pen, flat, state.light, outer);
 
   const ways = position.map((way, index) => {
     const gone = [...way.slice(0, state.row + 1), state.places[index]];
@@ -112,13 +110,22 @@ function drawScene(t) {
   drawBurns(pen, flat, hidden, state.row, outer);
   drawDeputies(false);
   const inset = Math.min(0.13 * width, 0.17 * height);
-  if (r < 0.6 * inset) {
+  if (points.length && r < 0.6 * inset) {
     const x = width - inset - 18, y = inset + 18;
     disc(pen, x, y, inset + 8, "#fff");
     drawChief(pen, x, y, inset, view, state.light, now);
     pen.fillStyle = GREY;
     pen.fillText("the chief from here", x, y + inset + 13);
   }
+}
+
+function drawSun(pen, flat, light, outer) {
+  const tail = flat(scaled(light, 0.7 * outer)), tip = flat(scaled(light, outer));
+  const aside = [-light[1], light[0], 0];
+  const barbs = [1, -1].map((side) => flat([0, 1, 2].map((i) => outer * (0.92 * light[i] + side * 0.045 * aside[i]))));
+  polyline(pen, [tail, tip, barbs[0], tip, barbs[1]], ORANGE, 2.5);
+  pen.fillStyle = "#B87A00";
+  pen.fillText("sun", ...flat(scaled(light, 1.1 * outer)));
 }
 
 /** A stroke in the direction of the thrust at each burn so far. */
@@ -135,16 +142,20 @@ function drawBurns(pen, flat, hidden, row, outer) {
 function countersAt(t) {
   const state = stateAt(t);
   const spent = episode.delta_v.reduce((sum, values) => sum + values[state.row], 0);
-  const told = [`${(t / episode.unit_seconds).toFixed(1)} ${episode.unit}`,
-    `${state.count} of ${points.length} points inspected`, `delta-v ${spent.toFixed(3)} m/s`];
+  const nearest = Math.min(...state.places.map((p) => Math.sqrt(dot3(p, p))));
+  const what = points.length ? `${state.count} of ${points.length} points inspected` : `range ${nearest.toFixed(1)} m`;
+  const told = [`${(t / episode.unit_seconds).toFixed(1)} ${episode.unit}`, what, `delta-v ${spent.toFixed(3)} m/s`];
   if (t >= END && episode.ending) told.push(episode.ending);
   return told;
 }
 
 deputies.forEach(({ name, colour }) => keyEntry(name, colour));
-keyEntry(deputies.length > 1 ? "inspected: who saw it first" : "inspected", deputies[0].colour, deputies[0].colour);
-keyEntry("lit, not inspected", "#222", "#fff");
-keyEntry("in the dark", DARK, DARK);
+if (points.length) {
+  keyEntry(deputies.length > 1 ? "inspected: who saw it first" : "inspected", deputies[0].colour, deputies[0].colour);
+  keyEntry("lit, not inspected", "#222", "#fff");
+  keyEntry("in the dark", DARK, DARK);
+}
+if (episode.docking_radius) keyEntry("docking region", "#222", "#fff");
 keyEntry("burn", "#222");
 
 element("near").addEventListener("click", () => { camera.zoom = 0.45 * episode.reach / radius; show(now); });

@@ -11,15 +11,18 @@ from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.figures.camera import Camera, Moment, moment
 from safe_inspect.figures.chief_figure import VIEW, clock, radius_of, reach_of
 from safe_inspect.figures.drawing import BLACK, GREY, ORANGE, PALE, deputy_line, style
+from safe_inspect.figures.film_views import DAY, NIGHT, ApproachView, ChiefView, SideView, circle
 from safe_inspect.figures.scene import ring_radii
 from safe_inspect.types import AnyArray, FloatArray
 
-NIGHT, DAY, LIT, DARK = "#B4BAC4", "#FFF1C4", "#FFFFFF", "#4B5563"
 _DPI = 100
 
 
 class Film:
-    """Draws the pictures of an episode: the way so far, the chief from two sides, sun, coverage and counters.
+    """Draws the pictures of an episode: the way so far and counters, and what the task is about.
+
+    Of an inspection that is the chief from two sides, the sun and coverage; of a task without points, speed over range
+    with the speed limit, and range over time.
 
     Args:
         episode: The episode.
@@ -38,7 +41,8 @@ class Film:
         self.episode = episode
         self.frames = frames
         self._turn = turn
-        self._radius = radius_of(episode)
+        self._inspects = bool(len(episode.points)) and "sun_angle" in episode.arrays
+        self._radius = radius_of(episode) or episode.docking_radius
         self._size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs want even numbers
         with style():
             self._build()
@@ -73,7 +77,7 @@ class Film:
         figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
         self._canvas: Any = FigureCanvasAgg(figure)
         self._build_scene(figure)
-        self._build_chief(figure)
+        self._side: SideView = (ChiefView if self._inspects else ApproachView)(figure, self.episode)
         self._build_panels(figure)
 
     def _build_scene(self, figure: Any) -> None:
@@ -98,9 +102,12 @@ class Film:
         ]
         for label in self._labels:
             label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.8})
-        (self._sun,) = axes.plot([], [], color=ORANGE, linewidth=2.2, zorder=2)
-        self._sun_label = axes.text(0.0, 0.0, "sun", color=ORANGE, ha="center", va="center", zorder=2)
-        (self._night,) = axes.fill(*_circle(radius).T, facecolor=NIGHT, edgecolor=BLACK, linewidth=0.6, zorder=3)
+        if self._inspects:
+            (self._sun,) = axes.plot([], [], color=ORANGE, linewidth=2.2, zorder=2)
+            self._sun_label = axes.text(0.0, 0.0, "sun", color=ORANGE, ha="center", va="center", zorder=2)
+        else:
+            axes.plot([0.0], [0.0], linestyle="", marker="+", markersize=9, color=BLACK, zorder=3)
+        (self._night,) = axes.fill(*circle(radius).T, facecolor=NIGHT, edgecolor=BLACK, linewidth=0.6, zorder=3)
         (self._day,) = axes.fill([0.0], [0.0], facecolor=DAY, zorder=3.1)
         self._ways = []
         for index, name in enumerate(episode.deputies):
@@ -110,84 +117,48 @@ class Film:
             dot = axes.plot([], [], linestyle="", marker="o", markersize=7, color=line["color"], zorder=5)[0]
             dot.set(markeredgecolor="white", markeredgewidth=1.0)
             self._ways.append((behind, front, dot))
-        figure.text(0.02, 0.955, "Hill's frame, seen from above the orbital plane", color=GREY, fontsize=8)
-
-    def _build_chief(self, figure: Any) -> None:
-        self._sides = []
-        for column, title in enumerate(("chief as on the left", "from behind")):
-            axes = figure.add_axes((0.615 + 0.19 * column, 0.6, 0.18, 0.29))
-            axes.set_axis_off()
-            axes.set_aspect("equal")
-            reach = 1.05 * self._radius
-            axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
-            axes.set_title(title, pad=3.0, fontsize=9)
-            axes.fill(*_circle(self._radius).T, facecolor=NIGHT, edgecolor=GREY, linewidth=0.7, zorder=1)
-            (day,) = axes.fill([0.0], [0.0], facecolor=DAY, zorder=1.1)
-            waiting = axes.plot([], [], linestyle="", marker="o", markersize=3.5, color=DARK, zorder=2)[0]
-            lit = axes.plot([], [], linestyle="", marker="o", markersize=5, color=LIT, zorder=2)[0]
-            lit.set(markeredgecolor=BLACK, markeredgewidth=0.9)
-            waiting.set(markeredgewidth=0.0)
-            colours = [deputy_line(index)["color"] for index in range(len(self.episode.deputies))]
-            owners = [
-                axes.plot([], [], linestyle="", marker="o", markersize=5, color=colour, zorder=3)[0]
-                for colour in colours
-            ]
-            self._sides.append((day, waiting, lit, owners))
+        place = "Hill's frame, seen from above the orbital plane" if episode.mean_motion else "an inertial frame"
+        figure.text(0.02, 0.955, place, color=GREY, fontsize=8)
 
     def _build_panels(self, figure: Any) -> None:
-        from matplotlib.lines import Line2D
-
         episode = self.episode
         scale, unit = clock(episode)
-        several = len(episode.deputies) > 1
-        look: Any = {"linestyle": "", "marker": "o", "markeredgewidth": 0.9, "markersize": 5}
-        handles = [
-            Line2D([], [], color=LIT, markeredgecolor=BLACK, label="lit", **look),
-            Line2D([], [], color=DARK, markeredgecolor="none", label="dark", **look),
-        ]
-        names = episode.deputies if several else ("inspected",)
-        for index, name in enumerate(names[:6]):
-            colour = deputy_line(index)["color"]
-            handles.append(Line2D([], [], color=colour, markeredgecolor="none", label=name, **look))
-        figure.legend(
-            handles=handles, loc="upper center", bbox_to_anchor=(0.8, 0.605), ncols=5, handlelength=0.5,
-            columnspacing=0.9, borderpad=0.0,
-        )  # fmt: skip
         self._counters = [
             figure.text(place, 0.955, "", fontsize=9.5, color=BLACK, va="center", ha=side)
             for place, side in ((0.615, "left"), (0.79, "center"), (0.985, "right"))
         ]
         self._panels = []
         end = float(episode.time[-1]) / scale
-        for bottom, label, top in ((0.325, "inspected [%]", 104.0), (0.1, "delta-v [m/s]", None)):
+        first = ("inspected [%]", 104.0) if self._inspects else ("range [m]", 1.08 * reach_of(episode))
+        second = ("delta-v [m/s]", 1.08 * float(episode.delta_v[-1].max()) or 1.0)
+        for bottom, (label, top) in ((0.325, first), (0.1, second)):
             axes = figure.add_axes((0.675, bottom, 0.305, 0.17))
-            axes.set(xlim=(0.0, end), ylabel=label)
+            axes.set(xlim=(0.0, end), ylim=(0.0, top), ylabel=label)
             axes.yaxis.set_label_coords(-0.15, 0.5)
-            axes.tick_params(labelbottom=top is None)
-            if top is not None:
-                axes.set(ylim=(0.0, top), yticks=(0, 50, 100))
+            axes.locator_params(axis="y", nbins=4)
+            if label == "inspected [%]":
+                axes.set_yticks((0, 50, 100))
                 lines = [axes.step([], [], where="post", color=BLACK)[0]]
             else:
-                axes.set_ylim(0.0, 1.08 * float(episode.delta_v[-1].max()) or 1.0)
-                axes.locator_params(axis="y", nbins=4)
-                axes.set_xlabel(f"time [{unit}]")
                 lines = [axes.plot([], [], **deputy_line(index))[0] for index in range(len(episode.deputies))]
             self._panels.append(lines)
+        self._panels[0][0].axes.tick_params(labelbottom=False)
+        self._panels[1][0].axes.set_xlabel(f"time [{unit}]")
 
     def _show(self, now: Moment, turned: float) -> None:
         episode, radius = self.episode, self._radius
         front = Camera.at(VIEW["elev"], VIEW["azim"] + turned)
-        behind = Camera(-front.sight)
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         left = np.radians(VIEW["azim"] + turned - 84.0)
         for ring, line, label in zip(self._ring, self._rings, self._labels, strict=True):
-            circle = ring * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
-            line.set_data(*front.flat(circle).T)
+            round_way = ring * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
+            line.set_data(*front.flat(round_way).T)
             label.set_position(front.flat(ring * np.array([np.cos(left), np.sin(left), 0.0])).tolist())
-        outer = self._ring[-1]
-        self._sun.set_data(*front.flat(_arrow(now.sun, outer)).T)
-        self._sun_label.set_position(front.flat(1.13 * outer * now.sun).tolist())
-        self._day.set_xy(front.day(now.sun, radius))
+        if self._inspects and now.sun is not None:
+            outer = self._ring[-1]
+            self._sun.set_data(*front.flat(_arrow(now.sun, outer)).T)
+            self._sun_label.set_position(front.flat(1.13 * outer * now.sun).tolist())
+            self._day.set_xy(front.day(now.sun, radius))
         for index, (line_behind, line_front, dot) in enumerate(self._ways):
             way = np.concatenate((episode.position[: now.row + 1, index], now.position[None, index]))
             hidden = front.hidden(way, radius)
@@ -198,34 +169,29 @@ class Film:
                 line.set_data(*np.where(shown[:, None], flat, np.nan).T)
             dot.set_data(*flat[-1:].T)
             dot.set_zorder(2.6 if hidden[-1] else 5)
-        for camera, (day, waiting, lit, owners) in zip((front, behind), self._sides, strict=True):
-            day.set_xy(camera.day(now.sun, radius))
-            flat, near = camera.flat(episode.points), episode.points @ camera.sight > 0.0
-            waiting.set_data(*flat[near & ~now.seen & ~now.lit].T)
-            lit.set_data(*flat[near & ~now.seen & now.lit].T)
-            for index, dots in enumerate(owners):
-                dots.set_data(*flat[near & now.seen & (episode.inspector == index)].T)
+        self._side.show(now, front)
         self._write_counters(now)
 
     def _write_counters(self, now: Moment) -> None:
         episode = self.episode
         scale, unit = clock(episode)
-        count, time = int(now.seen.sum()), np.append(episode.time[: now.row + 1], now.time) / scale
+        time = np.append(episode.time[: now.row + 1], now.time) / scale
+        far = np.sqrt(np.square(now.position).sum(axis=-1))
+        count = int(now.seen.sum())
         counters = (
             f"{now.time / scale:.1f} {unit}",
-            f"{count} of {len(now.seen)} points",
+            f"{count} of {len(now.seen)} points" if self._inspects else f"{far.min():.1f} m",
             f"{now.delta_v.sum():.3f} m/s",
         )
         for text, words in zip(self._counters, counters, strict=True):
             text.set_text(words)
-        self._panels[0][0].set_data(time, 100.0 * np.append(episode.coverage[: now.row + 1], count / len(now.seen)))
+        if self._inspects:
+            self._panels[0][0].set_data(time, 100.0 * np.append(episode.coverage[: now.row + 1], count / len(now.seen)))
+        else:
+            for index, line in enumerate(self._panels[0]):
+                line.set_data(time, np.append(episode.range[: now.row + 1, index], far[index]))
         for index, line in enumerate(self._panels[1]):
             line.set_data(time, np.append(episode.delta_v[: now.row + 1, index], now.delta_v[index]))
-
-
-def _circle(radius: float) -> FloatArray:
-    angle = np.linspace(0.0, 2.0 * np.pi, 91)
-    return radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
 
 
 def _arrow(direction: FloatArray, ring: float) -> FloatArray:

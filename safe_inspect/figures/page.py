@@ -20,7 +20,7 @@ from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.figures.chief_figure import VIEW, clock, ending, radius_of, reach_of
 from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, VERMILION, deputy_line
 from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke
-from safe_inspect.figures.time_panels import safe_speed
+from safe_inspect.figures.time_panels import speed_limit_of
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray, FloatArray
 
@@ -84,7 +84,7 @@ def episode_data(episode: Trajectory) -> dict[str, Any]:
     deputies = range(len(episode.deputies))
     lines = [deputy_line(index) for index in deputies]
     reach = max(reach_of(episode), 1.1 * rings[-1])
-    radius = radius_of(episode) or 1.0
+    radius = radius_of(episode) or episode.docking_radius or 1.0
     return {
         "view": {"azimuth": VIEW["azim"], "elevation": VIEW["elev"]},
         "most_zoom": 2.0 * reach / radius,
@@ -97,10 +97,11 @@ def episode_data(episode: Trajectory) -> dict[str, Any]:
         ],
         "position": [rounded(episode.position[:, index], 3) for index in deputies],
         "delta_v": [rounded(episode.delta_v[:, index], 5) for index in deputies],
-        "sun": rounded(episode.sun_angle, 5),
+        "sun": rounded(episode.sun_angle, 5) if "sun_angle" in episode.arrays else None,
         "points": rounded(episode.points, 3),
         "inspected_at": [round(when, 3) if np.isfinite(when) else None for when in episode.inspected_at.tolist()],
         "inspector": [int(index) for index in episode.inspector],
+        "docking_radius": episode.docking_radius,
         "radius": radius,
         "rings": rings,
         "reach": reach,
@@ -115,13 +116,13 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
     deputies = range(len(episode.deputies))
     several = len(episode.deputies) > 1
     lines = [{"colour": deputy_line(i)["color"], "dashes": _dashes(deputy_line(i)["linestyle"])} for i in deputies]
-    limit, norm = safe_speed(episode), np.sqrt(np.square(episode.thrust).sum(axis=-1))
+    limit, norm = speed_limit_of(episode), np.sqrt(np.square(episode.thrust).sum(axis=-1))
 
     def all_of(values: FloatArray, digits: int, **more: Any) -> list[dict[str, Any]]:
         return [{**line, **more, "values": rounded(values[:, i], digits)} for i, line in enumerate(lines)]
 
     coverage = [{"colour": BLACK, "step": True, "values": rounded(100.0 * episode.coverage, 2)}]
-    if several:
+    if several and len(episode.points):
         own = np.stack([100.0 * episode.coverage_of(index) for index in deputies], axis=-1)
         coverage += all_of(own, 2, step=True, width=1.2)
     thrust = (
@@ -132,16 +133,17 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
             for axis, (_, colour) in enumerate(_AXES)
         ]
     )
-    limits = [{**line, "width": 1.0, "dashes": [5, 3], "colour": line["colour"] if several else GREY} for line in lines]
-    for index, line in enumerate(limits):
-        line["values"] = rounded(limit[:, index], 4)
     near = episode.range <= reach_of(episode)
     far = None if near.all() else 1.05 * reach_of(episode)
-    fast = None if near.all() else 1.05 * max(float(episode.speed[near].max()), float(limit[near].max()))
+    fast, speeds, label = float(episode.speed[near].max()), all_of(episode.speed, 4), "speed"
+    if limit is not None:
+        fast, label = max(fast, float(limit[near].max())), "speed, and the largest safe one (dashed)"
+        limits = all_of(limit, 4, width=1.0, dashes=[5, 3])
+        speeds += limits if several else [{**line, "colour": GREY} for line in limits]
     return [
-        chart("inspected [%]", coverage, low=0.0, high=100.0),
+        *([chart("inspected [%]", coverage, low=0.0, high=100.0)] if len(episode.points) else []),
         chart("range [m]", all_of(episode.range, 2), low=0.0, high=far),
-        chart("speed, and the largest safe one (dashed) [m/s]", [*all_of(episode.speed, 4), *limits], 0.0, fast),
+        chart(f"{label} [m/s]", speeds, 0.0, None if near.all() else 1.05 * fast),
         chart("norm of thrust [N]" if several else "thrust [N]: x red, y blue, z green", thrust),
         chart("delta-v [m/s]", all_of(episode.delta_v, 5, step=True), low=0.0),
     ]

@@ -33,6 +33,11 @@ def safe_speed(episode: Trajectory) -> FloatArray:
     return np.asarray(limit.v0 + limit.v1 * (episode.range - limit.speed_distance))
 
 
+def speed_limit_of(episode: Trajectory) -> FloatArray | None:
+    """Return the speed limits that figures show [m/s], shape (T + 1, D); None without an orbiting chief."""
+    return safe_speed(episode) if episode.mean_motion else None
+
+
 def draw_times(figure: Figure, episode: Trajectory) -> None:
     """Draw the six panels, one below the other, with one axis of time."""
     scale, unit = clock(episode)
@@ -81,7 +86,7 @@ def _draw_delta_v(axes: Any, episode: Trajectory, time: FloatArray) -> None:
 
 def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:
     """Draw the speeds, and about an orbiting chief the largest safe ones."""
-    limit = safe_speed(episode) if episode.mean_motion else None
+    limit = speed_limit_of(episode)
     for index in range(len(episode.deputies)):
         line = deputy_line(index)
         axes.plot(time, episode.speed[:, index], **line)

@@ -1,4 +1,4 @@
-"""Sensors of the own speed and of the speed limit of docking."""
+"""Sensors of the own speed, of the speed limit of docking and of the approach along it."""
 
 from __future__ import annotations
 
@@ -27,6 +27,14 @@ def _limit(line: FloatArray, position: FloatArray, origin: FloatArray, reading: 
     reading[0] = speed_limit(line, distance(position, origin))
 
 
+@njit
+def _approach(line: FloatArray, position: FloatArray, origin: FloatArray, reading: FloatArray) -> None:
+    far = distance(position, origin)
+    factor = -speed_limit(line, far) / far if far > 0.0 else 0.0
+    for k in range(3):
+        reading[k] = factor * position[k]
+
+
 class SpeedSensor(Sensor, name="Sensor_Speed"):
     """Own speed in Hill's frame [m/s], shape (R, 1)."""
 
@@ -49,3 +57,18 @@ class SpeedLimitSensor(SpeedLimit, Sensor, name="Sensor_SpeedLimit"):
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the limit [m/s]."""
         return RowTerm(_limit, (self.limit_line(world), *range_inputs(None)))
+
+
+class ApproachVelocitySensor(SpeedLimit, Sensor, name="Sensor_ApproachVelocity"):
+    """Velocity straight to the origin of Hill's frame at the docking speed limit, -L(r) p / r [m/s], shape (R, 3).
+
+    Its size is of one order at all ranges, where the position itself says little of the direction of a near chief. At
+    the origin it is 0.
+    """
+
+    elements: ClassVar[tuple[str, ...]] = ("approach_x", "approach_y", "approach_z")
+    symbol: ClassVar[str] = "m/s"
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the velocity [m/s]."""
+        return RowTerm(_approach, (self.limit_line(world), *range_inputs(None)))

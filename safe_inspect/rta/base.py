@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from safe_inspect.glues.base import ActionGlue
+import numpy as np
+
+from safe_inspect.glues.base import ActionGlue, Bounds, Parts
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.simulators.state import ArraySpec
@@ -48,6 +50,26 @@ class SafetyGlue(ActionGlue):
     def leaves(self) -> tuple[ActionGlue, ...]:
         """Return the glues that command a controller."""
         return tuple(leaf for glue in self.wrapped for leaf in glue.leaves())
+
+    def names(self, parts: Parts) -> tuple[str, ...]:
+        """Return the names of the wrapped glues' elements."""
+        return tuple(name for glue in self.wrapped for name in glue.names(parts))
+
+    def bounds(self, parts: Parts) -> Bounds:
+        """Return the bounds of the wrapped glues' elements."""
+        bounds = [glue.bounds(parts) for glue in self.wrapped]
+        low, high = (np.concatenate([np.empty(0), *(bound[side] for bound in bounds)]) for side in (0, 1))
+        return low, high
+
+    def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
+        """Return the thrust that the wrapped glues ask for [N], Hill frame, shape (R, 3)."""
+        thrust = np.zeros((len(action), 3))
+        first = 0
+        for glue in self.wrapped:
+            size = len(glue.names(parts))
+            thrust += glue(action[:, first : first + size], parts)
+            first += size
+        return thrust
 
     @property
     def units(self) -> Mapping[str, str]:

@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import model_validator
 
 from safe_inspect.errors import PluginValueError
-from safe_inspect.glues.base import Bounds, Parts
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
 from safe_inspect.rta.constraints.certified import NAMES
@@ -112,26 +111,6 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     def _simplex(self) -> SimplexFilter:
         limit = math.inf if self.delta_v_limit is None else self.delta_v_limit
         return SimplexFilter(self._given, self._names, limit)
-
-    def names(self, parts: Parts) -> tuple[str, ...]:
-        """Return the names of the wrapped glues' elements."""
-        return tuple(name for glue in self.wrapped for name in glue.names(parts))
-
-    def bounds(self, parts: Parts) -> Bounds:
-        """Return the bounds of the wrapped glues' elements."""
-        bounds = [glue.bounds(parts) for glue in self.wrapped]
-        low, high = (np.concatenate([np.empty(0), *(bound[side] for bound in bounds)]) for side in (0, 1))
-        return low, high
-
-    def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
-        """Return the thrust that the wrapped glues ask for [N], Hill frame, shape (R, 3)."""
-        thrust = np.zeros((len(action), 3))
-        first = 0
-        for glue in self.wrapped:
-            size = len(glue.names(parts))
-            thrust += glue(action[:, first : first + size], parts)
-            first += size
-        return thrust
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return for each constraint the rows that it refuses: not (h >= 0 and phi >= 0), NaN included, shape (R,)."""

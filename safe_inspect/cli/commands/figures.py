@@ -60,7 +60,7 @@ def run_film(arguments: argparse.Namespace) -> int:
     if is_mission:
         film = mission_film(arguments)
     else:
-        episode = _with_points(arguments)
+        episode = _episode(arguments)
         film = Film(episode, arguments.frames, arguments.width, arguments.turn)
     terminal = sys.stderr.isatty()
 
@@ -77,7 +77,7 @@ def run_view(arguments: argparse.Namespace) -> int:
     """Write the page of one episode, or of one mission."""
     if _prepare(arguments, "html", _PAGES, "page"):
         return view_mission(arguments)
-    episode = _with_points(arguments)
+    episode = _episode(arguments)
     title = arguments.title or f"{Path(arguments.source).name}, episode {episode.slot}"
     save_page(episode_page(episode, title), arguments.output)
     return _report(arguments.output, episode)
@@ -114,17 +114,6 @@ def _episode(arguments: argparse.Namespace) -> Trajectory:
     episode = episode.until(arguments.until)
     if len(episode.time) < 2:
         raise SafeInspectError(f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds")
-    return episode
-
-
-def _with_points(arguments: argparse.Namespace) -> Trajectory:
-    """Return the episode that the command line names; films and pages show how points are inspected."""
-    episode = _episode(arguments)
-    if not len(episode.points) or episode.sun_direction is None:
-        raise SafeInspectError(
-            f"{arguments.source}: the task has no inspection points in the light of a sun, which this command shows; "
-            "use `safe-inspect draw`"
-        )
     return episode
 
 

@@ -41,6 +41,7 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
             "mean_motion": trajectory.mean_motion,
             "in_body_axes": trajectory.in_body_axes,
             "camera": trajectory.camera,
+            "docking_radius": trajectory.docking_radius,
             "arrays": {name: list(array.shape[1:]) for name, array in trajectory.arrays.items()},
             "points": trajectory.points.tolist(),
             "inspected_at": [when if np.isfinite(when) else None for when in trajectory.inspected_at.tolist()],
@@ -137,4 +138,5 @@ def _trajectory(columns: dict[str, AnyArray], record: dict[str, Any]) -> Traject
         mean_motion=float(record["mean_motion"]),
         in_body_axes=bool(record.get("in_body_axes")),
         camera=(tuple(camera[0]), camera[1]) if (camera := record.get("camera")) else None,
+        docking_radius=float(record.get("docking_radius", 0.0)),  # older files have none
     )

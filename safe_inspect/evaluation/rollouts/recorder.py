@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.tasks.docking.speed_limit import DockingRegion
 from safe_inspect.types import AnyArray, IntArray
 
 _KEPT = ("time", "position", "velocity", "control", "delta_v")
@@ -76,6 +80,16 @@ class Recorder:
                     mean_motion=self._environment.simulation.world.offers.world.get("mean_motion", 0.0),
                     in_body_axes=self._environment.simulation.turns_thrust,
                     camera=self._environment.simulation.world.offers.world.get("camera"),
+                    docking_radius=_docking_radius(self._environment.spec),
                 )
             )
         return made
+
+
+def _docking_radius(spec: EnvironmentSpec) -> float:
+    """Return the radius of the region that the first agent is to reach [m]; 0 in a task without one."""
+    for done in spec.agents[0].dones:
+        functor: Any = done.functor
+        if isinstance(functor, DockingRegion):
+            return functor.docking_region_radius
+    return 0.0

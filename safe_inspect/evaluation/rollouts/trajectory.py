@@ -34,6 +34,7 @@ class Trajectory:
         mean_motion: Mean motion of the chief's orbit [rad/s], 0 where there is none.
         in_body_axes: Whether the thrust in `control` stands in body axes; else in Hill's frame.
         camera: Axis in body axes and half angle [rad] of the cone of a camera that turns with each deputy, if any.
+        docking_radius: Radius of the docking region about the chief [m], 0 where there is none.
     """
 
     time: FloatArray
@@ -51,6 +52,7 @@ class Trajectory:
     mean_motion: float = 0.0
     in_body_axes: bool = False
     camera: tuple[tuple[float, float, float], float] | None = None
+    docking_radius: float = 0.0
 
     def __getattr__(self, name: str) -> FloatArray:
         arrays: Mapping[str, FloatArray] = self.__dict__.get("arrays", {})

@@ -9,14 +9,15 @@ from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray, IntArray
 
 #: The adversaries; row r of a batch has the one of number r modulo their count.
-ADVERSARIES = ("to the chief", "to the sun cone", "outward", "random corners", "bang-bang", "zero")
+ADVERSARIES = ("to the chief", "to the sun cone or ahead", "outward", "random corners", "bang-bang", "zero")
 
 
 def adversarial_thrust(view: View, step: int, slots: IntArray, seed: int) -> FloatArray:
     """Return what the adversaries want, as shares of the largest thrust in [-1, 1], Hill frame, shape (R, 3).
 
-    In turn: straight to the chief; towards the axis of the sun's keep-out cone; straight outward; the largest thrust in
-    random directions; along and against the velocity, for seven steps each; nothing.
+    In turn: straight to the chief; towards the axis of the sun's keep-out cone, or without a sun along the velocity;
+    straight outward; the largest thrust in random directions; along and against the velocity, for seven steps each;
+    nothing.
 
     Args:
         view: The state.
@@ -27,7 +28,8 @@ def adversarial_thrust(view: View, step: int, slots: IntArray, seed: int) -> Flo
     position = view.position
     distance = view.range_to(None)[:, None]
     outward = position / distance
-    axis = -view.sun_direction * distance - position
+    lit = "sun_direction" in view.world.offers.view
+    axis = -view.sun_direction * distance - position if lit else view.velocity.copy()
     axis /= np.sqrt(np.square(axis).sum(axis=-1, keepdims=True)) + 1e-9
     corners = np.where(Streams(seed, slots, np.zeros_like(slots)).uniform("corners", 3, index=step) < 0.5, -1.0, 1.0)
     along = np.sign(view.velocity + 1e-12) * (1.0 if step // 7 % 2 else -1.0)

@@ -163,7 +163,8 @@ class _Watch:
         self._glue, self._environment, self._substeps = glue, environment, substeps
         world = environment.simulation.world
         self._part = transition(world.mean_motion, 1.0, world.step_size / substeps)
-        self._turn = world.sun_rate * world.step_size / substeps
+        self._lit = "sun_angle" in environment.state.arrays
+        self._turn = world.sun_rate * world.step_size / substeps if self._lit else 0.0
         self.names = tuple(glue.safety({name: array[:1] for name, array in self._states().items()}))
         count = len(self.names)
         self.least_at_steps, self.least_between = np.full((2, count), np.inf)
@@ -182,8 +183,8 @@ class _Watch:
         acceleration = control / world.masses[0]
         for part in range(1, self._substeps):
             propagate(position, velocity, acceleration, *self._part, position, velocity)
-            sun = before.sun_angle + part * self._turn
-            phi = self._phi({"position": position, "velocity": velocity, "sun_angle": sun})
+            sun = {"sun_angle": before.sun_angle + part * self._turn} if self._lit else {}
+            phi = self._phi({"position": position, "velocity": velocity, **sun})
             self.least_between = np.minimum(self.least_between, phi.min(axis=0))
             self.violations_between += (phi < 0.0).sum(axis=0)
         phi = self._phi(self._states())
@@ -193,7 +194,8 @@ class _Watch:
 
     def _states(self) -> dict[str, FloatArray]:
         state = self._environment.state
-        return {"position": state.position[:, 0], "velocity": state.velocity[:, 0], "sun_angle": state.sun_angle}
+        sun = {"sun_angle": state.sun_angle} if self._lit else {}
+        return {"position": state.position[:, 0], "velocity": state.velocity[:, 0], **sun}
 
     def _phi(self, states: dict[str, FloatArray]) -> FloatArray:
         return np.stack(list(self._glue.safety(states).values()), axis=1)

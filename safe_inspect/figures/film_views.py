@@ -1,0 +1,122 @@
+"""What a film shows beside the scene: the chief from two sides, or an approach against the speed limit."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.figures.camera import Camera, Moment
+from safe_inspect.figures.chief_figure import radius_of
+from safe_inspect.figures.drawing import BLACK, GREY, PALE, deputy_line
+from safe_inspect.figures.time_panels import speed_limit_of
+from safe_inspect.types import FloatArray
+
+NIGHT, DAY, LIT, DARK = "#B4BAC4", "#FFF1C4", "#FFFFFF", "#4B5563"
+_NEAREST = 0.1  # m: ranges are drawn from here on
+
+
+class SideView(Protocol):
+    """A part of a film's pictures."""
+
+    def show(self, now: Moment, front: Camera) -> None:
+        """Draw a moment, seen by the scene's camera."""
+
+
+class ChiefView:
+    """The chief from the scene's side and from behind: its day side, and its points as they are inspected."""
+
+    def __init__(self, figure: Any, episode: Trajectory) -> None:
+        self._episode, self._radius = episode, radius_of(episode)
+        self._sides = []
+        for column, title in enumerate(("chief as on the left", "from behind")):
+            axes = figure.add_axes((0.615 + 0.19 * column, 0.6, 0.18, 0.29))
+            axes.set_axis_off()
+            axes.set_aspect("equal")
+            reach = 1.05 * self._radius
+            axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+            axes.set_title(title, pad=3.0, fontsize=9)
+            axes.fill(*circle(self._radius).T, facecolor=NIGHT, edgecolor=GREY, linewidth=0.7, zorder=1)
+            (day,) = axes.fill([0.0], [0.0], facecolor=DAY, zorder=1.1)
+            waiting = axes.plot([], [], linestyle="", marker="o", markersize=3.5, color=DARK, zorder=2)[0]
+            lit = axes.plot([], [], linestyle="", marker="o", markersize=5, color=LIT, zorder=2)[0]
+            lit.set(markeredgecolor=BLACK, markeredgewidth=0.9)
+            waiting.set(markeredgewidth=0.0)
+            colours = [deputy_line(index)["color"] for index in range(len(episode.deputies))]
+            owners = [
+                axes.plot([], [], linestyle="", marker="o", markersize=5, color=colour, zorder=3)[0]
+                for colour in colours
+            ]
+            self._sides.append((day, waiting, lit, owners))
+        self._build_key(figure)
+
+    def _build_key(self, figure: Any) -> None:
+        from matplotlib.lines import Line2D
+
+        look: Any = {"linestyle": "", "marker": "o", "markeredgewidth": 0.9, "markersize": 5}
+        handles = [
+            Line2D([], [], color=LIT, markeredgecolor=BLACK, label="lit", **look),
+            Line2D([], [], color=DARK, markeredgecolor="none", label="dark", **look),
+        ]
+        names = self._episode.deputies if len(self._episode.deputies) > 1 else ("inspected",)
+        for index, name in enumerate(names[:6]):
+            colour = deputy_line(index)["color"]
+            handles.append(Line2D([], [], color=colour, markeredgecolor="none", label=name, **look))
+        figure.legend(
+            handles=handles, loc="upper center", bbox_to_anchor=(0.8, 0.605), ncols=5, handlelength=0.5,
+            columnspacing=0.9, borderpad=0.0,
+        )  # fmt: skip
+
+    def show(self, now: Moment, front: Camera) -> None:
+        """Draw the chief at a moment."""
+        for camera, (day, waiting, lit, owners) in zip((front, Camera(-front.sight)), self._sides, strict=True):
+            if now.sun is not None:
+                day.set_xy(camera.day(now.sun, self._radius))
+            flat, near = camera.flat(self._episode.points), self._episode.points @ camera.sight > 0.0
+            waiting.set_data(*flat[near & ~now.seen & ~now.lit].T)
+            lit.set_data(*flat[near & ~now.seen & now.lit].T)
+            for index, dots in enumerate(owners):
+                dots.set_data(*flat[near & now.seen & (self._episode.inspector == index)].T)
+
+
+class ApproachView:
+    """Speed over range, on a logarithmic axis, with the speed limit and the docking region where the task has them."""
+
+    def __init__(self, figure: Any, episode: Trajectory) -> None:
+        self._episode = episode
+        self._range, self._limit = np.maximum(episode.range, _NEAREST), speed_limit_of(episode)
+        axes = figure.add_axes((0.675, 0.64, 0.305, 0.25))
+        axes.set(xscale="log", xlim=(0.9 * float(self._range.min()), 1.1 * float(self._range.max())))
+        axes.set(xlabel="range [m]", ylabel="speed [m/s]")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_label_coords(-0.15, 0.5)
+        top = float(episode.speed.max())
+        if self._limit is not None:
+            order = np.argsort(self._range, axis=None)
+            limit = self._limit.reshape(-1)[order]
+            axes.plot(self._range.reshape(-1)[order], limit, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+            top = max(top, float(limit.max()))
+        axes.set_ylim(0.0, 1.08 * top or 1.0)
+        if episode.docking_radius:
+            axes.axvspan(_NEAREST, episode.docking_radius, color=PALE, zorder=0)
+        self._lines = [axes.plot([], [], **deputy_line(index))[0] for index in range(len(episode.deputies))]
+        dots: Any = {"linestyle": "", "marker": "o", "markersize": 5}
+        self._dots = [axes.plot([], [], color=line.get_color(), **dots)[0] for line in self._lines]
+        told = (["speed limit (dashed)"] if self._limit is not None else []) + (
+            ["docking region (grey)"] if episode.docking_radius else []
+        )
+        axes.set_title(", ".join(told), pad=3.0, fontsize=8)
+
+    def show(self, now: Moment, front: Camera) -> None:
+        """Draw the speeds so far; between two recorded states the last one counts."""
+        for index, (line, dot) in enumerate(zip(self._lines, self._dots, strict=True)):
+            far, fast = self._range[: now.row + 1, index], self._episode.speed[: now.row + 1, index]
+            line.set_data(far, fast)
+            dot.set_data(far[-1:], fast[-1:])
+
+
+def circle(radius: float) -> FloatArray:
+    """Return the corners of a circle about the origin, shape (91, 2)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 91)
+    return radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)

@@ -1,0 +1,129 @@
+"""`SpeedLimitFilter`: keeps a deputy below a speed limit that falls towards the chief, over whole holds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.rta.constraints.parameters import TaskParameters
+from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.types import BoolArray, FloatArray
+
+_INTERVENTION = 0.01  # N
+_HALVINGS = 40
+_NAMES = ("speed_limit",)
+
+
+class SpeedLimitFilter:
+    """Keeps the speed below L(r) = min(v0 + v1 max(r - d0, 0), vel_limit) at every moment, with v1 = v1_coef n.
+
+    A hold is flown if at its end the speed is at most L(r) - e(r), where
+
+        e(r) = 0.51 v1 dt L(r) + dt^2 / 8 (2 n a + 3 n^2 vel_limit)
+        a = sqrt(3) u_max / m + 2 n vel_limit + 3 n^2 r_max
+
+    covers what may happen between the steps: the speed exceeds the chord of its ends by no more than the second term,
+    as |v''| <= 2 n a + 3 n^2 |v|, and the limit, whose slope over time is at most v1 |v|, stays below that of its ends
+    by no more than the first.
+
+    Its plan is to brake: each axis gives the thrust that would bring its speed to zero, as far as it can. Thrust slows
+    the deputy by at least u_max / m, for the sum of the components of a unit vector is at least 1. Coriolis
+    accelerations do no work, gravity's gradient adds at most 3 n^2 r, and the limit falls by at most v1 |v|. So with
+
+        u_max / m >= 1.05 (3 n^2 r_max + v1 vel_limit)
+
+    a hold of braking leads from every state within the limit into such a state: each of them has a plan, by induction
+    for ever, up to the range r_max. Otherwise the thrust is searched for between braking and the desired one, along
+    the nearest points of the box of thrusts and of the balls of velocities.
+
+    Args:
+        parameters: `step_size`, `n`, `m`, `u_max`, `v0`, `v0_distance`, `v1_coef`, `vel_limit` and `r_max`.
+
+    Raises:
+        ValueError: The thrusters are too weak for the promise, or steps are too long for the limit.
+    """
+
+    def __init__(self, parameters: TaskParameters) -> None:
+        p = parameters
+        self._v0, self._d0, self._slope, self._top = p.v0, p.v0_distance or 0.0, p.v1_coef * p.n, p.vel_limit
+        self._u_max = p.u_max
+        self._phi, self._gamma = transition(p.n, p.m, p.step_size)
+        self._gain = np.diag(self._gamma[3:]).copy()
+        acceleration = math.sqrt(3.0) * p.u_max / p.m + 2.0 * p.n * p.vel_limit + 3.0 * p.n**2 * p.r_max
+        bend = 2.0 * p.n * acceleration + 3.0 * p.n**2 * p.vel_limit
+        self._share, self._rest = 0.51 * self._slope * p.step_size, 0.125 * p.step_size**2 * bend
+        needed = 1.05 * (3.0 * p.n**2 * p.r_max + self._slope * p.vel_limit)
+        if p.u_max / p.m < needed:
+            raise ValueError(
+                f"the thrusters give {p.u_max / p.m:.3g} m/s^2, but braking below the speed limit takes {needed:.3g} "
+                "at `vel_limit` and `r_max`; lower these"
+            )
+        if self._slope * p.step_size > 0.01 or self._rest > 0.1 * min(p.v0, p.vel_limit):
+            raise ValueError(f"speed and limit change too much within a step of {p.step_size:g} s; shorten the steps")
+
+    def phi(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
+        """Return L(r) - speed [m/s], shape (R,)."""
+        return self._limit(position) - _norm(velocity)
+
+    def is_safe(self, position: FloatArray, velocity: FloatArray) -> BoolArray:
+        """Return the rows that are within the limit and its margin e, from which the filter promises, shape (R,)."""
+        limit = self._limit(position)
+        return np.asarray(_norm(velocity) <= (1.0 - self._share) * limit - self._rest)
+
+    def __call__(self, position: FloatArray, velocity: FloatArray, desired: FloatArray) -> FilterResult:
+        """Return the nearest thrust that is found to keep the limit, or that of braking where none does.
+
+        Args:
+            position: Position [m], Hill frame, shape (R, 3).
+            velocity: Velocity [m/s], shape (R, 3).
+            desired: Desired thrust [N], shape (R, 3).
+        """
+        free = _times(self._phi, np.concatenate((position, velocity), axis=1))
+        wanted = np.clip(desired, -self._u_max, self._u_max)
+        brake = -free[:, 3:] / self._gain
+        low, high = np.zeros(len(desired)), np.ones(len(desired))
+
+        def thrust(share: FloatArray) -> FloatArray:
+            mixed = share[:, None] * wanted + (1.0 - share[:, None]) * brake
+            return np.asarray(np.clip(mixed, -self._u_max, self._u_max))
+
+        def keeps(control: FloatArray) -> BoolArray:
+            after = free + _times(self._gamma, control)
+            return self.is_safe(after[:, :3], after[:, 3:])
+
+        safe = keeps(wanted)
+        refused = ~safe
+        if refused.any():
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                good = keeps(thrust(middle))
+                low, high = np.where(good, middle, low), np.where(good, high, middle)
+        control = np.where(safe[:, None], wanted, thrust(low))
+        return FilterResult(
+            control=control,
+            intervening=_norm(control - desired) > _INTERVENTION,
+            infeasible=refused & ~keeps(control),
+            backup=refused,
+            active=refused.astype(np.int64),
+            phi=self.phi(position, velocity)[:, None],
+            names=_NAMES,
+        )
+
+    def _limit(self, position: FloatArray) -> FloatArray:
+        beyond = np.maximum(_norm(position) - self._d0, 0.0)
+        return np.asarray(np.minimum(self._v0 + self._slope * beyond, self._top))
+
+
+def _norm(vectors: FloatArray) -> FloatArray:
+    """Return the norms of rows, whose bits do not depend on the batch, shape (R,)."""
+    return np.asarray(np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2 + vectors[:, 2] ** 2))
+
+
+def _times(matrix: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return the products of a matrix with rows, whose bits do not depend on the batch, shape (R, 6)."""
+    total = np.zeros((len(rows), len(matrix)))
+    for column in range(rows.shape[1]):
+        total += rows[:, column, None] * matrix[:, column]
+    return total
