@@ -14,7 +14,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,11 @@ from safe_inspect.environments import TeamEnvironment, load_spec  # noqa: E402
 
 TASK = "safe_inspect/TranslationalInspection-v0"
 TASK_FILE = configs_root() / "translational-inspection" / "experiment-seed.yml"
-RENDEZVOUS_TASK = "safe_inspect/TumblingRendezvous-v0"
+#: Tasks that are measured when they are asked for, by the name of their case.
+FURTHER_TASKS = {
+    "rendezvous": "safe_inspect/TumblingRendezvous-v0",
+    "six-dof": "safe_inspect/WeightedSixDofInspection-v0",
+}
 TEAM_TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 OWN_FILTER = "RTAGlueCWHInspection1v1.config.enabled=True"
 TEAM_FILTER = "env_config.rta.config.enabled=True"
@@ -42,6 +46,7 @@ SENSOR = "Sensor_UninspectedPoints"
 LEGEND = """
 batch      the task of one deputy; team: the multi-agent task with D deputies
 rendezvous docking with a tumbling target, levels of thrust at random
+six-dof    weighted inspection by a deputy that turns; moments are always full
 steps/s    steps of agents by the clock, N * D in each step of the batch, median of the rounds (best: the best round)
 per CPU s  the same for a second of processor time, which other work on the machine changes little
 us/step    of one step of all N environments, resets included
@@ -101,7 +106,10 @@ class Case:
             shape = (self.num_envs, self.deputies, layout.size)
             return [draw.integers(0, layout.choices, shape).astype(np.float64) for _ in range(count)]
         size = THRUSTS[self.thrust]
-        return [draw.uniform(-size, size, (self.num_envs, self.deputies, 3)) for _ in range(count)]
+        actions = [draw.uniform(-size, size, (self.num_envs, self.deputies, layout.size)) for _ in range(count)]
+        for action in actions:
+            action[..., 3:] /= size
+        return actions
 
     def report(self) -> dict[str, Any]:
         """Return what was measured."""
@@ -151,14 +159,15 @@ def profile(case: Case, seconds: float) -> dict[str, float]:
 
 
 def make_cases(
-    envs: list[int], deputies: list[int], plain: bool, filtered: bool = False, rendezvous: bool = False
+    envs: list[int], deputies: list[int], plain: bool, filtered: bool = False, further: Sequence[str] = ()
 ) -> list[Case]:
     """Return what is to be measured."""
     spec = load_spec(TASK)
     cases = [Case("batch", count, thrust, TeamEnvironment(spec, count, seed=1)) for count in envs for thrust in THRUSTS]
-    if rendezvous:
-        docking = load_spec(RENDEZVOUS_TASK)
-        cases += [Case("rendezvous", count, "levels", TeamEnvironment(docking, count, seed=1)) for count in envs]
+    for name in further:
+        task = load_spec(FURTHER_TASKS[name])
+        for thrust in ("levels",) if name == "rendezvous" else THRUSTS:
+            cases += [Case(name, count, thrust, TeamEnvironment(task, count, seed=1)) for count in envs]
     if plain:
         slow = with_sklearn(spec)
         for thrust in THRUSTS:
@@ -213,10 +222,10 @@ def measure(
     rounds: int,
     plain: bool,
     filtered: bool = False,
-    rendezvous: bool = False,
+    further: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Measure every case in turns and return the report."""
-    cases = make_cases(envs, deputies, plain, filtered, rendezvous)
+    cases = make_cases(envs, deputies, plain, filtered, further)
     for case in cases:
         case.environment.reset()
         case.run(min(0.3, seconds))  # compile, and let the episodes of a batch drift apart
@@ -299,6 +308,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, default=10, help="turns that the cases take")
     parser.add_argument("--filtered", action="store_true", help="also with the safety filters on")
     parser.add_argument("--rendezvous", action="store_true", help="also the rendezvous with a tumbling target")
+    parser.add_argument("--six-dof", action="store_true", help="also six-DoF inspection")
     parser.add_argument("--no-sklearn", action="store_true", help="leave the plain loop out")
     parser.add_argument("--json", type=Path, help="write the report to this file")
     arguments = parser.parse_args(argv)
@@ -311,7 +321,7 @@ def main(argv: list[str] | None = None) -> int:
         arguments.rounds,
         not arguments.no_sklearn,
         arguments.filtered,
-        arguments.rendezvous,
+        [name for name in FURTHER_TASKS if getattr(arguments, name.replace("-", "_"))],
     )
     show(report)
     if arguments.json is not None:

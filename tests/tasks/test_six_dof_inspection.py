@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
 from safe_inspect.config.data import configs_root
@@ -15,7 +16,9 @@ from safe_inspect.dynamics.base import advance_kernel
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.policies import ScriptedPolicy, SixDofInspector, ZeroThrust
+from safe_inspect.evaluation.results.trajectory_table import read_trajectories, trajectory_table
+from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.policies import RandomThrust, ScriptedPolicy, SixDofInspector, ZeroThrust
 
 TASK = "safe_inspect/WeightedSixDofInspection-v0"
 TEAM = "safe_inspect/MultiagentWeightedSixDofInspection-v0"
@@ -246,6 +249,20 @@ def test_thrust_along_hills_axes_is_turned_into_body_axes():
     env.step([])
     np.testing.assert_allclose(env.state.control[0, 0, :3], q.inv().apply([0.3, 0.0, 0.0]), atol=1e-15)
     assert (env.state.control[0, 0, 3:] == 0.0).all()
+
+
+def test_a_recorded_episode_keeps_attitudes_moments_and_the_camera(tmp_path):
+    spec = with_scripted(load_spec(TASK, ["horizon=12"]), SixDofInspector(translation=RandomThrust()))
+    flown = rollout(spec, {}, episodes=2, seed=0, record=2).trajectories
+    parquet.write_table(trajectory_table(flown), tmp_path / "trajectories.parquet")
+    for one, again in zip(flown, read_trajectories(tmp_path), strict=True):
+        assert again.control.shape == (12, 1, 6)
+        for name in ("control", "position", "orientation", "angular_velocity"):
+            assert (getattr(one, name) == getattr(again, name)).all()
+        assert again.camera == ((1.0, 0.0, 0.0), pytest.approx(math.radians(30.0)))
+        attitude = Rotation.from_quat(one.orientation[:, 0])
+        np.testing.assert_allclose(again.boresight[:, 0], attitude.apply([1.0, 0.0, 0.0]), atol=1e-12)
+        np.testing.assert_allclose(again.thrust[:, 0], attitude[:-1].apply(one.control[:, 0, :3]), atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def fly_slots(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed
 
 def count_burns(trajectory: Trajectory) -> float:
     """Return the number of runs of steps with one thrust other than 0, mean over the deputies."""
-    control = trajectory.control
+    control = trajectory.control[..., :3]
     before = np.concatenate((np.zeros_like(control[:1]), control[:-1]))
     begins = (control != before).any(axis=-1) & control.any(axis=-1)
     return float(begins.sum() / control.shape[1])

@@ -64,6 +64,8 @@ def coverage_task(spec: EnvironmentSpec) -> CoverageTask:
     simulator = spec.simulator
     if not isinstance(simulator, InspectionSimulator):
         raise stop("the InspectionSimulator", f"this task has the simulator {simulator.registered_name}")
+    if simulator.turns:
+        raise stop("deputies whose thrust stands in Hill's frame", "these turn; fly the baseline SixDofInspector")
     wins = [item.functor for item in agent.dones if isinstance(item.functor, SuccessfulInspectionDoneFunction)]
     if len(wins) != 1 or list(simulator.inspection_points_map) != [wins[0].inspection_entity_name]:
         raise stop(

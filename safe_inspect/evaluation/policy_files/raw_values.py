@@ -21,7 +21,7 @@ from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.normalizers import Affine, Normalizer
 from safe_inspect.glues.observe_sensor import ObserveSensor
-from safe_inspect.platforms.controllers import RateController, ThrustProp
+from safe_inspect.platforms.controllers import ActuatorLimits, RateController
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
@@ -166,8 +166,8 @@ def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[Commanded
 def _controller(parts: Parts, name: str) -> tuple[str, str, tuple[str, ...], FloatArray, FloatArray]:
     """Return unit, axis, configuration (of one that is none of this package's) and limits of a controller's values."""
     controller = controller_of(parts, name)
-    if isinstance(controller, RateController) and isinstance(controller.commanded, ThrustProp):
-        return "N", "xyz"[controller.axis], (), *controller.limits
+    if isinstance(controller, RateController) and isinstance(controller.commanded, ActuatorLimits):
+        return controller.commanded.symbol, "xyz"[controller.axis % 3], (), *controller.limits
     return "", "", _configuration(controller), *controller.limits
 
 
