@@ -19,8 +19,8 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 FAR = 0.05
 #: Least cosine of incidence on a face that points count for: what seems to lie on a flatter one flies beside an edge.
 _LEAST_COSINE = 0.12
-#: Least share of the points that a face must have, and that must be beyond its sides: fewer are pixels that fly, or what
-#: the shape leaves out, and would alone decide where the shape may slide along the faces that are seen.
+#: Least share of the points that a face must have, and that must be beyond its sides: fewer are pixels that fly, or
+#: what the shape leaves out, and would alone decide where the shape may slide along the faces that are seen.
 _LEAST_SHARE, _LEAST_BESIDE = 0.005, 0.002
 #: Pixels at the border of an image that are not compared with the silhouette, and edge of the cells in which parts that
 #: are too near hide others [px].
