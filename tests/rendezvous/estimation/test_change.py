@@ -11,8 +11,8 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.chaser import ChaserState
 from safe_inspect.rendezvous.characterise.history import TargetEstimate
+from safe_inspect.rendezvous.chaser import ChaserState
 from safe_inspect.rendezvous.control.attitude import CameraPointing
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
 from safe_inspect.rendezvous.estimation.change import departs

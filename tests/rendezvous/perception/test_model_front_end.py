@@ -177,7 +177,7 @@ def test_close_to_the_target_the_shape_does_not_slide(target: Target, shoot: Sho
 
 
 def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Target, shoot: Shoot) -> None:
-    """Of the bus only a strip is seen, whose ends are out of the image: what is expected holds, and the rest is said."""
+    """A strip of the bus is seen, its ends out of the image: what is expected holds, and the errors say so."""
     cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
     tight = np.diag(np.repeat([np.deg2rad(0.5), 0.005], 3) ** -2.0)
     random = np.random.default_rng(1)
