@@ -1,6 +1,9 @@
 """Missions with faults at random times: every one shall end at the mating point or in safety, without contact.
 
-python benchmarks/rendezvous_faults.py [--missions 24] [--first 0]
+python benchmarks/rendezvous_faults.py [--missions 24] [--first 0] [--estimated]
+
+With ``--estimated`` the chaser knows what its sensors tell, watches for 60 s, and the faults are those of camera and
+inertial unit and an impulse on the target.
 """
 
 from __future__ import annotations
@@ -16,6 +19,10 @@ from safe_inspect.rendezvous.mission import Mission
 
 _KINDS = ("camera", "imu", "planner", "solver")
 _DURATIONS = (1.0, 8.0, 900.0)  # s: short, longer than what is tolerated, for good
+_ESTIMATED_KINDS = ("tumble", "camera", "imu_bias", "imu")
+_ESTIMATED_SETTINGS = ("mission.observe=60 s", "mission.wait_limit=10 s", "tumble={functor: RandomTumble}")
+#: When faults begin: from the start, or from the end of the observation, to the end of the approach [s].
+_BEGIN, _ESTIMATED_BEGIN = (0.0, 85.0), (62.0, 140.0)
 _SETTINGS = (
     "mission.observe=1 s",
     "mission.checkout=0.4 s",
@@ -31,16 +38,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--missions", type=int, default=24)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--estimated", action="store_true")
     arguments = parser.parse_args()
+    estimated = arguments.estimated
+    kinds, settings = (_ESTIMATED_KINDS, _ESTIMATED_SETTINGS) if estimated else (_KINDS, _SETTINGS)
+    path = configs_root() / "tumbling-rendezvous" / ("experiment.yml" if estimated else "experiment-truth.yml")
     ends: Counter[tuple[str, str]] = Counter()
     least = np.inf
     for number in range(arguments.first, arguments.first + arguments.missions):
         random = np.random.default_rng(number)
-        kind, duration = _KINDS[number % len(_KINDS)], _DURATIONS[number // len(_KINDS) % len(_DURATIONS)]
-        start = random.uniform(0.0, 85.0)
+        kind, duration = kinds[number % len(kinds)], _DURATIONS[number // len(kinds) % len(_DURATIONS)]
+        start = random.uniform(*(_ESTIMATED_BEGIN if estimated else _BEGIN))
         fault = f"mission.faults=[{{kind: {kind}, start: {start:.1f} s, duration: {duration} s}}]"
-        path = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
-        result = Mission(load_rendezvous(path, [*_SETTINGS, fault]).config, number).run()
+        result = Mission(load_rendezvous(path, [*settings, fault]).config, number).run()
         end = [event["data"]["to"] for event in result.log.events if event["event"] == "transition"][-1]
         summary = result.summary
         clearance = summary["least_clearance"]

@@ -171,9 +171,10 @@ class Mission:
         is_slot = context.step * mission.control_ticks % mission.update_ticks == 0
         if is_slot and context.following is not None and context.estimate.updated != before:
             actions.renew_reference(context)
-        # On a retreat a way out is flown to its end; without one it is looked for as on the approach.
-        if is_slot and (context.following is not None or (context.phase is Phase.RETREAT and context.escape is None)):
+        if is_slot and context.following is not None:
             actions.renew_escape(context)
+        elif is_slot and context.phase is Phase.RETREAT:
+            actions.keep_escape(context)
         self._check_settled()
 
     def _check_settled(self) -> None:

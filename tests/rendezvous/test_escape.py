@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.rendezvous.bound.query import EstimateErrors
-from safe_inspect.rendezvous.coordination.escape import find_escape, safe_radius
+from safe_inspect.rendezvous.coordination.escape import find_escape, remains_clear, safe_radius
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.planner.query import Limits
 from safe_inspect.rendezvous.target.envisat import envisat
@@ -50,3 +52,18 @@ def test_an_escape_from_the_mating_point_is_clear_and_ends_at_rest_outside(seed:
 
 def test_there_is_no_escape_from_inside() -> None:
     assert find_escape(_estimate(np.zeros(3), 0), _TARGET, _LIMITS) is None
+
+
+def test_an_escape_remains_clear_until_the_target_turns_otherwise() -> None:
+    blocked = 0
+    for seed in range(4):
+        estimate = _estimate(_TARGET.mating_point, seed)
+        escape = find_escape(estimate, _TARGET, _LIMITS)
+        assert escape is not None
+        assert remains_clear(escape, estimate, _TARGET, _LIMITS)
+        struck = replace(
+            estimate, target=estimate.target._replace(angular_velocity=-3.0 * estimate.target.angular_velocity)
+        )
+        blocked += not remains_clear(escape, struck, _TARGET, _LIMITS)
+        assert remains_clear(escape, replace(struck, time=float(escape.times[-1])), _TARGET, _LIMITS)
+    assert blocked

@@ -15,7 +15,7 @@ from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.coordination.context import Following, MissionContext
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
-from safe_inspect.rendezvous.coordination.escape import EscapeOptions, find_escape
+from safe_inspect.rendezvous.coordination.escape import EscapeOptions, find_escape, remains_clear
 from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time
 from safe_inspect.rendezvous.planner.certificate import certify
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
@@ -245,6 +245,13 @@ def renew_escape(context: MissionContext) -> None:
         context.report("no_escape", {"clearance": context.clearance()})
     else:
         context.escape = found
+
+
+def keep_escape(context: MissionContext) -> None:
+    """Fly a way out to its end, but where there is none, or the target is found to turn into it, look for another."""
+    escape, estimate = context.escape, context.estimate
+    if escape is None or (estimate.alarm and not remains_clear(escape, estimate, context.target, context.limits)):
+        renew_escape(context)
 
 
 def retreat(context: MissionContext) -> None:

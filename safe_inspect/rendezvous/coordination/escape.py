@@ -109,6 +109,24 @@ def find_escape(
     return None
 
 
+def remains_clear(escape: Escape, estimate: StateEstimate, target: Target, limits: Limits) -> bool:
+    """Return whether the rest of an escape is clear of the target as it is predicted to turn now.
+
+    Args:
+        escape: The escape, which is being flown.
+        estimate: Where all things are.
+        target: The target's shape.
+        limits: The chaser's limits.
+    """
+    later = escape.times >= estimate.time
+    if later.sum() < 2:
+        return True
+    turning = estimate.predict(escape.times[later])
+    position, velocity = escape.position[None, later], escape.velocity[None, later]
+    duration = float(escape.times[-1] - escape.times[0])
+    return bool(_lowest_distances(target, turning, position, velocity, duration, limits)[0] >= limits.radius)
+
+
 def _goals(directions: FloatArray, radius: float, keep_in: FloatArray | None, length: float) -> FloatArray:
     """Return the points at a radius along directions, where possible moved within the keep-in box less an inset."""
     goals = radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)

@@ -89,7 +89,7 @@ class ISAM2BackEnd(BackEnd):
     huber: float = Field(default=1.345, gt=0.0)
     relinearise: float = Field(default=1e-3, gt=0.0)
     largest: int = Field(default=600, ge=10)
-    memory: NonNegativeDuration = 6.0  # type: ignore[valid-type]
+    memory: NonNegativeDuration = 2.0  # type: ignore[valid-type]
 
     def __call__(self, imu: ImuNoise, period: float, start: ChaserStart, centre: CentrePrior) -> GraphBackEnd:
         """Return the back end of a mission."""

@@ -20,6 +20,11 @@ from safe_inspect.rendezvous.truth import target_motion
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 _SHORT = ("mission.observe=28 s", "estimator.config.front_end.functor=TruthFrontEnd")
+#: The approach starts soon after the observation, with poses as good as those of `ModelFrontEnd`.
+_SOON = (
+    "mission.wait_limit=5 s",
+    "estimator.config.front_end={functor: TruthFrontEnd, config: {model_rotation: 0.25 deg, model_translation: 2 mm}}",
+)
 
 
 def _fly(*overrides: str, number: int = 1) -> MissionResult:
@@ -63,15 +68,14 @@ def test_the_same_seed_gives_the_same_bytes(watched: MissionResult) -> None:
         np.testing.assert_array_equal(array, again[name], err_msg=name)
 
 
-@pytest.mark.slow
 def test_an_estimated_mission_reaches_the_mating_point(tmp_path: Path) -> None:
-    result = _fly("mission.observe=60 s")
+    result = _fly(*_SOON)
     summary = result.summary
     assert summary["success"], summary["cause"]
-    assert summary["least_clearance"] > 0.0
-    assert summary["mating_position_error"] < 0.04
+    assert summary["least_clearance"] > 0.05
+    assert summary["mating_position_error"] < 0.03
     assert summary["largest_gauge"] <= 1.0
-    experiment = load_rendezvous(_FILE, [*_SHORT, "mission.observe=60 s"])
+    experiment = load_rendezvous(_FILE, [*_SHORT, *_SOON])
     result.log.write(tmp_path, experiment.text, summary)
     again = replay(tmp_path)
     assert max(again.translation_difference, again.orientation_difference, again.clearance_difference) < 1e-12
@@ -79,23 +83,24 @@ def test_an_estimated_mission_reaches_the_mating_point(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("fault", "phases"),
+    ("fault", "guard"),
     [
-        ("{kind: camera, start: 70 s, duration: 10 s}", {"RETREAT", "OBSERVE", "DONE"}),
-        ("{kind: imu_bias, start: 70 s, duration: 200 s}", {"RETREAT", "OBSERVE", "DONE"}),
-        pytest.param(
-            "{kind: tumble, start: 90 s, duration: 1 s}",
-            {"RETREAT"},
-            marks=pytest.mark.xfail(run=False, reason="the new motion is learned too late; the chaser touches it"),
-        ),
+        ("{kind: camera, start: 60 s, duration: 10 s}", "fault"),
+        ("{kind: imu_bias, start: 60 s, duration: 200 s}", ""),
+        ("{kind: tumble, start: 60 s, duration: 1 s}", "fault"),
     ],
     ids=["camera", "imu_bias", "tumble"],
 )
-def test_a_fault_never_ends_in_contact(fault: str, phases: set[str]) -> None:
-    result = _fly("mission.observe=40 s", f"mission.faults=[{fault}]", "mission.time_limit=300 s")
-    assert result.summary["least_clearance"] > 0.0
-    seen = {event["data"]["to"] for event in result.log.events if event["event"] == "transition"}
-    assert seen & phases
+def test_a_fault_on_the_approach_never_ends_in_contact(fault: str, guard: str) -> None:
+    """The chaser retreats, or goes on where the pipeline can do with it."""
+    result = _fly(*_SOON, f"mission.faults=[{fault}]", "mission.time_limit=85 s")
+    assert result.summary["least_clearance"] > 0.02
+    left = [
+        event["data"]["guard"]
+        for event in result.log.events
+        if event["event"] == "transition" and event["data"]["to"] == "RETREAT" and event["t"] < 80.0
+    ]
+    assert left == [guard] * bool(guard)
 
 
 def _estimate(attitude: Sequence[float], joint: np.ndarray | None) -> StateEstimate:

@@ -174,3 +174,22 @@ def test_close_to_the_target_the_shape_does_not_slide(target: Target, shoot: Sho
         assert np.linalg.norm(offset[3:]) < 0.015
         assert np.rad2deg(np.linalg.norm(offset[:3])) < 1.0
         assert offset @ np.linalg.solve(found.covariance(3.0), offset) / 6.0 < 8.0
+
+
+def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Target, shoot: Shoot) -> None:
+    """A strip of the bus is seen, its ends out of the image: what is expected holds, and the errors say so."""
+    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
+    tight = np.diag(np.repeat([np.deg2rad(0.5), 0.005], 3) ** -2.0)
+    random = np.random.default_rng(1)
+    ahead, right = np.array([-0.5, 0.0, -np.sqrt(0.75)]), np.array([0.0, 1.0, 0.0])
+    camera = np.stack((right, np.cross(ahead, right), ahead), axis=1)
+    for number, along in enumerate((0.15, 0.17, 0.19)):
+        rotation = camera @ T_BC[:3, :3].T
+        truth = pose(rotation, np.array([along, 0.0, 0.35]) - rotation @ T_BC[:3, 3])
+        start = perturbed(truth, random.normal(size=6) * np.repeat([np.deg2rad(0.2), 3e-3], 3))
+        found = registration(cleaning(shoot(truth, number), T_BC), start, Prior(start, tight))
+        offset, covariance = difference(truth, found.pose), found.covariance(3.0)
+        assert np.linalg.norm(offset[3:]) < 0.012
+        assert offset @ np.linalg.solve(covariance, offset) / 6.0 < 4.0
+        x = rotation.T @ np.array([1.0, 0.0, 0.0])  # the strip leads along x of M
+        assert np.sqrt(x @ covariance[3:, 3:] @ x) > 0.01

@@ -19,9 +19,9 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 FAR = 0.05
 #: Least cosine of incidence on a face that points count for: what seems to lie on a flatter one flies beside an edge.
 _LEAST_COSINE = 0.12
-#: Least share of the points that a face must have, and that must be beyond its sides: fewer are pixels that fly, or what
-#: the shape leaves out, and would alone decide where the shape may slide along the faces that are seen.
-_LEAST_SHARE, _LEAST_BESIDE = 0.005, 0.002
+#: Least share of the points that a face must have: the few on another one are pixels that fly, or what the shape leaves
+#: out, and would alone decide where the shape may slide along the faces that are seen.
+_LEAST_SHARE = 0.005
 #: Pixels at the border of an image that are not compared with the silhouette, and edge of the cells in which parts that
 #: are too near hide others [px].
 _BORDER, _CELL = 2.0, 16
@@ -155,7 +155,7 @@ def face_equations(
     r00, r01, r02 = transform[0, 0], transform[0, 1], transform[0, 2]
     r10, r11, r12 = transform[1, 0], transform[1, 1], transform[1, 2]
     r20, r21, r22 = transform[2, 0], transform[2, 1], transform[2, 2]
-    nearest, counts = np.empty(points.shape[0], np.int64), np.zeros((faces.centre.shape[0], 3), np.int64)
+    nearest, counts = np.empty(points.shape[0], np.int64), np.zeros(faces.centre.shape[0], np.int64)
     offsets = np.empty((points.shape[0], 3))
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
@@ -169,13 +169,11 @@ def face_equations(
         nearest[i], offsets[i, 0], offsets[i, 1], offsets[i, 2] = f if is_near else -1, h, a, b
         if is_near:
             inliers += 1
-            counts[f, 0] += 1
-            counts[f, 1] += a != 0.0
-            counts[f, 2] += b != 0.0
-    least, least_beside = _LEAST_SHARE * points.shape[0], _LEAST_BESIDE * points.shape[0]
+            counts[f] += 1
+    least = _LEAST_SHARE * points.shape[0]
     for i in range(points.shape[0]):
         f = nearest[i]
-        if f < 0 or counts[f, 0] < least:
+        if f < 0 or counts[f] < least:
             continue
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         h, a, b = offsets[i, 0], offsets[i, 1], offsets[i, 2]
@@ -192,7 +190,7 @@ def face_equations(
         across = (noise.lateral * ranges[i]) ** 2
         for k in range(3):
             residual = h if k == 0 else (a if k == 1 else b)
-            if k > 0 and (residual == 0.0 or counts[f, k] < least_beside):
+            if k > 0 and residual == 0.0:
                 continue
             nx, ny, nz = faces.axes[f, k, 0], faces.axes[f, k, 1], faces.axes[f, k, 2]
             gx = r00 * nx + r10 * ny + r20 * nz
