@@ -18,6 +18,7 @@ from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.platforms import ApproachVelocitySensor
 from safe_inspect.policies import DockingAutopilot
 from safe_inspect.tasks.docking.region import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed
 
@@ -219,3 +220,15 @@ def test_a_wrong_reward_is_named_where_it_stands():
     wrong = "agent_config.0.config.config.dones.4.config.reward_functor=DockingVelocityReward"
     with pytest.raises(ConfigError, match="DockingVelocityReward"):
         load_spec(TASK, (wrong,))
+
+
+def test_the_approach_velocity_points_to_the_chief_at_the_speed_limit():
+    cfg = configs_root() / "docking" / "experiment-recipe.yml"
+    env = BatchedEnvironment(load_spec(cfg), 8, seed=2)
+    observation = env.reset()
+    position = env.state.position[:, 0]
+    distance = np.linalg.norm(position, axis=1)
+    wanted = -position * (np.array([limit(r) for r in distance]) / distance)[:, None]
+    np.testing.assert_allclose(observation[:, 0, 8:11], wanted / 0.5, rtol=1e-6)
+    env.state.position[:, 0] = 0.0
+    np.testing.assert_array_equal(ApproachVelocitySensor()(env.view()), 0.0)
