@@ -104,7 +104,7 @@ class SpeedLimitFilter:
         return self.is_safe(after[:, :3], after[:, 3:])
 
     def _search(self, state: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Return the thrust that comes nearest to the wanted one from braking and still keeps the limit, shape (R, 3)."""
+        """Return the thrust between braking and the wanted one [N] that is the last to keep the limit, (R, 3)."""
         brake = -_times(self._phi, state)[:, 3:] / self._gain
         low, high = np.zeros(len(state)), np.ones(len(state))
 
