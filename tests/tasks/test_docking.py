@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -94,8 +94,9 @@ def test_a_violation_is_priced_and_ends_the_episode_when_it_has_summed_up():
     [
         ((0.55, 0.0, 0.0), (-0.15, 0.0, 0.0), DoneStatus.WIN, {"DockingSuccessReward": 2.0 - 1.0 / 2000.0}),
         ((0.0, 0.65, 0.0), (0.0, -0.25, 0.0), DoneStatus.LOSE, {"DockingFailureReward": -1.0}),
-        # Through the whole region within a step.
+        # Through the whole region within a step, early and late in it.
         ((0.0, 0.0, 1.0), (0.0, 0.0, -2.5), DoneStatus.LOSE, {"DockingFailureReward": -1.0}),
+        ((0.0, 0.0, 1.9), (0.0, 0.0, -2.5), DoneStatus.LOSE, {"DockingFailureReward": -1.0}),
         ((10_000.5, 0.0, 0.0), (0.0, 0.0, 0.0), DoneStatus.LOSE, {"DockingFailureReward": -1.0}),
         ((0.75, 0.0, 0.0), (-0.15, 0.0, 0.0), DoneStatus.RUNNING, {}),
     ],
@@ -131,6 +132,7 @@ vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 @settings(max_examples=60, deadline=None)
 @given(vectors, vectors, vectors, st.floats(0.1, 6.0))
+@example((0.0, -0.5, 0.0), (0.0, 0.25, 0.0), (0.0, 1.0, 0.0), 4.0)  # reached late in the step
 def test_the_region_is_found_along_the_true_path(place, direction, thrust, speed):
     position = 3.0 * np.array(place)
     velocity = speed * np.array(direction)
@@ -160,7 +162,7 @@ def test_the_region_is_found_along_the_true_path(place, direction, thrust, speed
 @given(st.floats(0.05, 3.0), vectors)
 def test_the_speed_at_the_region_decides(speed, direction):
     size = np.linalg.norm(direction)
-    if size < 0.1:
+    if size < 0.1 or abs(speed - 0.2) < 1e-9:  # at the limit itself rounding decides
         return
     unit = np.array(direction) / size
     before, after = (0.5 + 0.3 * speed) * unit, (0.5 - 0.7 * speed) * unit
