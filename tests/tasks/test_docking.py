@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -18,6 +18,7 @@ from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.platforms import ApproachVelocitySensor
 from safe_inspect.policies import DockingAutopilot
 from safe_inspect.tasks.docking.region import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed
 
@@ -93,8 +94,9 @@ def test_a_violation_is_priced_and_ends_the_episode_when_it_has_summed_up():
     [
         ((0.55, 0.0, 0.0), (-0.15, 0.0, 0.0), DoneStatus.WIN, {"DockingSuccessReward": 2.0 - 1.0 / 2000.0}),
         ((0.0, 0.65, 0.0), (0.0, -0.25, 0.0), DoneStatus.LOSE, {"DockingFailureReward": -1.0}),
-        # Through the whole region within a step.
+        # Through the whole region within a step, early and late in it.
         ((0.0, 0.0, 1.0), (0.0, 0.0, -2.5), DoneStatus.LOSE, {"DockingFailureReward": -1.0}),
+        ((0.0, 0.0, 1.9), (0.0, 0.0, -2.5), DoneStatus.LOSE, {"DockingFailureReward": -1.0}),
         ((10_000.5, 0.0, 0.0), (0.0, 0.0, 0.0), DoneStatus.LOSE, {"DockingFailureReward": -1.0}),
         ((0.75, 0.0, 0.0), (-0.15, 0.0, 0.0), DoneStatus.RUNNING, {}),
     ],
@@ -130,6 +132,7 @@ vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 @settings(max_examples=60, deadline=None)
 @given(vectors, vectors, vectors, st.floats(0.1, 6.0))
+@example((0.0, -0.5, 0.0), (0.0, 0.25, 0.0), (0.0, 1.0, 0.0), 4.0)  # reached late in the step
 def test_the_region_is_found_along_the_true_path(place, direction, thrust, speed):
     position = 3.0 * np.array(place)
     velocity = speed * np.array(direction)
@@ -159,7 +162,7 @@ def test_the_region_is_found_along_the_true_path(place, direction, thrust, speed
 @given(st.floats(0.05, 3.0), vectors)
 def test_the_speed_at_the_region_decides(speed, direction):
     size = np.linalg.norm(direction)
-    if size < 0.1:
+    if size < 0.1 or abs(speed - 0.2) < 1e-9:  # at the limit itself rounding decides
         return
     unit = np.array(direction) / size
     before, after = (0.5 + 0.3 * speed) * unit, (0.5 - 0.7 * speed) * unit
@@ -219,3 +222,15 @@ def test_a_wrong_reward_is_named_where_it_stands():
     wrong = "agent_config.0.config.config.dones.4.config.reward_functor=DockingVelocityReward"
     with pytest.raises(ConfigError, match="DockingVelocityReward"):
         load_spec(TASK, (wrong,))
+
+
+def test_the_approach_velocity_points_to_the_chief_at_the_speed_limit():
+    cfg = configs_root() / "docking" / "experiment-recipe.yml"
+    env = BatchedEnvironment(load_spec(cfg), 8, seed=2)
+    observation = env.reset()
+    position = env.state.position[:, 0]
+    distance = np.linalg.norm(position, axis=1)
+    wanted = -position * (np.array([limit(r) for r in distance]) / distance)[:, None]
+    np.testing.assert_allclose(observation[:, 0, 8:11], wanted / 0.5, rtol=1e-6)
+    env.state.position[:, 0] = 0.0
+    np.testing.assert_array_equal(ApproachVelocitySensor()(env.view()), 0.0)

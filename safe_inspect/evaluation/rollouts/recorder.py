@@ -91,5 +91,5 @@ def _docking_radius(spec: EnvironmentSpec) -> float:
     for done in spec.agents[0].dones:
         functor: Any = done.functor
         if isinstance(functor, DockingRegion):
-            return functor.docking_region_radius
+            return float(functor.docking_region_radius)
     return 0.0

@@ -80,36 +80,43 @@ class SpeedLimitFilter:
             velocity: Velocity [m/s], shape (R, 3).
             desired: Desired thrust [N], shape (R, 3).
         """
-        free = _times(self._phi, np.concatenate((position, velocity), axis=1))
-        wanted = np.clip(desired, -self._u_max, self._u_max)
-        brake = -free[:, 3:] / self._gain
-        low, high = np.zeros(len(desired)), np.ones(len(desired))
-
-        def thrust(share: FloatArray) -> FloatArray:
-            mixed = share[:, None] * wanted + (1.0 - share[:, None]) * brake
-            return np.asarray(np.clip(mixed, -self._u_max, self._u_max))
-
-        def keeps(control: FloatArray) -> BoolArray:
-            after = free + _times(self._gamma, control)
-            return self.is_safe(after[:, :3], after[:, 3:])
-
-        safe = keeps(wanted)
-        refused = ~safe
-        if refused.any():
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                good = keeps(thrust(middle))
-                low, high = np.where(good, middle, low), np.where(good, high, middle)
-        control = np.where(safe[:, None], wanted, thrust(low))
+        state = np.concatenate((position, velocity), axis=1)
+        control = np.clip(desired, -self._u_max, self._u_max)
+        refused = ~self._keeps(state, control)
+        rows = np.flatnonzero(refused)
+        infeasible = np.zeros(len(desired), dtype=np.bool_)
+        if len(rows):
+            control[rows] = self._search(state[rows], control[rows])
+            infeasible[rows] = ~self._keeps(state[rows], control[rows])
         return FilterResult(
             control=control,
             intervening=_norm(control - desired) > _INTERVENTION,
-            infeasible=refused & ~keeps(control),
+            infeasible=infeasible,
             backup=refused,
             active=refused.astype(np.int64),
             phi=self.phi(position, velocity)[:, None],
             names=_NAMES,
         )
+
+    def _keeps(self, state: FloatArray, control: FloatArray) -> BoolArray:
+        """Return whether the state after a hold is safe, shape (R,)."""
+        after = _times(self._phi, state) + _times(self._gamma, control)
+        return self.is_safe(after[:, :3], after[:, 3:])
+
+    def _search(self, state: FloatArray, wanted: FloatArray) -> FloatArray:
+        """Return the thrust between braking and the wanted one [N] that is the last to keep the limit, (R, 3)."""
+        brake = -_times(self._phi, state)[:, 3:] / self._gain
+        low, high = np.zeros(len(state)), np.ones(len(state))
+
+        def thrust(share: FloatArray) -> FloatArray:
+            mixed = share[:, None] * wanted + (1.0 - share[:, None]) * brake
+            return np.asarray(np.clip(mixed, -self._u_max, self._u_max))
+
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            good = self._keeps(state, thrust(middle))
+            low, high = np.where(good, middle, low), np.where(good, high, middle)
+        return thrust(low)
 
     def _limit(self, position: FloatArray) -> FloatArray:
         beyond = np.maximum(_norm(position) - self._d0, 0.0)

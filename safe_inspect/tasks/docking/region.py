@@ -45,16 +45,14 @@ def entry_speed(
     end, end_speed = distance(position, reference), distance(velocity, reference_velocity)
     if dt > 0.0:
         # Control points of the derivative of the cubic bound the speed: the velocities, and the one between them.
-        middle, start = 0.0, 0.0
+        middle = 0.0
         for k in range(3):
             moved = position[k] - position_before[k] - reference_velocity[k] * dt
             u = 3.0 * moved / dt - velocity_before[k] - velocity[k] + 2.0 * reference_velocity[k]
-            p = position_before[k] - (reference[k] - reference_velocity[k] * dt)
             middle += u * u
-            start += p * p
         fastest = max(distance(velocity_before, reference_velocity), end_speed, math.sqrt(middle))
-        gap, elapsed = math.sqrt(start) - radius, 0.0
-        while gap <= fastest * (dt - elapsed):
+        elapsed = 0.0
+        while True:
             b = elapsed / dt
             a = 1.0 - b
             square, speed = 0.0, 0.0
@@ -70,6 +68,8 @@ def entry_speed(
             gap = math.sqrt(square) - radius
             if gap <= TOLERANCE:
                 return math.sqrt(speed)
+            if gap > fastest * (dt - elapsed):
+                break
             elapsed += gap / fastest
     return end_speed if end <= radius else -1.0
 
