@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from safe_inspect.dynamics import quaternion
 from safe_inspect.random.streams import Streams
@@ -137,7 +138,14 @@ class Mission:
         self._coordinator: Coordinator[MissionContext] = Coordinator(TABLE, self._changed)
 
     def run(self) -> MissionResult:
-        """Fly the mission to its end."""
+        """Fly the mission to its end.
+
+        The linear algebra has one thread meanwhile: its matrices are small, and threads would only wait for each other.
+        """
+        with threadpool_limits(limits=1, user_api="blas"):
+            return self._run()
+
+    def _run(self) -> MissionResult:
         context, coordinator = self._flight, self._coordinator
         while True:
             self._sense()

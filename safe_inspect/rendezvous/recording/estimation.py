@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply
 from safe_inspect.errors import ConfigError
@@ -108,7 +109,7 @@ class _Recorder:
 def estimate_log(
     log_: SensorLog, estimators: Estimators, target: Target | None, progress: Callable[[int, int], None] | None = None
 ) -> LogEstimate:
-    """Estimate chaser and target from a log.
+    """Estimate chaser and target from a log. The linear algebra has one thread meanwhile, as in a mission.
 
     Args:
         log_: The log.
@@ -119,6 +120,13 @@ def estimate_log(
     Raises:
         ConfigError: The log does not show the motion of a body.
     """
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _estimate(log_, estimators, target, progress)
+
+
+def _estimate(
+    log_: SensorLog, estimators: Estimators, target: Target | None, progress: Callable[[int, int], None] | None
+) -> LogEstimate:
     streams = Streams(0, np.zeros(1, np.int64), np.zeros(1, np.int64))
     camera, T_BC = log_.description.camera.geometry, log_.T_BC  # noqa: N806
     recorder = _Recorder(estimators.front_end(FrontEndContext(camera, T_BC, target, streams)))
