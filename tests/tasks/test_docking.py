@@ -234,3 +234,8 @@ def test_the_approach_velocity_points_to_the_chief_at_the_speed_limit():
     np.testing.assert_allclose(observation[:, 0, 8:11], wanted / 0.5, rtol=1e-6)
     env.state.position[:, 0] = 0.0
     np.testing.assert_array_equal(ApproachVelocitySensor()(env.view()), 0.0)
+
+
+def test_a_state_that_is_not_finite_is_nowhere():
+    nowhere = np.full(3, np.nan)
+    assert entry_speed(0.5, 1.0, nowhere, ORIGIN, nowhere, ORIGIN, ORIGIN, ORIGIN) == -1.0

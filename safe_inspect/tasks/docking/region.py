@@ -68,7 +68,7 @@ def entry_speed(
             gap = math.sqrt(square) - radius
             if gap <= TOLERANCE:
                 return math.sqrt(speed)
-            if gap > fastest * (dt - elapsed):
+            if not gap <= fastest * (dt - elapsed):  # nor for what is not finite
                 break
             elapsed += gap / fastest
     return end_speed if end <= radius else -1.0
