@@ -14,7 +14,7 @@ from safe_inspect.rendezvous.back_end.factors import (
     model_centre_factors,
     rotation_kinematic_factors,
 )
-from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
+from safe_inspect.rendezvous.back_end.inertial import BIAS_JUMP, ImuBuffer
 from safe_inspect.rendezvous.back_end.marginals import marginal_priors, value_of
 from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
 from safe_inspect.rendezvous.edges import MODEL, Edge
@@ -26,8 +26,10 @@ from safe_inspect.types import FloatArray
 _FIXED, _LOOSE = 1e-5, 10.0
 #: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
 _UNMEASURED = 0.3
-#: Of the bias at a jump [m/s^2, rad/s].
-_BIAS_JUMP = (0.05, 1e-3)
+#: Of the attitude that the target's known motion shows [rad].
+_SHOWN = 0.02
+#: How many intervals between frames a jump may lie back when it is seen.
+_DOUBTED = 4
 #: Least standard deviation of the bias's walk between two frames [m/s^2, rad/s].
 _LEAST_WALK = (1e-5, 1e-6)
 
@@ -59,6 +61,8 @@ class PoseGraph:
         self._frames: list[int] = []
         self._reached: set[int] = set()
         self._has_model = False
+        #: Of the newest intervals between frames, the inertial factors and those that replace them at a jump.
+        self._doubted: list[list[tuple[Any, Any]]] = []
         #: How many poses to the model count as one, since their errors are alike.
         self._alike = 1.0
         pose = gtsam.Pose3(start.pose)
@@ -87,7 +91,15 @@ class PoseGraph:
         """Pose T_WB, velocity and bias at the last frame, for `ImuBuffer`."""
         return self._state["X"], self._state["V"], self._state["B"]
 
-    def update(self, frame: int, edges: Sequence[Edge], imu: ImuBuffer, *, jumped: bool = False) -> None:
+    def update(
+        self,
+        frame: int,
+        edges: Sequence[Edge],
+        imu: ImuBuffer,
+        *,
+        jumped: bool = False,
+        attitude: FloatArray | None = None,
+    ) -> None:
         """Add a frame.
 
         Edges whose earlier frame is not in the graph are left out.
@@ -96,8 +108,11 @@ class PoseGraph:
             frame: Number of the frame.
             edges: What the front end has measured, to this frame or between earlier ones.
             imu: Measurements since the last frame of the graph; it is restarted.
-            jumped: Whether the bias may have jumped since then.
+            jumped: Whether the bias has jumped in the last frames: what was measured there counts little then.
+            attitude: R_WB as the target's known motion shows it, shape (3, 3); None where the gyroscopes tell it.
         """
+        if jumped:
+            self._loosen()
         if len(self._frames) >= self._options.largest:
             self._forget()
         before, gtsam = self._frames[-1], self._gtsam
@@ -107,8 +122,12 @@ class PoseGraph:
         pose, velocity = imu.predict(*self.last)
         self._add_frame(frame, pose, velocity, self._state["B"])
         keys = [key("X", before), key("V", before), key("X", frame), key("V", frame), key("B", before)]
+        alternatives: list[tuple[Any, Any]] = []
         if imu.duration > 0.0:
-            self._add(gtsam.ImuFactor(*keys, imu.measurements), before, frame)
+            loose = gtsam.ImuFactor(*keys, imu.integrated(jumped=True))
+            usual = loose if jumped else gtsam.ImuFactor(*keys, imu.integrated(jumped=False))
+            self._add(usual, before, frame)
+            alternatives.append((usual, loose))
         else:
             rest = gtsam.BetweenFactorPose3(keys[0], keys[2], gtsam.Pose3(), self._same(6, _UNMEASURED))
             self._add(rest, before, frame)
@@ -117,11 +136,17 @@ class PoseGraph:
             )
         own = self._options.imu
         walk = np.sqrt(max(imu.duration, 1e-3)) * np.array([own.acceleration_walk, own.rate_walk])
-        walk = np.maximum(walk, _BIAS_JUMP if jumped else _LEAST_WALK)
-        between = gtsam.BetweenFactorConstantBias(
-            key("B", before), key("B", frame), gtsam.imuBias.ConstantBias(), self._diagonal(np.repeat(walk, 3))
+        usual, loose = (
+            gtsam.BetweenFactorConstantBias(
+                key("B", before), key("B", frame), gtsam.imuBias.ConstantBias(), self._diagonal(np.repeat(sigmas, 3))
+            )
+            for sigmas in (np.maximum(walk, _LEAST_WALK), BIAS_JUMP)
         )
-        self._add(between, before, frame)
+        self._add(loose if jumped else usual, before, frame)
+        self._doubted = [*self._doubted[1 - _DOUBTED :], [*alternatives, (usual, loose)]]
+        if attitude is not None:
+            shown = gtsam.PoseRotationPrior3D(key("X", frame), gtsam.Rot3(attitude), self._same(3, _SHOWN))
+            self._add(shown, frame)
         for edge in edges:
             self._add_edge(edge)
         self._solve(frame)
@@ -273,10 +298,22 @@ class PoseGraph:
 
     def _use_qr(self) -> None:
         """Solve all factors anew by QR, three times slower: Cholesky's squares have lost a variable to rounding."""
+        self._is_qr = True
+        self._solve_anew(self._new_solver("QR"))
+
+    def _loosen(self) -> None:
+        """Let the inertial factors of the newest intervals count little: the bias has jumped in one of them."""
+        loose = {id(usual): other for pairs in self._doubted for usual, other in pairs}
+        self._kept = [(at, loose.get(id(factor), factor)) for at, factor in self._kept]
+        self._doubted = []
+        self._solve_anew(self._gtsam.ISAM2(self._solver.params()))
+
+    def _solve_anew(self, solver: Any) -> None:
+        """Give all factors to another solver."""
         graph = self._gtsam.NonlinearFactorGraph()
         for _, factor in self._kept:
             graph.add(factor)
-        self._is_qr, self._solver = True, self._new_solver("QR")
+        self._solver = solver
         self._solver.update(graph, self._solution)
         self._solver.update()
 
