@@ -26,8 +26,6 @@ from safe_inspect.types import FloatArray
 _FIXED, _LOOSE = 1e-5, 10.0
 #: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
 _UNMEASURED = 0.3
-#: Of the attitude that the target's known motion shows [rad].
-_SHOWN = 0.02
 #: How many intervals between frames a jump may lie back when it is seen.
 _DOUBTED = 4
 #: Least standard deviation of the bias's walk between two frames [m/s^2, rad/s].
@@ -91,15 +89,7 @@ class PoseGraph:
         """Pose T_WB, velocity and bias at the last frame, for `ImuBuffer`."""
         return self._state["X"], self._state["V"], self._state["B"]
 
-    def update(
-        self,
-        frame: int,
-        edges: Sequence[Edge],
-        imu: ImuBuffer,
-        *,
-        jumped: bool = False,
-        attitude: FloatArray | None = None,
-    ) -> None:
+    def update(self, frame: int, edges: Sequence[Edge], imu: ImuBuffer, *, jumped: bool = False) -> None:
         """Add a frame.
 
         Edges whose earlier frame is not in the graph are left out.
@@ -109,7 +99,6 @@ class PoseGraph:
             edges: What the front end has measured, to this frame or between earlier ones.
             imu: Measurements since the last frame of the graph; it is restarted.
             jumped: Whether the bias has jumped in the last frames: what was measured there counts little then.
-            attitude: R_WB as the target's known motion shows it, shape (3, 3); None where the gyroscopes tell it.
         """
         if jumped:
             self._loosen()
@@ -144,9 +133,6 @@ class PoseGraph:
         )
         self._add(loose if jumped else usual, before, frame)
         self._doubted = [*self._doubted[1 - _DOUBTED :], [*alternatives, (usual, loose)]]
-        if attitude is not None:
-            shown = gtsam.PoseRotationPrior3D(key("X", frame), gtsam.Rot3(attitude), self._same(3, _SHOWN))
-            self._add(shown, frame)
         for edge in edges:
             self._add_edge(edge)
         self._solve(frame)

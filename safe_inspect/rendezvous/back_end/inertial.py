@@ -14,7 +14,7 @@ from safe_inspect.types import FloatArray
 #: Covariance of the integration itself [m^2/s].
 _INTEGRATION = 1e-10
 #: Densities of the noise that stand for the motion of a chaser without inertial samples [m/s^2, rad/s per sqrt(Hz)].
-_COASTING = (0.05, 0.05)
+_COASTING = (0.05, 0.01)
 #: Standard deviations of the bias at a jump [m/s^2, rad/s]; also densities of a noise that covers one over a second.
 BIAS_JUMP = (0.05, 1e-3)
 
@@ -68,10 +68,6 @@ class ImuBuffer:
         self._bias, self.is_coasting = bias, False
         self._samples = []
         self.measurements = self._integration(self._densities)
-
-    def turn(self, rate: FloatArray) -> None:
-        """Coast on at another angular velocity, without its bias [rad/s], shape (3,)."""
-        self._before = (self._bias.accelerometer(), rate + self._bias.gyroscope())
 
     def integrated(self, *, jumped: bool) -> Any:
         """Return the samples integrated with their noise, or with that of an unmeasured motion or a jump of the bias."""

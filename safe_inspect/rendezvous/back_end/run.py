@@ -11,7 +11,6 @@ from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
 from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
 from safe_inspect.rendezvous.edges import Edge
-from safe_inspect.rendezvous.poses import rotation_log
 from safe_inspect.types import FloatArray
 
 
@@ -32,9 +31,7 @@ class BackEndRun(Protocol):
     def coast(self, period: float) -> None:
         """Take a period [s] without a sample as free flight at the last angular velocity."""
 
-    def update(
-        self, frame: int, edges: Sequence[Edge], *, jumped: bool = False, attitude: FloatArray | None = None
-    ) -> None:
+    def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
         """Add a frame at the time of the last sample; see `PoseGraph.update`."""
 
     def estimate(self) -> GraphEstimate:
@@ -82,15 +79,9 @@ class GraphBackEnd:
         """Take a period [s] without a sample as free flight at the last angular velocity."""
         self._buffer.coast(period)
 
-    def update(
-        self, frame: int, edges: Sequence[Edge], *, jumped: bool = False, attitude: FloatArray | None = None
-    ) -> None:
+    def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
         """Add a frame at the time of the last sample."""
-        before, duration, coasted = self._graph.last[0], self._buffer.duration, self._buffer.is_coasting
-        self._graph.update(frame, edges, self._buffer, jumped=jumped, attitude=attitude)
-        if coasted and attitude is not None:
-            turn = rotation_log(before.rotation().matrix().T @ self._graph.last[0].rotation().matrix())
-            self._buffer.turn(turn / duration)
+        self._graph.update(frame, edges, self._buffer, jumped=jumped)
 
     def estimate(self) -> GraphEstimate:
         """Return what is known at the last frame."""

@@ -120,8 +120,7 @@ class EstimationPipeline:
         measured, edges = edges, self._trusted(expected, edges)
         self._times[number] = frame.time
         self._edges += edges
-        attitude = self._shown_attitude(frame.time, edges) if self._has_coasted else None
-        back_end.update(number, edges, jumped=self._jumps == _JUMP_FRAMES, attitude=attitude)
+        back_end.update(number, edges, jumped=self._jumps == _JUMP_FRAMES)
         self._has_coasted = False
         self.graph = back_end.estimate()
         self._mismatches.append(self._mismatch(frame.time, measured))
@@ -268,20 +267,6 @@ class EstimationPipeline:
                 shown = rotate(conjugate(known.q_GT), (pose @ edge.pose)[:3, 3] - graph.centre_glued)
                 distances.append(float(np.linalg.norm(shown - estimated)))
         return max(distances, default=np.inf)
-
-    def _shown_attitude(self, time: float, edges: list[Edge]) -> FloatArray | None:
-        """Return R_WB, shape (3, 3), that an edge and the target's known motion show; None where they do not."""
-        known, graph = self.target, self.graph
-        if known is None or graph is None or self.changed:
-            return None
-        poses = {MODEL: graph.model, graph.frame: graph.relative}
-        for edge in edges:
-            pose = poses.get(edge.first)
-            if pose is not None:
-                q, _ = known.predict(np.array([time]))
-                R_WG = to_matrix(multiply(q[0], conjugate(known.q_GT)))  # noqa: N806
-                return np.asarray(R_WG @ pose[:3, :3] @ edge.pose[:3, :3])
-        return None
 
     def _predicted(self, time: float) -> FloatArray | None:
         """Return T_GB now as it is predicted."""
