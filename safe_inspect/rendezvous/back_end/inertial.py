@@ -70,7 +70,7 @@ class ImuBuffer:
         self.measurements = self._integration(self._densities)
 
     def integrated(self, *, jumped: bool) -> Any:
-        """Return the samples integrated with their noise, or with that of an unmeasured motion or a jump of the bias."""
+        """Return the samples integrated with their noise, or that of an unmeasured motion or a jump of the bias."""
         if not self.is_coasting and not jumped:
             return self.measurements
         again = self._integration(_COASTING if self.is_coasting else BIAS_JUMP)
