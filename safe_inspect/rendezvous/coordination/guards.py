@@ -147,7 +147,7 @@ def settled(context: MissionContext) -> bool:
     since, mission = context.settled_since, context.config.mission
     if since is None or context.time - since < mission.hold - _ROUNDING:
         return False
-    return context.estimate.mismatch <= mission.hold_position
+    return bool(context.estimate.mismatch <= mission.hold_position)
 
 
 def hold_too_long(context: MissionContext) -> bool:
