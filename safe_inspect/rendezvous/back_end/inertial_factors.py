@@ -53,7 +53,7 @@ def inertial_factors(before: int, frame: int, imu: ImuBuffer, noise: ImuNoise) -
         gtsam.BetweenFactorConstantBias(
             key("B", before),
             key("B", frame),
-            gtsam.imuBias.ConstantBias(),
+            bias,
             models.Diagonal.Sigmas(np.repeat(sigmas, 3)),
         )
         for sigmas in (np.maximum(walk, _LEAST_WALK), BIAS_JUMP)
