@@ -83,8 +83,8 @@ class StateEstimate:
         correlation: Correlation of the errors of two updates that follow each other.
         problem: Why no approach may be planned with it; empty where one may.
         alarm: Why an approach must not go on; empty where it may.
-        mismatch: Distance in T between where the newest frames alone show the chaser and where it is estimated, the
-            median of a few frames [m]; infinite where most of them show nothing.
+        mismatch: Largest distance in T between where one of the newest frames alone shows the chaser and where it was
+            estimated, with the standard deviation of that frame [m]; infinite where one of them shows nothing.
     """
 
     time: float

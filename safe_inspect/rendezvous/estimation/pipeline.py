@@ -133,7 +133,7 @@ class EstimationPipeline:
     @property
     def mismatch(self) -> float:
         """See `StateEstimate`."""
-        return float(np.median(self._mismatches))
+        return max(self._mismatches)
 
     def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
@@ -250,9 +250,10 @@ class EstimationPipeline:
         return edges
 
     def _mismatch(self, time: float, edges: list[Edge]) -> float:
-        """Return how far in T the chaser is estimated from where a frame shows it [m], infinite where it shows nothing.
+        """Return how far in T the chaser may be estimated from where a frame alone shows it [m].
 
-        Neither the inertial unit nor the poses of the graph take part in what the frame shows.
+        It is the distance and the largest standard deviation of the frame's position, along a face for instance, where
+        a registration repeats what was expected. It is infinite where the frame shows nothing.
         """
         known, graph = self.target, self.graph
         if known is None or graph is None or self._back_end is None:
@@ -265,7 +266,8 @@ class EstimationPipeline:
             pose = graph.model if edge.first == MODEL else relative.get(edge.first)
             if pose is not None and edge.second == graph.frame:
                 shown = rotate(conjugate(known.q_GT), (pose @ edge.pose)[:3, 3] - graph.centre_glued)
-                distances.append(float(np.linalg.norm(shown - estimated)))
+                sigma = np.sqrt(np.linalg.eigvalsh(edge.covariance[3:, 3:])[-1])
+                distances.append(float(np.linalg.norm(shown - estimated) + sigma))
         return max(distances, default=np.inf)
 
     def _predicted(self, time: float) -> FloatArray | None:
