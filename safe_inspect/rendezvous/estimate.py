@@ -83,6 +83,8 @@ class StateEstimate:
         correlation: Correlation of the errors of two updates that follow each other.
         problem: Why no approach may be planned with it; empty where one may.
         alarm: Why an approach must not go on; empty where it may.
+        mismatch: Largest distance in T between where one of the newest frames alone shows the chaser and where it was
+            estimated, with the standard deviation of that frame [m]; infinite where one of them shows nothing.
     """
 
     time: float
@@ -94,6 +96,7 @@ class StateEstimate:
     correlation: float
     problem: str = ""
     alarm: str = ""
+    mismatch: float = 0.0
 
     @property
     def translation(self) -> FloatArray:

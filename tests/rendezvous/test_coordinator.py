@@ -77,10 +77,11 @@ def test_a_circle_in_the_table_is_an_error() -> None:
 
 @pytest.mark.parametrize("phase", list(Phase))
 def test_a_changed_motion_ends_what_was_decided_on_it(phase):
-    mission = SimpleNamespace(imu_silence=0.2, camera_silence=5.0)
+    mission = SimpleNamespace(imu_silence=0.2, camera_silence=5.0, update_period=1.0)
     estimate = SimpleNamespace(
-        translation=np.zeros(6), target=SimpleNamespace(orientation=np.array([0.0, 0.0, 0.0, 1.0])), alarm="changed"
-    )
+        translation=np.zeros(6), target=SimpleNamespace(orientation=np.array([0.0, 0.0, 0.0, 1.0])), alarm="changed",
+        updated=94.0,
+    )  # fmt: skip
     context = SimpleNamespace(
         config=SimpleNamespace(mission=mission), estimate=estimate, time=100.0, imu_time=100.0, camera_time=100.0,
         phase=phase, clearance=lambda: 1.0,
@@ -89,3 +90,18 @@ def test_a_changed_motion_ends_what_was_decided_on_it(phase):
     assert guards.fault_name(context) == ("changed" if decided else "")
     context.estimate.alarm = ""
     assert guards.fault_name(context) == ""
+    context.estimate.updated = 93.0
+    near = phase in (Phase.TRACK, Phase.MP_HOLD)
+    assert guards.fault_name(context) == ("target not seen" if near else "")
+
+
+@pytest.mark.parametrize(("mismatch", "done"), [(0.01, True), (0.05, False), (np.inf, False)])
+def test_a_mission_is_done_only_where_the_newest_frames_agree(mismatch, done):
+    mission = SimpleNamespace(hold=5.0, hold_position=0.03)
+    context = SimpleNamespace(
+        config=SimpleNamespace(mission=mission), estimate=SimpleNamespace(mismatch=mismatch), time=100.0,
+        settled_since=95.0,
+    )  # fmt: skip
+    assert guards.settled(context) is done
+    context.settled_since = 96.0
+    assert not guards.settled(context)

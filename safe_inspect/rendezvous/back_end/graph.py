@@ -15,6 +15,7 @@ from safe_inspect.rendezvous.back_end.factors import (
     rotation_kinematic_factors,
 )
 from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
+from safe_inspect.rendezvous.back_end.inertial_factors import InertialFactor, inertial_factors
 from safe_inspect.rendezvous.back_end.marginals import marginal_priors, value_of
 from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
 from safe_inspect.rendezvous.edges import MODEL, Edge
@@ -24,12 +25,8 @@ from safe_inspect.types import FloatArray
 
 #: Standard deviation that fixes G at the first frame [rad, m], and of the model's pose before it is measured.
 _FIXED, _LOOSE = 1e-5, 10.0
-#: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
-_UNMEASURED = 0.3
-#: Of the bias at a jump [m/s^2, rad/s].
-_BIAS_JUMP = (0.05, 1e-3)
-#: Least standard deviation of the bias's walk between two frames [m/s^2, rad/s].
-_LEAST_WALK = (1e-5, 1e-6)
+#: How many intervals between frames a jump may lie back when it is seen.
+_DOUBTED = 4
 
 
 class PoseGraph:
@@ -59,6 +56,8 @@ class PoseGraph:
         self._frames: list[int] = []
         self._reached: set[int] = set()
         self._has_model = False
+        #: Of the newest intervals between frames, the inertial factors and those that replace them at a jump.
+        self._doubted: list[list[InertialFactor]] = []
         #: How many poses to the model count as one, since their errors are alike.
         self._alike = 1.0
         pose = gtsam.Pose3(start.pose)
@@ -96,32 +95,22 @@ class PoseGraph:
             frame: Number of the frame.
             edges: What the front end has measured, to this frame or between earlier ones.
             imu: Measurements since the last frame of the graph; it is restarted.
-            jumped: Whether the bias may have jumped since then.
+            jumped: Whether the bias has jumped in the last frames: what was measured there counts little then.
         """
+        if jumped:
+            self._loosen()
         if len(self._frames) >= self._options.largest:
             self._forget()
-        before, gtsam = self._frames[-1], self._gtsam
+        before = self._frames[-1]
         if self._options.memory > 0.0 and imu.duration > 0.0:
             share = np.exp(-imu.duration / self._options.memory)
             self._alike = float((1.0 + share) / (1.0 - share))
         pose, velocity = imu.predict(*self.last)
         self._add_frame(frame, pose, velocity, self._state["B"])
-        keys = [key("X", before), key("V", before), key("X", frame), key("V", frame), key("B", before)]
-        if imu.duration > 0.0:
-            self._add(gtsam.ImuFactor(*keys, imu.measurements), before, frame)
-        else:
-            rest = gtsam.BetweenFactorPose3(keys[0], keys[2], gtsam.Pose3(), self._same(6, _UNMEASURED))
-            self._add(rest, before, frame)
-            self._add(
-                gtsam.BetweenFactorVector(keys[1], keys[3], np.zeros(3), self._same(3, _UNMEASURED)), before, frame
-            )
-        own = self._options.imu
-        walk = np.sqrt(max(imu.duration, 1e-3)) * np.array([own.acceleration_walk, own.rate_walk])
-        walk = np.maximum(walk, _BIAS_JUMP if jumped else _LEAST_WALK)
-        between = gtsam.BetweenFactorConstantBias(
-            key("B", before), key("B", frame), gtsam.imuBias.ConstantBias(), self._diagonal(np.repeat(walk, 3))
-        )
-        self._add(between, before, frame)
+        inertial = inertial_factors(before, frame, imu, self._options.imu)
+        for usual, loose in inertial:
+            self._add(loose if jumped else usual, before, frame)
+        self._doubted = [*self._doubted[1 - _DOUBTED :], inertial]
         for edge in edges:
             self._add_edge(edge)
         self._solve(frame)
@@ -273,10 +262,25 @@ class PoseGraph:
 
     def _use_qr(self) -> None:
         """Solve all factors anew by QR, three times slower: Cholesky's squares have lost a variable to rounding."""
+        self._is_qr = True
+        self._solve_anew(self._new_solver("QR"))
+
+    def _loosen(self) -> None:
+        """Let the inertial factors of the newest intervals count little: the bias has jumped in one of them."""
+        loose = {id(one.usual): one.loose for interval in self._doubted for one in interval}
+        self._kept = [(at, loose.get(id(factor), factor)) for at, factor in self._kept]
+        self._doubted = []
+        try:
+            self._solve_anew(self._gtsam.ISAM2(self._solver.params()))
+        except RuntimeError:
+            self._use_qr()
+
+    def _solve_anew(self, solver: Any) -> None:
+        """Give all factors to another solver."""
         graph = self._gtsam.NonlinearFactorGraph()
         for _, factor in self._kept:
             graph.add(factor)
-        self._is_qr, self._solver = True, self._new_solver("QR")
+        self._solver = solver
         self._solver.update(graph, self._solution)
         self._solver.update()
 

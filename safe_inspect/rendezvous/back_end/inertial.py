@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,10 @@ from safe_inspect.types import FloatArray
 
 #: Covariance of the integration itself [m^2/s].
 _INTEGRATION = 1e-10
+#: Densities of the noise that stand for the motion of a chaser without inertial samples [m/s^2, rad/s per sqrt(Hz)].
+_COASTING = (0.05, 0.01)
+#: Standard deviations of the bias at a jump [m/s^2, rad/s]; also densities of a noise that covers one over a second.
+BIAS_JUMP = (0.05, 1e-3)
 
 
 class ImuBuffer:
@@ -27,14 +32,12 @@ class ImuBuffer:
 
     def __init__(self, noise: ImuNoise, period: float) -> None:
         gtsam = require("gtsam")
-        parameters = gtsam.PreintegrationParams(np.zeros(3))
-        parameters.setAccelerometerCovariance(np.eye(3) * noise.acceleration**2 * period)
-        parameters.setGyroscopeCovariance(np.eye(3) * noise.rate**2 * period)
-        parameters.setIntegrationCovariance(np.eye(3) * _INTEGRATION)
-        self._gtsam, self._parameters = gtsam, parameters
+        self._gtsam = gtsam
+        self._densities = np.array([noise.acceleration, noise.rate]) * np.sqrt(period)
         self._before: tuple[FloatArray, FloatArray] | None = None
-        self._bias: Any = gtsam.imuBias.ConstantBias()
-        self.measurements: Any = gtsam.PreintegratedImuMeasurements(parameters, self._bias)
+        self._samples: list[tuple[FloatArray, FloatArray, float]] = []
+        self.is_coasting = False
+        self.restart(gtsam.imuBias.ConstantBias())
 
     @property
     def duration(self) -> float:
@@ -50,13 +53,37 @@ class ImuBuffer:
             period: Time since the last sample [s].
         """
         before = self._before or (acceleration, rate)
-        self.measurements.integrateMeasurement(0.5 * (before[0] + acceleration), 0.5 * (before[1] + rate), period)
+        sample = (0.5 * (before[0] + acceleration), 0.5 * (before[1] + rate), period)
+        self.measurements.integrateMeasurement(*sample)
+        self._samples.append(sample)
         self._before = (acceleration, rate)
+
+    def coast(self, period: float) -> None:
+        """Take a period [s] without a sample as free flight at the last angular velocity."""
+        self.is_coasting = True
+        self.add(self._bias.accelerometer(), self.last_rate, period)
 
     def restart(self, bias: Any) -> None:
         """Start anew at a frame, about a bias."""
-        self._bias = bias
-        self.measurements = self._gtsam.PreintegratedImuMeasurements(self._parameters, bias)
+        self._bias, self.is_coasting = bias, False
+        self._samples = []
+        self.measurements = self._integration(self._densities)
+
+    def integrated(self, *, jumped: bool) -> Any:
+        """Return the samples integrated with their noise, or that of an unmeasured motion or a jump of the bias."""
+        if not self.is_coasting and not jumped:
+            return self.measurements
+        again = self._integration(_COASTING if self.is_coasting else BIAS_JUMP)
+        for sample in self._samples:
+            again.integrateMeasurement(*sample)
+        return again
+
+    def _integration(self, densities: Sequence[float] | FloatArray) -> Any:
+        parameters = self._gtsam.PreintegrationParams(np.zeros(3))
+        parameters.setAccelerometerCovariance(np.eye(3) * densities[0] ** 2)
+        parameters.setGyroscopeCovariance(np.eye(3) * densities[1] ** 2)
+        parameters.setIntegrationCovariance(np.eye(3) * _INTEGRATION)
+        return self._gtsam.PreintegratedImuMeasurements(parameters, self._bias)
 
     def predict(self, pose: Any, velocity: FloatArray, bias: Any) -> tuple[Any, FloatArray]:
         """Return pose and velocity now, from those at the last frame."""

@@ -28,8 +28,11 @@ class BackEndRun(Protocol):
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
         """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s]."""
 
+    def coast(self, period: float) -> None:
+        """Take a period [s] without a sample as free flight at the last angular velocity."""
+
     def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
-        """Add a frame at the time of the last sample; `jumped` where the bias may have jumped since the last frame."""
+        """Add a frame at the time of the last sample; see `PoseGraph.update`."""
 
     def estimate(self) -> GraphEstimate:
         """Return what is known at the last frame."""
@@ -71,6 +74,10 @@ class GraphBackEnd:
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
         """Take a sample of the inertial unit, in B, at the end of a period [s]."""
         self._buffer.add(acceleration, rate, period)
+
+    def coast(self, period: float) -> None:
+        """Take a period [s] without a sample as free flight at the last angular velocity."""
+        self._buffer.coast(period)
 
     def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
         """Add a frame at the time of the last sample."""

@@ -52,6 +52,8 @@ def fault_name(context: MissionContext) -> str:
     near = context.phase in (Phase.TRACK, Phase.MP_HOLD)
     if near and context.time - context.camera_time > mission.camera_silence + _ROUNDING:
         return "camera silent"
+    if near and context.time - context.estimate.updated > mission.camera_silence + mission.update_period + _ROUNDING:
+        return "target not seen"
     decided = near or context.phase in (Phase.PLAN, Phase.WAIT)
     if decided and context.estimate.alarm:
         return context.estimate.alarm
@@ -141,9 +143,11 @@ def may_replan(context: MissionContext) -> bool:
 
 
 def settled(context: MissionContext) -> bool:
-    """Return whether the chaser has stayed at the mating point."""
-    since = context.settled_since
-    return since is not None and context.time - since >= context.config.mission.hold - _ROUNDING
+    """Return whether the chaser has stayed at the mating point, and the newest frames alone show it there too."""
+    since, mission = context.settled_since, context.config.mission
+    if since is None or context.time - since < mission.hold - _ROUNDING:
+        return False
+    return bool(context.estimate.mismatch <= mission.hold_position)
 
 
 def hold_too_long(context: MissionContext) -> bool:

@@ -13,19 +13,17 @@ from safe_inspect.types import FloatArray
 def centre_innovation(graph: GraphEstimate, expected: FloatArray, edge: Edge) -> float:
     """Return how far the centre of mass in B is from where the inertial unit says, in standard deviations of one axis.
 
-    It is 0 where that cannot be determined: of an edge to a frame before the last.
+    It is 0 where that cannot be determined: of an edge to a frame before the last, or to one that no edge has reached.
 
     Args:
         graph: What the back end knew at the last frame.
         expected: T_WB of this frame by the inertial unit, shape (4, 4).
         edge: An edge to this frame.
     """
-    if graph.relative is None:
-        return 0.0
     arm = 0.0
     if edge.first == MODEL:
         seen = inverse(edge.pose)[:3, 3]
-    elif edge.first == graph.frame:
+    elif edge.first == graph.frame and graph.relative is not None:
         relative = graph.relative @ edge.pose
         seen = relative[:3, :3].T @ (graph.centre_glued - relative[:3, 3])
         arm = float(seen @ seen * np.linalg.eigvalsh(edge.covariance[:3, :3])[-1])

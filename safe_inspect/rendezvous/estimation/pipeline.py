@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,7 @@ from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, G
 from safe_inspect.rendezvous.back_end.run import BackEndRun
 from safe_inspect.rendezvous.characterise.fit import Motion
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-from safe_inspect.rendezvous.edges import Edge
+from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.estimation.change import OFF_FRAMES, departs, motion_of
 from safe_inspect.rendezvous.estimation.innovation import centre_innovation
 from safe_inspect.rendezvous.front_end.context import FrontEndRun
@@ -30,6 +31,8 @@ _QUICK_SIGMA, _QUICK_SPAN = (0.05, 0.02), 3.0
 #: Innovation of the centre of mass in B beyond which a frame is refused, in standard deviations, how many in a row are
 #: before it is the accelerometers' bias that has jumped, and for how many frames it may go on.
 _JUMP, _MOST_REFUSED, _JUMP_FRAMES = 5.0, 1, 3
+#: Number of the newest frames that are compared with the estimate.
+_COMPARED = 5
 #: Time of frames that a motion is found from, and whose history stays [s].
 _LEAST_TIME, _LONGEST = 15.0, 240.0
 #: Misfit beyond which a motion is looked for anew, in standard deviations.
@@ -75,13 +78,14 @@ class EstimationPipeline:
     def __init__(self, parts: PipelineParts, start: ChaserStart) -> None:
         self._parts, self._start = parts, start
         self._back_end: BackEndRun | None = None
-        self._rate = np.zeros(3)
         self._edges: list[Edge] = []
         self._times: dict[int, float] = {}
         self._count = 0
         self._since = 0.0
         self._fitted_at = -np.inf
         self._jumps = self._refused = 0
+        self._has_coasted = False
+        self._mismatches: deque[float] = deque([np.inf] * _COMPARED, _COMPARED)
         self.graph: GraphEstimate | None = None
         self.target: TargetEstimate | None = None
         self.updated = 0.0
@@ -92,14 +96,14 @@ class EstimationPipeline:
 
         Samples before the first frame are not used: the chaser's start holds at that frame.
         """
-        self._rate = rate
         if self._back_end is not None:
             self._back_end.measure(acceleration, rate, period)
 
     def coast(self, period: float) -> None:
         """Take a period [s] without a sample as free flight at the last angular velocity."""
-        bias = np.zeros(3) if self.graph is None else self.graph.bias[:3]
-        self.measure(bias, self._rate, period)
+        self._has_coasted = True
+        if self._back_end is not None:
+            self._back_end.coast(period)
 
     def see(self, frame: DepthFrame) -> None:
         """Take a frame at the time of the last sample."""
@@ -113,16 +117,23 @@ class EstimationPipeline:
         back_end = self._back_end
         edges = self._parts.front_end.step(frame, self._predicted(frame.time), back_end.rotation)
         expected, _, _ = back_end.now()
-        edges = self._trusted(expected, edges)
+        measured, edges = edges, self._trusted(expected, edges)
         self._times[number] = frame.time
         self._edges += edges
-        back_end.update(number, edges, jumped=self._jumps > 0)
+        back_end.update(number, edges, jumped=self._jumps == _JUMP_FRAMES)
+        self._has_coasted = False
         self.graph = back_end.estimate()
+        self._mismatches.append(self._mismatch(frame.time, measured))
         self._check_motion(frame.time, edges)
         if self.graph.relative is not None and edges:
             self.updated = frame.time
         if frame.time >= self._fitted_at + self._parts.fit_period - 1e-9 and edges:
             self._fit(frame.time)
+
+    @property
+    def mismatch(self) -> float:
+        """See `StateEstimate`."""
+        return max(self._mismatches)
 
     def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
@@ -225,18 +236,39 @@ class EstimationPipeline:
 
         A single frame may be wrong, and the inertial unit is right; an innovation that stays is a jump of its bias.
         """
-        if self.graph is None or not edges:
+        if self.graph is None or not edges or self._has_coasted:
             self._jumps = max(self._jumps - 1, 0)
             return edges
         innovations = [centre_innovation(self.graph, expected, edge) for edge in edges]
-        if max(innovations) <= _JUMP:
+        if self._jumps > 1 or max(innovations) <= _JUMP:  # after a jump velocity and bias are found anew
             self._refused, self._jumps = 0, max(self._jumps - 1, 0)
             return edges
-        self._refused += 1
-        if self._refused <= _MOST_REFUSED and not self._jumps:
+        self._refused, self._jumps = self._refused + 1, 0
+        if self._refused <= _MOST_REFUSED:
             return [edge for edge, value in zip(edges, innovations, strict=True) if value <= _JUMP]
         self._jumps = _JUMP_FRAMES
         return edges
+
+    def _mismatch(self, time: float, edges: list[Edge]) -> float:
+        """Return how far in T the chaser may be estimated from where a frame alone shows it [m].
+
+        It is the distance and the largest standard deviation of the frame's position, along a face for instance, where
+        a registration repeats what was expected. It is infinite where the frame shows nothing.
+        """
+        known, graph = self.target, self.graph
+        if known is None or graph is None or self._back_end is None:
+            return np.inf
+        relative = {} if all(edge.first == MODEL for edge in edges) else self._back_end.relative_poses()
+        q, _ = known.predict(np.array([time]))
+        estimated = rotate(conjugate(q[0]), graph.chaser[:3, 3] - graph.centre)
+        distances = []
+        for edge in edges:
+            pose = graph.model if edge.first == MODEL else relative.get(edge.first)
+            if pose is not None and edge.second == graph.frame:
+                shown = rotate(conjugate(known.q_GT), (pose @ edge.pose)[:3, 3] - graph.centre_glued)
+                sigma = np.sqrt(np.linalg.eigvalsh(edge.covariance[3:, 3:])[-1])
+                distances.append(float(np.linalg.norm(shown - estimated) + sigma))
+        return max(distances, default=np.inf)
 
     def _predicted(self, time: float) -> FloatArray | None:
         """Return T_GB now as it is predicted."""

@@ -133,6 +133,7 @@ class PipelineEstimatorRun:
             correlation=options.correlation,
             problem=alarm or problem,
             alarm=alarm,
+            mismatch=pipeline.mismatch,
         )
 
 

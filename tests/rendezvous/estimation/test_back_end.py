@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
 from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
 from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.estimation.innovation import centre_innovation
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import difference, inverse, perturbed, pose, skew
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
@@ -78,6 +80,61 @@ def test_a_thrusting_chaser_is_followed_exactly() -> None:
     estimate = graph.estimate()
     np.testing.assert_allclose(estimate.chaser, truth[-1], atol=1e-6)
     np.testing.assert_allclose(estimate.velocity, (frames - 1) * acceleration, atol=1e-6)
+
+
+@pytest.mark.parametrize("end", [10, 30], ids=["back", "stays"])
+def test_a_jump_of_the_bias_is_found_from_the_frames(end: int) -> None:
+    """The accelerometers' bias jumps between two frames, and is seen to after three; later it may jump back."""
+    jump, poses, rng = np.array([0.02, -0.02, 0.02]), watched_poses(_TARGET, 25), np.random.default_rng(0)
+    graphs = [PoseGraph(GraphOptions(), _START, CentrePrior(np.zeros(3), 0.01)) for _ in range(2)]
+    for is_told, graph in enumerate(graphs):
+        imu = ImuBuffer(ImuNoise(), 0.1)
+        for edge in (edge for edge in edges_of(poses, model=True) if edge.first == MODEL and edge.second):
+            for _ in range(10):
+                imu.add(jump * (5 <= edge.second - 1 < end) + 1e-4 * rng.standard_normal(3), np.zeros(3), 0.1)
+            seen = replace(edge, covariance=25.0 * edge.covariance)
+            graph.update(edge.second, [seen], imu, jumped=bool(is_told) and edge.second in (8, end + 3))
+    untold, told = (graph.estimate() for graph in graphs)
+    assert np.linalg.norm(told.chaser[:3, 3] - _START.pose[:3, 3]) < 5e-3
+    assert np.linalg.norm(told.velocity) < 3e-3
+    np.testing.assert_allclose(told.bias[:3], jump * (end > 25), atol=3e-3)
+    assert np.linalg.norm(untold.chaser[:3, 3] - _START.pose[:3, 3]) > 0.1
+
+
+def test_a_chaser_without_inertial_samples_is_followed_by_the_frames() -> None:
+    """It is pushed while the unit is silent; what the unit says after it is believed again."""
+    acceleration, poses = np.array([0.01, 0.0, -0.01]), watched_poses(_TARGET, 24)
+    graph, imu = PoseGraph(GraphOptions(), _START, CentrePrior(np.zeros(3), 0.01)), ImuBuffer(ImuNoise(), 0.1)
+    moved, velocity = np.zeros(3), np.zeros(3)
+    for k in range(1, 24):
+        silent = 8 <= k < 16
+        for _ in range(10):
+            push = acceleration * silent
+            moved, velocity = moved + 0.1 * velocity + 5e-3 * push, velocity + 0.1 * push
+            if silent:
+                imu.coast(0.1)
+            else:
+                imu.add(np.zeros(3), np.zeros(3), 0.1)
+        T_MB = poses[k] @ inverse(_START.pose) @ pose(_R_WB, _START.pose[:3, 3] + moved)  # noqa: N806
+        graph.update(k, [Edge(MODEL, k, T_MB, 1e-6 * np.eye(6), 1.0, "model")], imu)
+        if k in (12, 23):
+            estimate = graph.estimate()
+            np.testing.assert_allclose(estimate.chaser[:3, 3], _START.pose[:3, 3] + moved, atol=0.01)
+            np.testing.assert_allclose(estimate.velocity, velocity, atol=0.01 if silent else 2e-3)
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_a_frame_after_a_refused_one_has_an_innovation(reached: bool) -> None:
+    """A pose to the model tells where the centre is in B, whether an edge has reached the frame before or not."""
+    edge = edges_of(watched_poses(_TARGET, 1), model=True)[0]
+    tight = 1e-4 * np.eye(3)
+    graph = GraphEstimate(
+        3, _START.pose, np.zeros(3), np.zeros(6), np.eye(4) if reached else None, np.zeros(3), np.zeros(3), np.eye(4),
+        np.eye(6), tight, tight,
+    )  # fmt: skip
+    assert centre_innovation(graph, _START.pose, edge) < 1e-6
+    away = pose(_R_WB, _START.pose[:3, 3] + np.array([0.1, 0.0, 0.0]))
+    assert centre_innovation(graph, away, edge) > 3.0
 
 
 def test_the_rotation_kinematic_factor_has_the_analytic_jacobians() -> None:

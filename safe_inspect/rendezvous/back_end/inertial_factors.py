@@ -1,0 +1,61 @@
+"""What the inertial unit says of the motion between two frames, as factors of a graph."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_inspect.rendezvous.back_end.factors import key
+from safe_inspect.rendezvous.back_end.inertial import BIAS_JUMP, ImuBuffer
+from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.sensors.imu import ImuNoise
+
+#: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
+_UNMEASURED = 0.3
+#: Least standard deviation of the bias's walk between two frames [m/s^2, rad/s].
+_LEAST_WALK = (1e-5, 1e-6)
+
+
+class InertialFactor(NamedTuple):
+    """A factor, and what replaces it where the bias has jumped.
+
+    Attributes:
+        usual: With the noise of the unit.
+        loose: With a noise that covers a jump.
+    """
+
+    usual: Any
+    loose: Any
+
+
+def inertial_factors(before: int, frame: int, imu: ImuBuffer, noise: ImuNoise) -> list[InertialFactor]:
+    """Return the factors on pose, velocity and bias of two frames that follow each other.
+
+    Args:
+        before: Number of the earlier frame.
+        frame: Number of the later one.
+        imu: What was measured between them.
+        noise: Errors of the unit.
+    """
+    gtsam = require("gtsam")
+    models, bias = gtsam.noiseModel, gtsam.imuBias.ConstantBias()
+    keys = [key("X", before), key("V", before), key("X", frame), key("V", frame), key("B", before)]
+    if imu.duration > 0.0:
+        usual, loose = (gtsam.ImuFactor(*keys, imu.integrated(jumped=jumped)) for jumped in (False, True))
+        factors = [InertialFactor(usual, loose)]
+    else:
+        rest = gtsam.BetweenFactorPose3(keys[0], keys[2], gtsam.Pose3(), models.Isotropic.Sigma(6, _UNMEASURED))
+        same = gtsam.BetweenFactorVector(keys[1], keys[3], np.zeros(3), models.Isotropic.Sigma(3, _UNMEASURED))
+        factors = [InertialFactor(rest, rest), InertialFactor(same, same)]
+    walk = np.sqrt(max(imu.duration, 1e-3)) * np.array([noise.acceleration_walk, noise.rate_walk])
+    usual, loose = (
+        gtsam.BetweenFactorConstantBias(
+            key("B", before),
+            key("B", frame),
+            bias,
+            models.Diagonal.Sigmas(np.repeat(sigmas, 3)),
+        )
+        for sigmas in (np.maximum(walk, _LEAST_WALK), BIAS_JUMP)
+    )
+    return [*factors, InertialFactor(usual, loose)]
