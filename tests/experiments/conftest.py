@@ -29,15 +29,16 @@ def ray_session():
     folder = tempfile.mkdtemp(prefix="si-", dir="/tmp")
     paths = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE), *filter(None, [paths])])
-    ray.init(
-        address="local",
-        num_cpus=4,
-        object_store_memory=128 * 2**20,
-        include_dashboard=False,
-        log_to_driver=False,
-        logging_level="ERROR",
-        _temp_dir=folder,
-    )
+    with cluster.patient_start():
+        ray.init(
+            address="local",
+            num_cpus=4,
+            object_store_memory=128 * 2**20,
+            include_dashboard=False,
+            log_to_driver=False,
+            logging_level="ERROR",
+            _temp_dir=folder,
+        )
     yield
     ray.shutdown()
     if paths is None:

@@ -151,3 +151,20 @@ def test_starting_ray_writes_nothing_into_the_home_folder(tmp_path):
     assert done.stdout.split() == ["42", "42", "False"], done.stderr
     assert not list(home.iterdir())
     assert not list(run.iterdir())
+
+
+def test_a_node_that_starts_late_is_waited_for(monkeypatch):
+    from ray._private import services
+
+    left = [RuntimeError("not yet"), RuntimeError("not yet"), "node"]
+
+    def get_node(*arguments):
+        found = left.pop(0)
+        if isinstance(found, Exception):
+            raise found
+        return found, arguments
+
+    monkeypatch.setattr(services, "get_node", get_node)
+    with cluster.patient_start():
+        assert services.get_node("address", "id") == ("node", ("address", "id"))
+    assert services.get_node is get_node

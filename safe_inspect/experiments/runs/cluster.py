@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,6 +29,7 @@ _ENVIRONMENT = {
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_CHDIR_TO_TRIAL_DIR": "0",  # relative paths of a configuration mean the same in every process
     "RAY_AIR_NEW_OUTPUT": "0",
+    "RAY_agent_register_timeout_ms": "120000",  # of the processes that a node starts; see `patient_start`
     "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes better logs, see training_log
     "TUNE_DISABLE_SIGINT_HANDLER": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
@@ -35,6 +37,9 @@ _ENVIRONMENT = {
 
 #: How the names of those logs begin that a failed training keeps.
 _LOGS = ("worker-", "raylet", "python-core-driver")
+
+#: For how long a local Ray may start [s].
+_LONGEST_START = 120.0
 
 _token = ""
 
@@ -84,7 +89,7 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
     local = {key: settings[key] for key in names if settings.get(key) is not None}
     try:
         with _inherited(_for_processes()):
-            with _outliving_signals():
+            with _outliving_signals(), patient_start():
                 ray.init(
                     address="local",
                     num_cpus=int(available),
@@ -104,6 +109,33 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
             shutil.rmtree(temporary, ignore_errors=True)
             if folder is not None:
                 folder.ray_note.unlink(missing_ok=True)
+
+
+@contextmanager
+def patient_start() -> Iterator[None]:
+    """Let a local Ray take two minutes to start where the machine is busy; Ray itself gives up after half a minute."""
+    from ray._private import services
+
+    get_node: Any = getattr(services, "get_node", None)
+    if get_node is None:  # another release of Ray
+        yield
+        return
+
+    def wait_for_node(*arguments: Any, **keywords: Any) -> Any:
+        deadline = time.monotonic() + _LONGEST_START
+        while True:
+            try:
+                return get_node(*arguments, **keywords)
+            except RuntimeError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.2)
+
+    services.get_node = wait_for_node
+    try:
+        yield
+    finally:
+        services.get_node = get_node
 
 
 def _shut_down() -> None:
