@@ -51,6 +51,13 @@ def test_what_voids_the_guarantee_is_refused(overrides: tuple[str, ...], words: 
         _load("translational-inspection", *overrides)  # without a filter it is a task like others
 
 
+def test_a_mistake_in_what_is_checked_is_one_message() -> None:
+    with pytest.raises(ConfigError) as caught:
+        _load("translational-inspection", _ON, f"{_CHIEF}={{x: 0}}")
+    assert "`y`" in str(caught.value)
+    assert "does not rest" not in str(caught.value)
+
+
 def test_constraints_that_are_left_out_ask_nothing() -> None:
     _load("translational-inspection", _ON, f"{_AGENT}.reference_store.constraints=[rel_vel, PSM]", _SLOW_SUN, _NEAR)
 

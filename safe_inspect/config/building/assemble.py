@@ -86,7 +86,8 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     ]
     check_agents(config, agents, note)
     check_world(config, reset, worlds, note)
-    check_guarantees(config, reset, note)
+    if not mistakes:  # it draws on what the others have checked
+        check_guarantees(config, reset, note)
     common = common_world(worlds)
     reset = reset_in_world(reset, common, note)
     if environment.rta is not None:

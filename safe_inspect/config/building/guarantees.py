@@ -22,6 +22,7 @@ from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.tasks.inspection.sun import Sun
+from safe_inspect.types import FloatArray
 
 _ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 _AXES = "xyz"
@@ -46,7 +47,8 @@ def check_guarantees(config: ExperimentConfig, reset: ResetPlan, report: ReportP
             report((*path, "config", "enabled"), f"{text}; name the constraints of both in one of them")
         for path, plugin in own[:1]:
             _check_filter(plugin, (*path, "config"), config, reset, report)
-            _check_thrusters(entry, (*path, "config", "enabled"), report)
+            if isinstance(plugin, TaskParameters):  # those of other packages may use fewer axes
+                _check_thrusters(entry, (*path, "config", "enabled"), report)
             _check_ends(plugin, entry, base, report)
     team = environment.rta
     if team is not None and team.enabled:
@@ -100,13 +102,11 @@ def _moving_bodies(simulator: Simulator, reset: ResetPlan) -> Iterator[str]:
 
 
 def _rests_at_origin(body: BodyReset) -> bool:
-    if not all(isinstance(parameter, ConstantParameter) for parameter in body.parameters.values()):
-        return False
-    values = {
-        name: np.array([parameter.value * parameter.factor])
-        for name, parameter in body.parameters.items()
-        if isinstance(parameter, ConstantParameter)
-    }
+    values: dict[str, FloatArray] = {}
+    for name, parameter in body.parameters.items():
+        if not isinstance(parameter, ConstantParameter):
+            return False
+        values[name] = np.array([parameter.value * parameter.factor])
     states = body.initializer(values)
     return not any(states[name].any() for name in ("position", "velocity") if name in states)
 
