@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,8 @@ OWN_FILTER = "RTAGlueCWHInspection1v1.config.enabled=True"
 TEAM_FILTER = "env_config.rta.config.enabled=True"
 #: Random thrust as a share of the largest: episodes of a hundred steps and more, and of about thirty.
 THRUSTS = {"small": 0.02, "full": 1.0}
+#: Steps of filtered flights from a reset: what a filter costs depends on how near the limits the states have come.
+FLIGHT = 64
 SENSOR = "Sensor_UninspectedPoints"
 LEGEND = """
 batch      the task of one deputy; team: the multi-agent task with D deputies
@@ -64,6 +67,7 @@ class Case:
     thrust: str
     environment: TeamEnvironment
     before_step: Callable[[TeamEnvironment], None] | None = None
+    flight: int = 0
     steps: int = 0
     resets: int = 0
     per_second: list[float] = field(default_factory=list)
@@ -75,18 +79,21 @@ class Case:
         return len(self.environment.agents)
 
     def run(self, seconds: float) -> None:
-        """Step for about so many seconds and note the rates."""
+        """Step for about so many seconds and note the rates; with `flight`, so many steps from each of some resets."""
         actions = self._actions()
-        steps, wall, cpu = 0, time.perf_counter(), time.process_time()
-        while (spent := time.perf_counter() - wall) < seconds or steps < 10:
-            for action in actions:
+        steps, spent, used = 0, 0.0, 0.0
+        while spent < seconds or steps < 10:
+            if self.flight:
+                self.environment.reset()
+            wall, cpu = time.perf_counter(), time.process_time()
+            for action in actions if not self.flight else islice(cycle(actions), self.flight):
                 self.step(action)
-            steps += len(actions)
-        cpu = time.process_time() - cpu
+                steps += 1
+            spent, used = spent + time.perf_counter() - wall, used + time.process_time() - cpu
         agents = self.num_envs * self.deputies
         self.steps += steps * agents
         self.per_second.append(steps * agents / spent)
-        self.per_cpu_second.append(steps * agents / max(cpu, 1e-9))
+        self.per_cpu_second.append(steps * agents / max(used, 1e-9))
 
     def step(self, action: np.ndarray) -> None:
         """Step once and reset what has ended."""
@@ -184,7 +191,9 @@ def make_cases(
             ("team, filtered", load_spec(TEAM_TASK, [f"blue#_ctrl.count={size}", TEAM_FILTER])) for size in deputies
         ]
         cases += [
-            Case(name, count, "small", TeamEnvironment(spec, count, seed=1)) for name, spec in guarded for count in envs
+            Case(name, count, "small", TeamEnvironment(spec, count, seed=1), flight=FLIGHT)
+            for name, spec in guarded
+            for count in envs
         ]
     return cases
 
@@ -223,6 +232,7 @@ def measure(
     plain: bool,
     filtered: bool = False,
     further: Sequence[str] = (),
+    shares: bool = True,
 ) -> dict[str, Any]:
     """Measure every case in turns and return the report."""
     cases = make_cases(envs, deputies, plain, filtered, further)
@@ -240,7 +250,7 @@ def measure(
         if row["thrust"] in base:
             row["ratio"] = row["steps_per_cpu_second"] / base[row["thrust"]]["steps_per_cpu_second"]
     told = costs(cases)
-    shares = [
+    profiles = [
         {
             "num_envs": case.num_envs,
             "deputies": case.deputies,
@@ -248,9 +258,9 @@ def measure(
             "shares": profile(case, seconds / 2.0),
         }
         for case in cases
-        if case.name == "batch" or (case.name == "team" and case.deputies == 3)
+        if shares and (case.name == "batch" or (case.name == "team" and case.deputies == 3))
     ]
-    return {"machine": machine(), "rates": rows, "costs": told, "profiles": shares}
+    return {"machine": machine(), "rates": rows, "costs": told, "profiles": profiles}
 
 
 def show(report: dict[str, Any]) -> None:
@@ -278,8 +288,10 @@ def show(report: dict[str, Any]) -> None:
     for row in report["costs"]:
         told = f"a step with {row['deputies']} deputies costs {row['cost_of_a_step']:.2f} times that of {row['of']}"
         print(f"N = {row['num_envs']}, {row['thrust']} thrust: {told}")
-    print()
     columns = report["profiles"]
+    if not columns:
+        return
+    print()
     names = sorted(
         {name for item in columns for name in item["shares"]}, key=lambda name: -columns[0]["shares"].get(name, 0)
     )
@@ -310,6 +322,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--rendezvous", action="store_true", help="also the rendezvous with a tumbling target")
     parser.add_argument("--six-dof", action="store_true", help="also six-DoF inspection")
     parser.add_argument("--no-sklearn", action="store_true", help="leave the plain loop out")
+    parser.add_argument("--no-shares", action="store_true", help="leave out where the time goes")
     parser.add_argument("--json", type=Path, help="write the report to this file")
     arguments = parser.parse_args(argv)
     if min(*arguments.envs, *arguments.deputies) < 1 or arguments.rounds < 1 or not arguments.seconds > 0.0:
@@ -322,6 +335,7 @@ def main(argv: list[str] | None = None) -> int:
         not arguments.no_sklearn,
         arguments.filtered,
         [name for name in FURTHER_TASKS if getattr(arguments, name.replace("-", "_"))],
+        not arguments.no_shares,
     )
     show(report)
     if arguments.json is not None:

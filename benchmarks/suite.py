@@ -50,7 +50,7 @@ def environment(quick: bool) -> list[dict[str, Any]]:
     """Return the rows of the environment alone."""
     sizes = ["1", "64", "1024"] if quick else ["1", "64", "1024", "4096"]
     seconds, rounds = ("1.0", "4") if quick else ("5", "10")
-    cases = ("--envs", *sizes, "--deputies", "3", "--filtered")
+    cases = ("--envs", *sizes, "--deputies", "3", "--filtered", "--no-shares")
     report = run("environment.py", *cases, "--seconds", seconds, "--rounds", rounds)
     return [
         {

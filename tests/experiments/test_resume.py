@@ -77,14 +77,22 @@ def killed(tmp_path_factory):
     shutil.rmtree(temporary, ignore_errors=True)
 
 
-def test_a_killed_training_goes_on(killed, tmp_path):
+def test_a_killed_training_goes_on_from_the_newest_good_checkpoint(killed, tmp_path):
     run, temporary = killed
     copy = shutil.copytree(run, tmp_path / "run")
+    newest = find_newest(copy / "tune").newest
+    assert newest.iteration >= 3
+    state = newest.path / "learner_group" / "learner" / "state.pkl"
+    state.write_bytes(state.read_bytes()[:1000])
+    unfinished = newest.path.with_name("checkpoint_000099")
+    unfinished.mkdir()
+    (unfinished / "rllib_checkpoint.json").write_text("{}")
     reached = find_newest(copy / "tune").newest.iteration
-    assert reached >= 3
+    assert reached < newest.iteration
     printed, progress = finish("unused", reached + 2, copy)
     assert printed == [str(reached + 2), "False"]
-    # A checkpoint that was being written when the kill came is named in a line before.
+    assert "learner_group/learner/state.pkl is not what was saved" in progress
+    assert "checkpoint_000099: the checkpoint is incomplete" in progress
     lines = [line for line in progress.splitlines() if line.startswith("iteration")]
     assert lines[0].startswith(f"iteration {reached + 1:>4}/{reached + 2}")
     rows = read_progress(copy / "progress.csv")
@@ -96,24 +104,6 @@ def test_a_killed_training_goes_on(killed, tmp_path):
     assert record["attempts"][1]["iteration"] == reached
     assert not Path(temporary).exists()  # what the killed attempt has left
     assert not (copy / ".ray").exists()
-
-
-def test_a_damaged_or_unfinished_checkpoint_is_passed_over(killed, tmp_path):
-    run, _ = killed
-    copy = shutil.copytree(run, tmp_path / "run")
-    newest = find_newest(copy / "tune").newest
-    state = newest.path / "learner_group" / "learner" / "state.pkl"
-    state.write_bytes(state.read_bytes()[:1000])
-    unfinished = newest.path.with_name("checkpoint_000099")
-    unfinished.mkdir()
-    (unfinished / "rllib_checkpoint.json").write_text("{}")
-    good = find_newest(copy / "tune").newest.iteration
-    assert good < newest.iteration
-    printed, progress = finish("unused", good + 1, copy)
-    assert printed == [str(good + 1), "False"]
-    assert "learner_group/learner/state.pkl is not what was saved" in progress
-    assert "checkpoint_000099: the checkpoint is incomplete" in progress
-    assert f"iteration {good + 1:>4}/{good + 1}" in progress
 
 
 def test_a_run_without_any_good_checkpoint_says_so(killed, tmp_path):

@@ -183,7 +183,10 @@ def real(folder):
 
 @pytest.mark.parametrize(
     "folder",
-    ["translational-inspection", pytest.param("multiagent-translational-inspection", marks=pytest.mark.slow)],
+    [
+        pytest.param("translational-inspection", marks=pytest.mark.long),
+        pytest.param("multiagent-translational-inspection", marks=pytest.mark.slow),
+    ],
 )
 def test_the_real_environment_samples_alike_with_two_runners(algorithm, folder):
     experiment = real(folder)
