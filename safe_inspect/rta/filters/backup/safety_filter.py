@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
-from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM
+from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM, SUN
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.kernel_table import KernelTable
 from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
@@ -79,8 +79,9 @@ class BackupFilter(SafetyFilter):
                 f"a hold of {self.parameters.step_size} s is too long a part of the orbit: "
                 f"n step_size must be at most {_LARGEST_TURN} rad"
             )
-        if COLLISION not in codes and PSM in codes:
-            codes[COLLISION] = codes[PSM]  # a plan that comes too near breaks passive safety then
+        for other in (PSM, SUN):  # a plan that comes too near breaks these
+            if COLLISION not in codes and other in codes:
+                codes[COLLISION] = codes[other]
         self._codes = codes
         self.further = KernelTable(further)
         self._tables = build_model(self.parameters, (NAMES[code] for code in codes if code < FURTHER))

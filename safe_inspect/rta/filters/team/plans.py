@@ -17,7 +17,7 @@ from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
 from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, FilterModel
-from safe_inspect.rta.filters.backup.plans import NO_PLAN, ORDER, PLANS, try_plan
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, ORDER, PLANS, STAY, still, try_plan
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import Workspace
 from safe_inspect.rta.filters.team.drifting import apart
@@ -104,6 +104,8 @@ def _pair_safe(
             return False
     elif closed_motion(q, after, sun, margins, s.work) != SAFE:
         return False
+    elif plan == STAY == other and still(g.one, t.thrust[i, plan]) and still(g.one, t.thrust[j, other]):
+        return True
     for axis in range(3):
         t.u[axis] = t.thrust[i, plan, axis] - t.thrust[j, other, axis]
     rel = minus(state_of(x, i), state_of(x, j))
