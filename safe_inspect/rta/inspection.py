@@ -50,7 +50,8 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             derivative at the beginning of the hold, which does not; ``simplex`` switches to a backup controller.
         infeasible: What the method ``continuous`` does where no thrust meets all conditions: ``least_violating``, or
             ``pass`` the desired thrust as the peer does.
-        delta_v_limit: Delta-v at which the method ``simplex`` latches its backup controller [m/s]; None: never.
+        delta_v_limit: Delta-v that an episode keeps with the method ``simplex`` [m/s], if the plan of its initial state
+            does: when it leaves no room for more than a plan, the plan is flown, and the deputy coasts. None: no limit.
         recoverable: Whether `refusals` also refuses states without a backup plan.
     """
 

@@ -99,7 +99,7 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) 
     gamma = holds[-1][1]
     closing = np.array(gamma[3:], dtype=np.float64)
     closing[1] += 2.0 * n * gamma[0]  # the drift v_y + 2 n x after the hold
-    numbers = tuple(constraint.row_numbers(p, chosen) for constraint in CERTIFIED)
+    numbers: tuple[Any, ...] = tuple(constraint.row_numbers(p, chosen) for constraint in CERTIFIED)
     near = numbers[COLLISION].closed_near
     # in the frame that turns with the sun a motion is at most twice as fast, and the cone's section is a smaller circle
     turning = (4.0 / math.sin(0.5 * p.fov) if "sun" in chosen else 1.0) / near if near > 0.0 else 0.0

@@ -117,12 +117,17 @@ class BackupFilter(SafetyFilter):
         """Return the rows that have a backup plan, shape (R,): from there the filter holds."""
         return self.plans(state)[0]
 
-    def plans(self, state: RelativeState) -> tuple[BoolArray, FloatArray]:
-        """Return the rows that have a backup plan, shape (R,), and its thrust [N], shape (R, 3); zero without one."""
+    def plans(self, state: RelativeState, share: float = 1.0) -> tuple[BoolArray, FloatArray]:
+        """Return the rows that have a backup plan, shape (R,), and its thrust [N], shape (R, 3); zero without one.
+
+        Args:
+            state: The states.
+            share: Share of the margins that the plans leave; half is enough where a plan was found a step ago.
+        """
         checked(state, np.zeros((len(state), 3)))
         found, control = np.empty(len(state), np.bool_), np.empty((len(state), 3))
         compiled("backup.rows").recoverable_rows(
-            self._model, state.position, state.velocity, state.sun_angle, found, control
+            self._model, state.position, state.velocity, state.sun_angle, share, found, control
         )  # fmt: skip
         return found, control
 
