@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment, InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.episodes import state_info, transition_info
-from safe_inspect.errors import ConfigError, PluginValueError
+from safe_inspect.errors import ConfigError, PluginValueError, UnsafeInitialStateWarning
 from safe_inspect.evaluation.safety.adversaries import adversarial_thrust
 from safe_inspect.plugins.registry import registry
 from safe_inspect.random.streams import Streams
@@ -519,3 +520,28 @@ def test_a_task_without_a_sun():
     assert not any(refused[0] for refused in glue.refusals(states).values())
     with pytest.raises(PluginValueError, match="the task has no sun"):
         RTAGlueCWHInspection1v1(constraints=("rel_vel", "sun"), **parameters).safety(states)
+
+
+UNSAFE = {
+    "inside the radius": ((8.0, 0.0, 0.0), (0.0, 0.0, 0.0), "chief_collision"),
+    "too fast": ((60.0, 0.0, 0.0), (0.0, 0.0, 0.5), "rel_vel"),
+    "no plan": ((10.3, 0.0, 0.0), (-0.19, 0.0, 0.0), "recoverable"),
+}
+
+
+@pytest.mark.parametrize(("position", "velocity", "told"), UNSAFE.values(), ids=UNSAFE.keys())
+def test_fixed_initial_states_that_the_filter_cannot_keep_are_told_at_the_reset(fixed_start, position, velocity, told):
+    env = BatchedEnvironment(fixed_start(position, velocity, 0.0, overrides=(ON,)), 2, seed=SEED)
+    with pytest.warns(
+        UnsafeInitialStateWarning, match=rf"blue0: initial states are refused by .*{told}.*RejectionSampler"
+    ):
+        env.reset()
+
+
+def test_safe_fixed_initial_states_and_those_of_a_sampler_are_not(fixed_start, spec_with):
+    start = ((0.0, 60.0, 10.0), (0.01, 0.0, 0.0), 0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        BatchedEnvironment(fixed_start(*start, overrides=(ON,)), 2, seed=SEED).reset()
+        BatchedEnvironment(spec_with(ON), 20, seed=SEED).reset()
+        BatchedEnvironment(fixed_start((8.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0), 2, seed=SEED).reset()  # no filter
