@@ -77,6 +77,10 @@ class UnitError(SafeInspectError, ValueError):
     """A unit that is unknown or of another dimension."""
 
 
+class UnsafeInitialStateWarning(UserWarning):
+    """A safety filter is enabled, and promises nothing from an initial state."""
+
+
 class InitialStateError(SafeInspectError, RuntimeError):
     """No safe initial state was found; the message counts the refusals by constraint."""
 

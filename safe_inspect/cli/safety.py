@@ -15,6 +15,10 @@ def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=seed, default=0, help="seed of initial states and adversaries (default: 0)")
     parser.add_argument("--off", action="store_true", help="leave the filter as configured instead of enabling it")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the worst episode's safety quantities")
+    parser.add_argument(
+        "--audit", type=positive, metavar="N",
+        help="instead fly states that graze the limits, under this filter and N of random parameters and constraints",
+    )  # fmt: skip
 
 
 def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:

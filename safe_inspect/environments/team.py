@@ -182,7 +182,7 @@ class TeamEnvironment:
         if self._safety_filter is not None:
             team = self._filter_team(control, steps)
             control = team.control
-        if not everyone:
+        elif not everyone:
             control = self._without_ended(control, active, steps)
         simulation.step(control)
         after = simulation.views

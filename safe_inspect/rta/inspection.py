@@ -50,7 +50,8 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             derivative at the beginning of the hold, which does not; ``simplex`` switches to a backup controller.
         infeasible: What the method ``continuous`` does where no thrust meets all conditions: ``least_violating``, or
             ``pass`` the desired thrust as the peer does.
-        delta_v_limit: Delta-v at which the method ``simplex`` latches its backup controller [m/s]; None: never.
+        delta_v_limit: Delta-v that an episode keeps with the method ``simplex`` [m/s], if the plan of its initial state
+            does: when it leaves no room for more than a plan, the plan is flown, and the deputy coasts. None: no limit.
         recoverable: Whether `refusals` also refuses states without a backup plan.
     """
 
@@ -74,7 +75,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         if self._pairs and self.enabled:
             assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
-            assert self._backup_filter is not None
+            assert self.backup_filter is not None
         if self.enabled and self.method == "continuous":
             assert self._continuous is not None
         return self
@@ -96,7 +97,8 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return tuple(name for name in self.constraints if name in PAIR_CONSTRAINTS)
 
     @cached_property
-    def _backup_filter(self) -> BackupFilter:
+    def backup_filter(self) -> BackupFilter:
+        """The filter of the method `backup`, with these parameters and constraints."""
         return BackupFilter(self._given, self._names)
 
     @cached_property
@@ -121,7 +123,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             finite = np.isfinite(state.position).all(axis=1) & np.isfinite(state.velocity).all(axis=1)
             finite &= np.isfinite(state.sun_angle)
             refused["recoverable"] = ~finite
-            refused["recoverable"][finite] = ~self._backup_filter.recoverable(state[finite])
+            refused["recoverable"][finite] = ~self.backup_filter.recoverable(state[finite])
         return refused
 
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -155,7 +157,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         if self.method == "backup":
             if self._pairs and view.world.num_deputies > 1:
                 return Filtered(self._decentralised(state, desired, view.others_position, view.others_velocity))
-            return Filtered(self._backup_filter(state, desired))
+            return Filtered(self.backup_filter(state, desired))
         before = SimplexMemory(view.delta_v, view.memory(SAFETY_FILTER, "latched"))
         result, after = self._simplex(state, desired, before)
         return Filtered(result, {"latched": after.latched})

@@ -50,7 +50,8 @@ class TeamSafety(Plugin):
 
         Args:
             desired: Desired thrust of each deputy [N], Hill frame, shape (N, D, 3).
-            team: The state at the beginning of the step. Finished deputies coast, whatever is desired.
+            team: The state at the beginning of the step. What is desired for finished deputies has no meaning; what is
+                returned for them is flown, so return zeros where they are to coast.
         """
 
     @abstractmethod

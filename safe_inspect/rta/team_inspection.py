@@ -29,9 +29,8 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
     """Run-time assurance of a team that inspects a chief at the origin of Hill's frame; see `TeamFilter`.
 
     From initial states that `refusals` accepts, every constraint of every deputy and the distance of every two are kept
-    at every moment, whatever is desired, for an exact model and as long as no deputy is finished. A finished deputy
-    coasts and its own constraints are not kept. The others keep away from its coasting motion, where they still can: it
-    leaves them no time to prepare, and may leave them infeasible.
+    at every moment, whatever is desired, for an exact model. A finished deputy flies the hold of its part of the joint
+    plan and coasts from then on, on a closed motion, as the plans of the others count on.
 
     Attributes:
         deputy_radius: Two deputies collide when their centres are closer than twice this [m].
@@ -52,7 +51,7 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         return TeamFilter(given, self.constraints, self.deputy_radius)
 
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:
-        """Return the thrusts to hold in the next step; those of finished deputies are zero.
+        """Return the thrusts to hold in the next step; finished deputies fly out their plan and coast.
 
         A deputy counts as changed where the filter moved its thrust by more than 0.01 N, never when it is finished.
         """

@@ -49,10 +49,9 @@ def test_its_ellipse_is_safe_for_ever(safe):
 
 def test_the_regulator_reaches_the_ellipse(safe):
     simplex = SimplexFilter()
-    state = starts(safe, 2, 60)
-    memory = SimplexMemory(np.zeros(60), np.ones(60, bool))  # latched: the backup flies
+    state, memory = starts(safe, 2, 60), SimplexMemory.zeros(60)
     for _ in range(1200):
-        result, memory = simplex(state, np.zeros((60, 3)), memory)
+        result, memory = simplex(state, np.ones((60, 3)), memory)  # refused at every step: the backup flies
         assert result.backup.all()
         assert not result.infeasible.any()
         state = flown(state, result.control)
@@ -86,24 +85,33 @@ def test_it_holds_under_random_thrust(safe):
         assert not result.infeasible.any()
 
 
-def test_the_limit_latches_the_backup_at_the_step_that_would_exceed_it(safe):
-    simplex = SimplexFilter(delta_v_limit=0.05)
-    state, memory = starts(safe, 5, 20), SimplexMemory.zeros(20)
-    desired = np.tile([0.012, 0.0, 0.0], (20, 1))  # 0.01 m/s a step
-    flew = np.zeros(20)
-    for _ in range(8):
-        expected = memory.latched | (memory.delta_v + 0.01 > 0.05)
+@pytest.mark.parametrize("size", [0.012, 1.0])
+def test_an_episode_keeps_the_delta_v_limit_and_coasts_when_it_is_used_up(safe, size):
+    """What is flown counts, not what is desired; the plan of each state is paid for before a control is flown."""
+    limit = 0.4
+    simplex = SimplexFilter(delta_v_limit=limit)
+    state, memory = starts(safe, 5, 40), SimplexMemory.zeros(40)
+    affordable = np.abs(safe.plans(state)[1]).sum(axis=1) * DT / MASS < limit
+    assert affordable.sum() > 20
+    state, memory = state[np.flatnonzero(affordable)], SimplexMemory.zeros(int(affordable.sum()))
+    generator = np.random.default_rng(5)
+    spent = np.zeros(len(state))
+    for step in range(400):
         before = memory
+        desired = size * generator.choice([-1.0, 1.0], state.position.shape)
         result, memory = simplex(state, desired, memory)
-        np.testing.assert_array_equal(memory.latched, expected)
-        assert result.backup[expected].all()
-        # at the latching step already, the desired control is not flown
-        fresh = memory.latched & ~before.latched
-        assert (np.abs(result.control[fresh] - desired[fresh]).max(axis=1) > 0).all()
-        flew += (result.control == desired).all(axis=1)
+        assert not result.infeasible.any()
+        assert result.backup[memory.latched].all()
+        coasting = before.latched & (step > 0)
+        flew = np.abs(result.control).sum(axis=1) * DT / MASS
+        assert (flew[coasting] < 1e-9).all()
+        spent += flew
         state = flown(state, result.control)
-    assert memory.latched.all()
-    assert (flew <= 5).all()
+        assert (safe.phi(state) >= 0.0).all()
+    np.testing.assert_allclose(memory.delta_v, spent)
+    assert memory.latched.mean() > (0.9 if size < 0.1 else 0.2)
+    assert spent.max() <= limit + 1e-6
+    assert spent[memory.latched].mean() > 0.2 * limit
 
 
 def test_a_row_does_not_depend_on_its_batch_and_the_memory_is_not_changed(safe):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,13 +15,13 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment, InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.episodes import state_info, transition_info
-from safe_inspect.errors import ConfigError, PluginValueError
+from safe_inspect.errors import ConfigError, PluginValueError, UnsafeInitialStateWarning
 from safe_inspect.evaluation.safety.adversaries import adversarial_thrust
 from safe_inspect.plugins.registry import registry
 from safe_inspect.random.streams import Streams
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.base import ConstraintValues
-from safe_inspect.rta.filters import BackupFilter, SimplexFilter
+from safe_inspect.rta.filters import BackupFilter
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 from safe_inspect.simulators.resets.parameters import Draw
 from safe_inspect.simulators.view import SAFETY_FILTER
@@ -243,12 +244,12 @@ def test_every_start_is_recoverable_where_the_filter_needs_it(spec_with):
     np.testing.assert_array_equal(kept, backup.recoverable(off))
 
 
-def test_the_limit_latches_the_backup_until_the_reset(fixed_start):
-    """The step that would exceed the limit flies the backup, and so does every later one, whatever is desired."""
+def test_the_limit_is_kept_until_the_reset(fixed_start):
+    """The step that would leave no room for a plan flies the plan; from then on the deputy coasts."""
     start = ((0.0, 60.0, 10.0), (0.01, 0.0, 0.0), 0.0)
     spec = fixed_start(*start, overrides=(ON, f"{GLUE}.method=simplex", f"{GLUE}.delta_v_limit=0.05"))
     env = BatchedEnvironment(spec, 3, seed=SEED)
-    simplex, backup = SimplexFilter(delta_v_limit=0.05), BackupFilter()
+    backup = BackupFilter()
     gentle = np.tile([0.012, 0.0, 0.0], (3, 1, 1))  # 0.01 m/s a step
 
     def latched():
@@ -258,24 +259,22 @@ def test_the_limit_latches_the_backup_until_the_reset(fixed_start):
     assert not latched().any()
     before = 0
     while not latched().any():
-        spent, state = env.view().delta_v.copy(), relative(env)
+        state = relative(env)
         step = env.step(gentle).step
         before += 1
         assert before <= 6
         if not latched().any():
             np.testing.assert_array_equal(step.control, step.desired_control)
-    assert before >= 5
+    assert before >= 4
     assert latched().all()
-    assert (spent + 0.01 > 0.05).all()
     # the very step that latches
-    np.testing.assert_array_equal(step.control, backup(state, simplex.tracking(state)).control)
-    assert (np.abs(step.control - step.desired_control).max(axis=1) > 1e-4).all()
+    np.testing.assert_array_equal(step.control, backup.plans(state)[1])
     for _ in range(5):
-        state = relative(env)
-        step = env.step(np.zeros((3, 1, 3))).step  # to do nothing would be safe and cost nothing
+        step = env.step(gentle).step
         assert latched().all()
         assert step.filtered.backup.all()
-        np.testing.assert_array_equal(step.control, backup(state, simplex.tracking(state)).control)
+        assert np.abs(step.control).max() < 1e-12
+    assert (env.view().delta_v <= 0.05).all()
     env.reset(np.array([1]))
     np.testing.assert_array_equal(latched(), [True, False, True])
     step = env.step(gentle).step
@@ -521,3 +520,28 @@ def test_a_task_without_a_sun():
     assert not any(refused[0] for refused in glue.refusals(states).values())
     with pytest.raises(PluginValueError, match="the task has no sun"):
         RTAGlueCWHInspection1v1(constraints=("rel_vel", "sun"), **parameters).safety(states)
+
+
+UNSAFE = {
+    "inside the radius": ((8.0, 0.0, 0.0), (0.0, 0.0, 0.0), "chief_collision"),
+    "too fast": ((60.0, 0.0, 0.0), (0.0, 0.0, 0.5), "rel_vel"),
+    "no plan": ((10.3, 0.0, 0.0), (-0.19, 0.0, 0.0), "recoverable"),
+}
+
+
+@pytest.mark.parametrize(("position", "velocity", "told"), UNSAFE.values(), ids=UNSAFE.keys())
+def test_fixed_initial_states_that_the_filter_cannot_keep_are_told_at_the_reset(fixed_start, position, velocity, told):
+    env = BatchedEnvironment(fixed_start(position, velocity, 0.0, overrides=(ON,)), 2, seed=SEED)
+    with pytest.warns(
+        UnsafeInitialStateWarning, match=rf"blue0: initial states are refused by .*{told}.*RejectionSampler"
+    ):
+        env.reset()
+
+
+def test_safe_fixed_initial_states_and_those_of_a_sampler_are_not(fixed_start, spec_with):
+    start = ((0.0, 60.0, 10.0), (0.01, 0.0, 0.0), 0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        BatchedEnvironment(fixed_start(*start, overrides=(ON,)), 2, seed=SEED).reset()
+        BatchedEnvironment(spec_with(ON), 20, seed=SEED).reset()
+        BatchedEnvironment(fixed_start((8.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0), 2, seed=SEED).reset()  # no filter

@@ -172,6 +172,31 @@ def test_finished_deputies_coast_and_are_kept_clear_of(run):
     np.testing.assert_allclose(state.position[0, 2], [0.0, 40.0, 0.0], atol=1e-9)
 
 
+def test_a_deputy_that_is_finished_leaves_the_others_their_plans(run):
+    """It is finished at a random step, in the middle of a chase: it flies out its plan, and coasts from then on."""
+    rows, steps = 48, 40
+    generator = np.random.default_rng(21)
+    state = draw_teams(run, rows, 2, seed=21)
+    end = generator.integers(2, steps - 10, rows)
+    plan, near, left = None, np.inf, np.zeros(rows, bool)
+    for step in range(steps):
+        coasting = np.zeros((rows, 2), bool)
+        coasting[:, 1] = step >= end
+        state = TeamState(state.position, state.velocity, state.sun_angle, coasting)
+        towards = state.position[:, ::-1] - state.position
+        towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
+        result = run(state, towards, plan)
+        assert not result.infeasible.any()
+        gone = step > end
+        np.testing.assert_allclose(result.control[gone, 1], 0.0, atol=1e-12)
+        left |= (step == end) & (np.abs(result.control[:, 1]).max(axis=-1) > 1e-3)
+        for second in range(1, 11):
+            near = min(near, closest(flown(state, result.control, float(second))).min())
+        state, plan = flown(state, result.control), result.plan
+    assert 10.0 <= near < 10.5
+    assert left.mean() > 0.5
+
+
 def test_a_drifting_obstacle_is_certified_as_samples_say():
     from safe_inspect.rta.filters.team.drifting import ORBITS, apart
 

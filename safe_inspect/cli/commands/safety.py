@@ -8,14 +8,18 @@ import sys
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety.acceptance import acceptance
+from safe_inspect.evaluation.safety.audit import Audit, audit
 from safe_inspect.evaluation.safety.report import safety_report
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
 from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 
 
 def run_safety(arguments: argparse.Namespace) -> int:
     """Print the safety report; return 1 when a constraint was violated."""
+    if arguments.audit is not None:
+        return _run_audit(arguments)
     experiment = _load(arguments, enable=not arguments.off)
 
     def show(done: int, asked: int) -> None:
@@ -32,6 +36,22 @@ def run_safety(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         save(safety_figure(report), arguments.plot)
     return 1 if report.violations else 0
+
+
+def _run_audit(arguments: argparse.Namespace) -> int:
+    """Print the audit; return 1 when a constraint was violated or a step was without a plan."""
+    experiment = _load(arguments, enable=True)
+    glue = next(glue for glue in experiment.spec.agents[0].action_glues if isinstance(glue, SafetyGlue))
+    if not isinstance(glue, RTAGlueCWHInspection1v1) or glue.method != "backup":
+        raise ConfigError(f"{arguments.cfg}: the audit is of RTAGlueCWHInspection1v1 with the method 'backup'")
+
+    def show(found: Audit) -> None:
+        told = f"{found.settings:,} of {arguments.audit + 1:,} settings, {found.steps:,} steps"
+        print(f"{told}, {found.infeasible:,} without a plan, {found.violations:,} violations", file=sys.stderr)
+
+    report = audit(arguments.audit, seed=arguments.seed, first=glue.backup_filter, progress=show)
+    print(report)
+    return 1 if report.violations or report.infeasible else 0
 
 
 def run_acceptance(arguments: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ from safe_inspect.config.loading.templates import MAX_COUNT
 from safe_inspect.config.models.experiment import EnvironmentConfig, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.shared import CollisionDoneFunction
-from safe_inspect.errors import did_you_mean
+from safe_inspect.errors import UnsafeInitialStateWarning, did_you_mean
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.rta.team import TeamSafety
@@ -99,7 +100,45 @@ def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environme
         for named in environment.dones.shared
         if isinstance(named.functor, CollisionDoneFunction)
     ]
-    return replace(reset, separation=max(collisions, default=0.0), tests=tuple(tests))
+    watches = [
+        partial(_warn_of_starts, (agents[index].platform,), glue.for_starts())
+        for index, glue in filters.items()
+        if not _tested(reset, agents[index].platform, index)
+    ]
+    if environment.rta is not None and environment.rta.enabled:
+        names = tuple(agent.platform for agent in agents)
+        if not all(_tested(reset, name, 1) for name in names):
+            watches.append(partial(_warn_of_starts, names, environment.rta))
+    return replace(
+        reset, separation=max(collisions, default=0.0), tests=tuple(tests), watches=tuple(watches)
+    )  # fmt: skip
+
+
+def _tested(reset: ResetPlan, platform: str, index: int) -> bool:
+    """Return whether a rejection sampler tests the initial states of a deputy; the first one's needs an `rta`."""
+    samplers = [reset.parameters[name] for name in reset.deputies[platform].sources if name in reset.parameters]
+    return any(isinstance(item, RejectionSampler) and (index > 0 or item.rta is not None) for item in samplers)
+
+
+def _warn_of_starts(
+    platforms: tuple[str, ...],
+    safety: SafetyGlue | TeamSafety,
+    bodies: Mapping[str, Mapping[str, FloatArray]],
+    values: Mapping[str, Any],
+) -> None:
+    """Warn of initial states from which a filter promises nothing; see `StartWatch`."""
+    states = {"sun_angle": values["sun_angle"]} if "sun_angle" in values else {}
+    for state in ("position", "velocity"):
+        own = [bodies[name][state] for name in platforms]
+        states[state] = np.stack(own, axis=1) if isinstance(safety, TeamSafety) else own[0]
+    refused = [name for name, rows in safety.refusals(states).items() if rows.any()]
+    if refused:
+        warnings.warn(
+            f"{', '.join(platforms)}: initial states are refused by {', '.join(refused)}; the safety filter promises "
+            f"nothing for such episodes; draw them with a RejectionSampler that has an `rta`, or choose others",
+            UnsafeInitialStateWarning,
+            stacklevel=2,
+        )
 
 
 def _sampled_with(reset: ResetPlan, safety: SafetyGlue) -> dict[str, Any]:

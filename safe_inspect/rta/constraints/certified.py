@@ -22,3 +22,5 @@ CERTIFIED: tuple[type[Constraint], ...] = (
 NAMES = tuple(constraint.registered_name for constraint in CERTIFIED)
 #: Codes of the two that keep off the chief: the filters have a search of their own for the closest approach.
 COLLISION, PSM = CERTIFIED.index(ChiefCollision), CERTIFIED.index(PassivelySafeManoeuvre)
+#: Code of the one that turns.
+SUN = CERTIFIED.index(SunKeepOut)

@@ -15,6 +15,9 @@ from safe_inspect.rta.fields import PositiveAcceleration
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
 
+#: Closed motions keep this far from the apex of the sun cone [m], at which no cell could certify them.
+APEX = 1.0
+
 
 class CollisionNumbers(NamedTuple):
     """Least ranges [m], minus infinity where there is none: at every moment, and of closed motions."""
@@ -89,16 +92,16 @@ class ChiefCollision(Constraint, name="chief_collision"):
 
     @classmethod
     def counts(cls, chosen: Set[str]) -> bool:
-        """Return whether the least range has a say: a plan that comes too near breaks passive safety too."""
-        return "chief_collision" in chosen or "PSM" in chosen
+        """Return whether the least range has a say: a plan that comes too near breaks others too; see `row_numbers`."""
+        return not chosen.isdisjoint(("chief_collision", "PSM", "sun"))
 
     @classmethod
     def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> CollisionNumbers:
-        """Return the least ranges."""
+        """Return the least ranges: closed motions pass the chief for passive safety, and the apex of the sun cone."""
         near, passing = (
             float(parameters.collision_radius) if name in chosen else -math.inf for name in ("chief_collision", "PSM")
         )
-        return CollisionNumbers(near, max(near, passing))
+        return CollisionNumbers(near, max(near, passing, APEX if "sun" in chosen else -math.inf))
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""

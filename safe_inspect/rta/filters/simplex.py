@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
@@ -30,7 +31,7 @@ class SimplexMemory:
 
     Attributes:
         delta_v: Delta-v flown so far, sum of |u_i| dt / m over steps and axes [m/s], shape (R,).
-        latched: True where the limit was reached: the backup flies until the episode ends, shape (R,).
+        latched: True where the limit left no room: the deputy coasts on a safe motion until the episode ends, (R,).
     """
 
     delta_v: FloatArray
@@ -45,17 +46,20 @@ class SimplexMemory:
 class SimplexFilter:
     """Switch between the desired control and a backup controller.
 
-    The desired control is flown where `BackupFilter` would fly it unchanged. Elsewhere, and for good once the
-    delta-v limit is reached, the backup flies: a linear-quadratic regulator on the discrete dynamics tracks the
-    closed 2:1 ellipse about the chief that is nearest to the present position in size and phase, within bounds that
-    keep it safe; its control is passed through `BackupFilter` too, so the switching filter holds as that does.
+    The desired control is flown where `BackupFilter` would fly it unchanged. Elsewhere the backup flies: a
+    linear-quadratic regulator on the discrete dynamics tracks the closed 2:1 ellipse about the chief that is nearest to
+    the present position in size and phase, within bounds that keep it safe; its control is passed through
+    `BackupFilter` too, so the switching filter holds as that does.
 
-    The control that would exceed the limit is not flown: at that very step the backup's is.
+    A control is flown only if what it costs, after what was flown before, leaves enough of `delta_v_limit` for the
+    plan of the state after it. Where it does not, the plan of the present state is flown, for which enough was left a
+    step ago, and from then on the deputy coasts on that plan's closed motion. So an episode keeps the limit, if the
+    plan of its initial state does; a state without a plan knows no limit.
 
     Attributes:
         parameters: The task's parameters.
         names: The names of the constraints.
-        delta_v_limit: Delta-v of desired controls and backup at which the backup is latched [m/s].
+        delta_v_limit: Delta-v that an episode keeps [m/s].
         gain: Gain of the regulator from (position, velocity) errors [N/m, N s/m], shape (3, 6).
     """
 
@@ -72,7 +76,7 @@ class SimplexFilter:
         Args:
             parameters: The peer's argument names and their values; see `ConstraintParameters`.
             names: Constraints that `BackupFilter` keeps, by name or built.
-            delta_v_limit: Delta-v at which the backup is latched [m/s].
+            delta_v_limit: Delta-v that an episode keeps [m/s].
             position_weight: Weight of the squared position error [1/m^2], that of the squared thrust being 1 [1/N^2].
             velocity_weight: Weight of the squared velocity error [s^2/m^2].
 
@@ -83,6 +87,8 @@ class SimplexFilter:
             raise ValueError("the delta-v limit and the weights must be positive")
         self._safe = BackupFilter(parameters, names)
         self.parameters, self.names, self.delta_v_limit = self._safe.parameters, self._safe.names, delta_v_limit
+        p = self.parameters
+        self._hold = transition(float(p.n), float(p.m), float(p.step_size))
         self.gain = regulator(self.parameters, position_weight, velocity_weight)
 
     def __call__(
@@ -96,17 +102,40 @@ class SimplexFilter:
         desired = checked(state, desired)
         limit = float(self.parameters.u_max)
         clipped = np.clip(desired, -limit, limit)
-        latched = memory.latched | (memory.delta_v + self._delta_v(clipped) > self.delta_v_limit)
         refusal = self._safe(state, clipped)
-        switched = latched | refusal.backup | refusal.infeasible | (refusal.active != 0)
+        switched = refusal.backup | refusal.infeasible | (refusal.active != 0)
         control, infeasible = clipped.copy(), np.zeros(len(state), np.bool_)
         if switched.any():
             backup = self._safe(state[switched], self.tracking(state[switched]))
             control[switched], infeasible[switched] = backup.control, backup.infeasible
+        latched = memory.latched | (memory.delta_v + self._with_reserve(state, control) > self.delta_v_limit)
+        if latched.any():
+            planned, thrust = self._plans(state[latched])
+            known = np.flatnonzero(latched)[planned]
+            control[known], infeasible[known] = thrust[planned], False
         result = FilterResult(
-            control, differs(control, desired), infeasible, switched, refusal.active, refusal.phi, self.names
+            control, differs(control, desired), infeasible, switched | latched, refusal.active, refusal.phi, self.names
         )  # fmt: skip
         return result, SimplexMemory(memory.delta_v + self._delta_v(control), latched)
+
+    def _with_reserve(self, state: RelativeState, control: FloatArray) -> FloatArray:
+        """Return the delta-v of a control and of the plan after it [m/s], shape (R,)."""
+        if math.isinf(self.delta_v_limit):
+            return np.zeros(len(state))
+        position, velocity = np.empty_like(state.position), np.empty_like(state.velocity)
+        propagate(state.position, state.velocity, control, *self._hold, position, velocity)
+        after = RelativeState(
+            position, velocity, state.sun_angle + float(self.parameters.n * self.parameters.step_size)
+        )
+        return self._delta_v(control) + self._delta_v(self._plans(after)[1])
+
+    def _plans(self, state: RelativeState) -> tuple[BoolArray, FloatArray]:
+        """Return the plans that `BackupFilter` falls back on: with its margins, or else with half of them."""
+        found, thrust = self._safe.plans(state)
+        rest = np.flatnonzero(~found)
+        if len(rest):
+            found[rest], thrust[rest] = self._safe.plans(state[rest], 0.5)
+        return found, thrust
 
     def _delta_v(self, control: FloatArray) -> FloatArray:
         thrust = np.abs(control)

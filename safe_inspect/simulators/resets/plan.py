@@ -23,6 +23,9 @@ _MAX_DRAWS = 100
 #: rows that it refuses, by the reason.
 TeamTest = Callable[[Mapping[str, FloatArray], int, Mapping[str, FloatArray]], dict[str, BoolArray]]
 
+#: Takes the states of every body (R, ...) and the values that were drawn, both by name.
+StartWatch = Callable[[Mapping[str, Mapping[str, FloatArray]], Mapping[str, Value]], None]
+
 
 @dataclass(frozen=True)
 class BodyReset:
@@ -71,6 +74,7 @@ class ResetPlan:
         environment: What is drawn for components, such as ``sun_angle``.
         separation: Smallest distance of two deputies in an initial state [m].
         tests: Further tests of the states of a deputy against those of the deputies before it.
+        watches: Called with the states of every body and the values that were drawn, at each reset.
     """
 
     parameters: Mapping[str, Parameter]
@@ -79,6 +83,7 @@ class ResetPlan:
     environment: tuple[EnvironmentDraw, ...] = ()
     separation: float = 0.0
     tests: tuple[TeamTest, ...] = ()
+    watches: tuple[StartWatch, ...] = ()
 
     def draw(self, streams: Streams) -> tuple[dict[str, dict[str, FloatArray]], dict[str, Value]]:
         """Draw the initial states of R episodes.
@@ -104,6 +109,8 @@ class ResetPlan:
             placed = _joined(placed, bodies[name])
         bodies |= {name: body(Draw(streams, name, values=values)) for name, body in self.entities.items()}
         drawn = {item.name: item.parameter(Draw(streams, item.purpose, values=values)) for item in self.environment}
+        for watch in self.watches:
+            watch(bodies, values | drawn)
         return bodies, values | drawn
 
     def _redrawn(

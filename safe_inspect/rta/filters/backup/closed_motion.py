@@ -4,6 +4,11 @@ Without drift, v_y = -2 n x, the position is a constant (0, y_c, 0) plus an osci
 every derivative with respect to the angle tau = n t of the orbit is at most rho = sqrt(4 A^2 + B^2) long, A and B the
 amplitudes in x and z. The orbit is cut into cells of angle D, which their ends certify or which are halved, with the
 bounds of `constraints.rows`; they are sharper here, for p'' = -o and |p''''| <= rho.
+
+The cells are counted from the state that is asked about, so they lie otherwise a step later. A motion that was
+certified with whole margins is certified with half margins from each of its states all the same: cells are halved
+until they miss less than the difference, and motions for which the finest would miss more are refused, by the centre
+and rho, which are those of the motion and not of its states.
 """
 
 from __future__ import annotations
@@ -12,6 +17,7 @@ import math
 
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.constraints.certified import COLLISION
 from safe_inspect.rta.constraints.rows import INLINED, ClosedCell, ClosedNode, Margins, SunAngle, sun_axes
 from safe_inspect.rta.filters.backup.arcs import turned
 from safe_inspect.rta.filters.backup.half_spaces import further_closed_motion
@@ -19,10 +25,15 @@ from safe_inspect.rta.filters.backup.model import FINEST, ORBIT_CELLS, FilterMod
 from safe_inspect.rta.filters.backup.sequences import SAFE, broken_at_closed, too_fast, uncertain_closed
 from safe_inspect.types import FloatArray
 
+#: Eighth of the squared angle of the finest cell [rad^2].
+_EIGHTH = 0.5 * (math.pi / FINEST) ** 2
+#: What the finest cells may miss of a distance [m], with a quarter of the margin: half of the margin of a plan, and
+#: more once there is a plan that is asked again with half margins.
+_MOST_MISSED = 7.5e-4
 #: Columns of a node: angle in finest cells, position, cosine and sine of the sun angle, and the rest of a `ClosedNode`.
 _COLUMNS = 10
 #: Shape of the stack of nodes that `closed_motion` works with.
-NODE_STACK = (ORBIT_CELLS + 1 + 16, _COLUMNS)
+NODE_STACK = (ORBIT_CELLS + 2 + round(math.log2(FINEST // ORBIT_CELLS)), _COLUMNS)
 
 
 @njit(**INLINED)
@@ -93,6 +104,10 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
     if code != SAFE:
         return int(code)
     centre, rho = x[1] - 2.0 * u, math.sqrt(4.0 * in_plane * in_plane + across * across)
+    size = abs(centre) + rho
+    # the direction of a cell's chord misses the one part at its ends, the bound between them the other
+    if _EIGHTH * size * (size * m.turning + 4.0) > _MOST_MISSED - 0.25 * margins.length:
+        return COLLISION
     for first in range(4):
         for place in range((0, 2, 1, 3)[first], ORBIT_CELLS, 4):
             node = _node(m.n, x, sun, m.orbit[place, 0], m.orbit[place, 1])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.rta.constraints.certified import CERTIFIED, NAMES
+from safe_inspect.rta.constraints.certified import CERTIFIED, COLLISION, NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.types import FloatArray
 
@@ -21,8 +21,8 @@ PAIR_BIT = 60
 HOLD_PIECES = 256
 #: Cells into which an orbit is cut before any refinement.
 ORBIT_CELLS = 16
-#: Cells of an orbit after the last halving; what they leave uncertain is far less than the margins.
-FINEST = ORBIT_CELLS * 2**10
+#: Cells of an orbit after the last halving.
+FINEST = ORBIT_CELLS * 2**16
 #: Nodes of an orbit at which its slack is made linear.
 FINE_NODES = 64
 _COAST_ANGLE = 0.2
@@ -49,6 +49,7 @@ class FilterModel(NamedTuple):
         coast_step: Time between them [s].
         orbit: Cosine and sine of the first cells' ends of an orbit, shape (17, 2).
         fine: The same of `FINE_NODES` nodes, shape (64, 2).
+        turning: Largest curvature of what closed motions must not enter, with the sun's turn [1/m].
         plan: Control of a plan from (targets - free motion), shape (3, 3), with the row order x, y, z of the velocity.
         further: How many further constraints there are; see `half_spaces`.
         kernels: Address of the addresses of their kernels and parameters; see `KernelTable`. Two numbers instead of
@@ -70,6 +71,7 @@ class FilterModel(NamedTuple):
     coast_step: float
     orbit: FloatArray
     fine: FloatArray
+    turning: float
     plan: FloatArray
     further: int
     kernels: int
@@ -97,9 +99,13 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) 
     gamma = holds[-1][1]
     closing = np.array(gamma[3:], dtype=np.float64)
     closing[1] += 2.0 * n * gamma[0]  # the drift v_y + 2 n x after the hold
+    numbers: tuple[Any, ...] = tuple(constraint.row_numbers(p, chosen) for constraint in CERTIFIED)
+    near = numbers[COLLISION].closed_near
+    # in the frame that turns with the sun a motion is at most twice as fast, and the cone's section is a smaller circle
+    turning = (4.0 / math.sin(0.5 * p.fov) if "sun" in chosen else 1.0) / near if near > 0.0 else 0.0
     return FilterModel(
         n=n, mass=float(p.m), u_max=float(p.u_max), dt=dt,
-        constraints=tuple(constraint.row_numbers(p, chosen) for constraint in CERTIFIED),
+        constraints=numbers,
         active=(-1 << FURTHER) | sum(1 << code for code, known in enumerate(CERTIFIED) if known.counts(chosen)),
         near_psm=float(p.collision_radius) if "PSM" in chosen else -math.inf,
         stretch=stretch,
@@ -108,6 +114,6 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) 
         coast=np.ascontiguousarray(coasts[:, :3]), coast_step=float(p.psm_horizon / pieces),
         orbit=np.stack((np.cos(circle), np.sin(circle)), axis=-1),
         fine=np.stack((np.cos(nodes), np.sin(nodes)), axis=-1),
-        plan=np.asarray(np.linalg.inv(closing), dtype=np.float64),
+        turning=turning, plan=np.asarray(np.linalg.inv(closing), dtype=np.float64),
         further=0, kernels=0,
     )  # fmt: skip

@@ -186,17 +186,20 @@ def admissible_rows(
 
 @njit(error_model="numpy")
 def recoverable_rows(
-    m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray,
+    m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, share: float,
     out: BoolArray, control: FloatArray,
 ) -> None:  # fmt: skip
-    """Write whether each row has a backup plan, and its thrust (zero where there is none)."""
+    """Write whether each row has a backup plan with a share of the margins, and its thrust (zero without one).
+
+    The plan that stays on a closed motion is tried first.
+    """
     s = workspace(1)
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        plan = find_plan(m, x, sun, MARGINS, as_int(NO_PLAN), as_int(PLANS), control[i], s)
+        plan = find_plan(m, x, sun, scaled(MARGINS, share), as_int(STAY), as_int(PLANS), control[i], s)
         out[i] = plan != NO_PLAN
         if not out[i]:
             for axis in range(3):

@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
-from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM
+from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM, SUN
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.kernel_table import KernelTable
 from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
@@ -79,8 +79,9 @@ class BackupFilter(SafetyFilter):
                 f"a hold of {self.parameters.step_size} s is too long a part of the orbit: "
                 f"n step_size must be at most {_LARGEST_TURN} rad"
             )
-        if COLLISION not in codes and PSM in codes:
-            codes[COLLISION] = codes[PSM]  # a plan that comes too near breaks passive safety then
+        for other in (PSM, SUN):  # a plan that comes too near breaks these
+            if COLLISION not in codes and other in codes:
+                codes[COLLISION] = codes[other]
         self._codes = codes
         self.further = KernelTable(further)
         self._tables = build_model(self.parameters, (NAMES[code] for code in codes if code < FURTHER))
@@ -116,12 +117,17 @@ class BackupFilter(SafetyFilter):
         """Return the rows that have a backup plan, shape (R,): from there the filter holds."""
         return self.plans(state)[0]
 
-    def plans(self, state: RelativeState) -> tuple[BoolArray, FloatArray]:
-        """Return the rows that have a backup plan, shape (R,), and its thrust [N], shape (R, 3); zero without one."""
+    def plans(self, state: RelativeState, share: float = 1.0) -> tuple[BoolArray, FloatArray]:
+        """Return the rows that have a backup plan, shape (R,), and its thrust [N], shape (R, 3); zero without one.
+
+        Args:
+            state: The states.
+            share: Share of the margins that the plans leave; half is enough where a plan was found a step ago.
+        """
         checked(state, np.zeros((len(state), 3)))
         found, control = np.empty(len(state), np.bool_), np.empty((len(state), 3))
         compiled("backup.rows").recoverable_rows(
-            self._model, state.position, state.velocity, state.sun_angle, found, control
+            self._model, state.position, state.velocity, state.sun_angle, share, found, control
         )  # fmt: skip
         return found, control
 

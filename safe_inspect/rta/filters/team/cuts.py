@@ -30,7 +30,10 @@ _STEP = 1e-4
 
 @njit(**INNER)
 def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
-    """Append the half-spaces in `s.rows` to the programme: of the thrust of i, or if j >= 0 of that of i minus j."""
+    """Append the half-spaces in `s.rows` to the programme: of the thrust of i, or if j >= 0 of that of i minus j.
+
+    The thrusts of deputies that coast are given.
+    """
     for r in range(new):
         first, second = s.rows[r], not t.fixed[i]
         size = math.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
@@ -46,7 +49,13 @@ def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace
                 t.rows[count, 3 * i + axis] = first[axis] / size
             if j >= 0 and not t.fixed[j]:
                 t.rows[count, 3 * j + axis] = -first[axis] / size
-        t.bounds[count] = s.bounds[r] / size
+        given = 0.0
+        for axis in range(3):
+            if not second:
+                given += first[axis] * t.control[3 * i + axis]
+            if j >= 0 and t.fixed[j]:
+                given -= first[axis] * t.control[3 * j + axis]
+        t.bounds[count] = (s.bounds[r] - given) / size
         count += 1
     return count
 

@@ -19,7 +19,7 @@ from safe_inspect.rta.constraints.rows import lowest
 #: Orbits for which a pair is certified that neither drifts away nor has no drift at all.
 ORBITS = 4
 _CELL = math.pi / 8.0
-_FINEST = _CELL / 1024.0
+_FINEST = _CELL / 2.0**16
 
 
 @njit(**BORROWING)

@@ -17,7 +17,7 @@ from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
 from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, FilterModel
-from safe_inspect.rta.filters.backup.plans import NO_PLAN, ORDER, PLANS, try_plan
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, ORDER, PLANS, STAY, still, try_plan
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import Workspace
 from safe_inspect.rta.filters.team.drifting import apart
@@ -59,8 +59,8 @@ def advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: Floa
 
 
 @njit(**INNER)
-def reset_plans(m: FilterModel, x: FloatArray, t: TeamWorkspace) -> None:
-    """Forget what is known of the plans; those that coast have the plan 0, which is to coast."""
+def reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> None:
+    """Forget what is known of the plans; those that coast have the plan 0: if `now` the thrust that `enter` wrote."""
     t.met[:] = _UNKNOWN
     for i in range(x.shape[0]):
         t.line[i] = i
@@ -69,7 +69,7 @@ def reset_plans(m: FilterModel, x: FloatArray, t: TeamWorkspace) -> None:
         if t.fixed[i]:
             t.plan[i], t.known[i, 0] = 0, _GOOD
             for axis in range(3):
-                t.thrust[i, 0, axis] = 0.0
+                t.thrust[i, 0, axis] = t.desired[3 * i + axis] if now else 0.0
             end = held(m, state_of(x, i), t.thrust[i, 0], HOLD_PIECES)
             for k in range(6):
                 t.end[i, 0, k] = end[k]
@@ -104,6 +104,8 @@ def _pair_safe(
             return False
     elif closed_motion(q, after, sun, margins, s.work) != SAFE:
         return False
+    elif plan == STAY == other and still(g.one, t.thrust[i, plan]) and still(g.one, t.thrust[j, other]):
+        return True
     for axis in range(3):
         t.u[axis] = t.thrust[i, plan, axis] - t.thrust[j, other, axis]
     rel = minus(state_of(x, i), state_of(x, j))
@@ -134,9 +136,10 @@ def _fits(
 
 @njit(**INNER)
 def joint_plan(
-    g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, turns: int, t: TeamWorkspace, s: Workspace
+    g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, turns: int, now: bool, t: TeamWorkspace,
+    s: Workspace,
 ) -> tuple[int, bool]:  # fmt: skip
-    """Look for a joint plan from states x, the hints first; write it into `t.plan`.
+    """Look for a joint plan from states x, the present ones if `now`, the hints first; write it into `t.plan`.
 
     One deputy after another takes the first plan that is safe and apart from the plans before it. One that finds none
     goes to the head of the line, and all choose anew, at most `turns` times.
@@ -145,7 +148,7 @@ def joint_plan(
         The deputy that found no plan, or FOUND, and whether it had none even alone.
     """
     deputies = x.shape[0]
-    reset_plans(g.one, x, t)
+    reset_plans(g.one, x, now, t)
     head = 0
     while head < deputies and t.fixed[head]:
         head += 1
@@ -232,7 +235,7 @@ def tested(
         return UNSAFE_HOLD, FOUND, False
     advance_team(g.one, t.x, control, t.after, t)
     later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
-    stuck, alone = joint_plan(g, t.after, later, margins, most, turns, t, s)
+    stuck, alone = joint_plan(g, t.after, later, margins, most, turns, False, t, s)
     return (PASSED if stuck == FOUND else NO_JOINT_PLAN), stuck, alone
 
 

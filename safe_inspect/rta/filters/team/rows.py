@@ -163,7 +163,7 @@ def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
     """
     for half in range(2):
         margins = scaled(MARGINS, 1.0 - 0.5 * half)
-        stuck, _ = joint_plan(g, t.x, sun, margins, as_int(PLANS), t.x.shape[0] + 2, t, s)
+        stuck, _ = joint_plan(g, t.x, sun, margins, as_int(PLANS), t.x.shape[0] + 2, True, t, s)
         if stuck == FOUND:
             for i in range(t.x.shape[0]):
                 for axis in range(3):
@@ -199,7 +199,7 @@ def filter_team_rows(
     position, velocity, sun_angle = states
     s, t = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1])
     for row in range(position.shape[0]):
-        enter(position[row], velocity[row], desired[row], fixed[row], memory[row], g.one.u_max, t)
+        enter(g.one, position[row], velocity[row], desired[row], fixed[row], memory[row], t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
         done, near, any_bits = False, True, 0
         for side in range(2):
@@ -241,10 +241,10 @@ def team_rows(
     position, velocity, sun_angle = states
     s, t = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1])
     for row in range(position.shape[0]):
-        enter(position[row], velocity[row], control[row], fixed[row], memory[row], g.one.u_max, t)
+        enter(g.one, position[row], velocity[row], control[row], fixed[row], memory[row], t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
         if plan:
-            stuck, _ = joint_plan(g, t.x, sun, MARGINS, as_int(PLANS), t.x.shape[0] + 2, t, s)
+            stuck, _ = joint_plan(g, t.x, sun, MARGINS, as_int(PLANS), t.x.shape[0] + 2, True, t, s)
             out[row] = stuck == FOUND
         else:
             verdict, _, _ = tested(

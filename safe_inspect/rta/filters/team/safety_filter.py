@@ -128,9 +128,10 @@ class TeamFilter:
     the filter intervenes more than it must, but breaks nothing, for the plan in memory passes. A memory of zeros has no
     plan: one is searched for.
 
-    A deputy that coasts (`TeamState.coasting`) is an obstacle: its thrust is zero and its own constraints are not kept.
-    The others keep away from it on its coasting motion, through the hold, and on their plans until it has drifted past
-    or for 4 orbits. When a deputy begins to coast that was not about to, the others may be left without a plan.
+    A deputy that coasts (`TeamState.coasting`) is an obstacle: its own constraints are not kept. In the first hold it
+    flies its part of the joint plan that is remembered, which leads into a closed motion, as the others count on;
+    after that, or if there is none, its thrust is zero. The others keep away from it through the hold, and on their
+    plans until it has drifted past or for 4 orbits.
 
     Without a joint plan the environment is infeasible, and plans that are safe alone and far apart are flown, or the
     single filter's way back.
