@@ -24,6 +24,9 @@ TEAM_TASKS = {
 }
 
 
+ALL_TASKS = TASKS | TEAM_TASKS
+
+
 def register_tasks() -> None:
     """Register the ids with Gymnasium; what they stand for is imported when one is made."""
     for name in TASKS:

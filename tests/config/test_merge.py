@@ -108,8 +108,9 @@ def test_a_key_with_a_plus_appends_to_the_list():
 
 @pytest.mark.parametrize("more", [{"rewards+": 4}, {"rewads+": [4]}])
 def test_appending_to_no_list_is_an_error(more):
-    with pytest.raises(ConfigError, match="is no list"):
+    with pytest.raises(ConfigError, match="is no list") as caught:
         merge([{"rewards": [1]}, more])
+    assert ("did you mean `rewards`?" in str(caught.value)) == ("rewads+" in more)
 
 
 def test_a_list_within_the_list_is_merged_first():

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate
-from safe_inspect.errors import ConfigError, Location, Problem
+from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: What a key ends in whose list is appended.
 APPEND = "+"
@@ -69,7 +69,9 @@ def _append(merged: LocatedDict, key: str, items: Any, location: Location | None
     base = merged.get(key)
     for value, what in ((items, f"`{key}{APPEND}`"), (base, f"`{key}`, to which it adds,")):
         if not isinstance(value, list):
-            raise ConfigError(Problem(f"{what} is no list but {value!r}", key + APPEND, location))
+            lists = [name for name, old in merged.items() if isinstance(old, list)]
+            hint = "" if key in merged else did_you_mean(key, lists)
+            raise ConfigError(Problem(f"{what} is no list but {value!r}", key + APPEND, location, hint))
     assert isinstance(base, list)
     marks = {index: mark for index in range(len(base)) if (mark := locate(base, (index,))) is not None}
     marks |= {len(base) + index: mark for index in range(len(items)) if (mark := locate(items, (index,))) is not None}

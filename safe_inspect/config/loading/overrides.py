@@ -35,6 +35,8 @@ def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
     Raises:
         ConfigError: With every override that is malformed, fits nothing or fits several places.
     """
+    if isinstance(overrides, str):
+        raise ConfigError(Problem("overrides are a list of texts", hint=f"write [{overrides!r}]"))
     problems: list[Problem] = []
     for override in overrides:
         location = Location(COMMAND_LINE, 0, text=override)
@@ -79,7 +81,7 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
             known |= _names(_at(tree, path))
         within = ".".join(parts[:depth])
         message = f"nothing is called `{parts[depth]}` in `{within}`" + ("" if known else ", which holds no keys")
-        return Problem(message, "", location, did_you_mean(parts[depth], known))
+        return Problem(message, "", location, did_you_mean(parts[depth], known) if known else "")
     for path in _containers(tree):
         known |= _names(_at(tree, path))
     first = next((part for part in parts if part not in known), None)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import Experiment, build_experiment, load_experiment
 from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.loading.overrides import apply_overrides
@@ -28,7 +27,6 @@ from safe_inspect.experiments.runs.checkpoint_folders import configuration_of, n
 from safe_inspect.experiments.runs.checkpoints import read_checkpoint
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
-from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 #: The task of a source that has none of its own, when none is given.
 DEFAULT_TASK = "safe_inspect/TranslationalInspection-v0"
@@ -78,9 +76,7 @@ class Wanted:
 
     def load(self, cfg: str | os.PathLike[str]) -> Experiment:
         """Return an experiment with the overrides."""
-        tasks = TASKS | TEAM_TASKS
-        path = configs_root() / tasks[str(cfg)] if str(cfg) in tasks else cfg
-        return load_experiment(path, self.overrides, compute_platform=self.compute_platform)
+        return load_experiment(cfg, self.overrides, compute_platform=self.compute_platform)
 
     def build(self, resolved: Mapping[str, Any], source: str) -> Experiment:
         """Return the experiment of a resolved configuration with the overrides."""

@@ -90,7 +90,8 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             continue
         source[name] = str(given)
         if value is None and not tables.known[target].optional:
-            continue  # null asks for the default
+            notes.append(f"`{given}` is null, so its default holds")
+            continue
         if "." in name:
             settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
             continue

@@ -69,12 +69,15 @@ TUNE_DROPPED: dict[str, str] = {
     "mode": "it ranks trials for a search algorithm, and there is none",
 }
 
-#: What a training may stop on, and the names of RLlib's old API stack.
-STOP_KEYS = (
+#: What a training may stop on, and the names of RLlib's old API stack. What only grows has a limit above 0.
+STOP_COUNTS = (
     "training_iteration",
     "num_env_steps_sampled_lifetime",
     "time_total_s",
     "env_runners/num_episodes_lifetime",
+)
+STOP_KEYS = (
+    *STOP_COUNTS,
     "env_runners/episode_return_mean",
     "env_runners/episode_return_max",
     "env_runners/episode_return_min",
@@ -108,7 +111,7 @@ RAY_KEYS: dict[str, Key] = {
     "num_cpus": Key("integer", low=1, optional=True),
     "num_gpus": Key("integer", low=0, optional=True),
     "resources": Key("mapping", optional=True),
-    "object_store_memory": Key("integer", low=78_643_200, optional=True),
+    "object_store_memory": Key("integer", low=78_643_200, high=2**63 - 1, optional=True),
     "include_dashboard": Key("boolean", optional=True),
     "dashboard_host": Key("text"),
     "dashboard_port": Key("integer", low=0, optional=True),

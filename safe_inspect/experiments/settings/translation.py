@@ -5,6 +5,7 @@ Nothing here imports Ray: `safe-inspect validate` answers in a fraction of a sec
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,6 +21,7 @@ _MODEL = KeyTables(
     keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
 )
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
+_LIMIT = Key("number", low=1, high=math.inf)
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, run_keys.RAY_ONLY_AT)
 
 
@@ -180,7 +182,7 @@ def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str
             continue
         if name != given and "/" not in str(given) and str(given) not in name:
             notes.append(f"`stop.{given}` is now `{name}`")
-        limit, mistake = check_value(Key("number"), value)
+        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else Key("number"), value)
         if mistake:
             problems.append(Problem(mistake, where))
         elif name in settings:

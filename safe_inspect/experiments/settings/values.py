@@ -10,6 +10,8 @@ from safe_inspect.errors import did_you_mean
 from safe_inspect.experiments.settings.keys import Key
 
 GRID = "grid_search"
+#: What a key without a limit of its own may be: less than what C's integers and floats take.
+_GREATEST = {"integer": 2**31 - 1, "integers": 2**31 - 1, "number": 1e300, "schedule": 1e300}
 EVAL = "eval"
 
 
@@ -61,8 +63,9 @@ def _number(key: Key, value: Any) -> tuple[Any, str]:
         return value, _expected(key, value)
     if key.low is not None and value < key.low:
         return value, f"{value} is too small; the least is {key.low:g}"
-    if key.high is not None and value > key.high:
-        return value, f"{value} is too large; the greatest is {key.high:g}"
+    high = _GREATEST[key.kind] if key.high is None else key.high
+    if value > high:
+        return value, f"{value} is too large; the greatest is {high:.10g}"
     return value, ""
 
 
@@ -105,7 +108,7 @@ def _schedule(key: Key, value: Any) -> tuple[Any, str]:
     for pair in value:
         if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
             return value, "a schedule is a list of pairs [step, value]"
-        step, late = _integer(Key("integer", low=0), pair[0])
+        step, late = _integer(Key("integer", low=0, high=2**63 - 1), pair[0])
         number, wrong = _number(key, pair[1])
         if late or wrong:
             return value, late or wrong
