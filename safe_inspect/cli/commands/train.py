@@ -68,10 +68,7 @@ def dry_run(experiment: Experiment, steps: int = 20) -> str:
     generator = np.random.default_rng(0)
     for _ in range(steps):
         over = environment.step(
-            [
-                generator.uniform(layout.low, layout.high, (4, size, layout.size))
-                for layout, size in ((group.action_layout, group.size) for group in environment.acting)
-            ]
+            [group.action_layout.draw(generator, (4, group.size)) for group in environment.acting]
         ).over
         if over.any():
             environment.reset(np.flatnonzero(over))
@@ -111,7 +108,8 @@ def _closing(result: Any) -> str:
         lines += trial_table(result.trials)
         lines.append(f"trials:      {result.trials[0].folder.parent}")
     else:
-        lines = [f"{state} after {result.iteration} iterations, {result.steps} steps, {result.seconds:.0f} s"]
+        iterations = f"{result.iteration} iteration{'s' * (result.iteration != 1)}"
+        lines = [f"{state} after {iterations}, {result.steps} steps, {result.seconds:.0f} s"]
     if result.checkpoint is not None:
         lines.append(f"checkpoint:  {result.checkpoint}")
     drawn = _draw_curve(result.folder)
