@@ -117,3 +117,11 @@ def test_a_list_within_the_list_is_merged_first():
     assert merge([[{"a": 1}, {"b": [2]}], {"b+": [3]}]) == {"a": 1, "b": [2, 3]}
     with pytest.raises(ConfigError, match="no mapping but 7"):
         merge([{"a": 1}, [{"b": 2}, 7]])
+
+
+def test_a_key_may_be_removed(write):
+    write({"a.yml": "x:\n- {a: {b: 1, c: 2}, d: [3]}\n- a: {b: !remove }\n  d: !remove\n"})
+    assert merge(load("a.yml")["x"]) == {"a": {"c": 2}}
+    write({"b.yml": "x:\n- {a: 1}\n- {aa: !remove }\n"})
+    with pytest.raises(ConfigError, match=r"b.yml:3 aa: there is no such key to remove; did you mean `a`\?|known: `a`"):
+        merge(load("b.yml")["x"])

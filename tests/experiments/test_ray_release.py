@@ -9,8 +9,9 @@ import json
 import pytest
 from training_values import MAKER
 
+from safe_inspect.config.keys import old_keys, run_keys
+from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.settings import keys, old_keys, run_keys
 from safe_inspect.experiments.settings.translation import translate_rllib
 
 pytestmark = pytest.mark.ray

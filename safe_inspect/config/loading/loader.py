@@ -1,11 +1,11 @@
 """The configuration loader: YAML files to a tree that knows where each key stands.
 
-The language is YAML 1.1 with safe types; no tag evaluates code. It has two tags
+The language is YAML 1.1 with safe types; no tag evaluates code. It has three tags
 of its own. ``!include FILE``: ``./FILE`` lies beside the including file; any other
 name is looked for from the working directory, from the folder above the
 including file that contains ``configs``, and in the package's own configurations.
 ``!include-extend FILE``, an item of a list, stands for the items of the list in
-that file.
+that file. ``key: !remove`` in a mapping that is merged removes the key of an earlier one.
 """
 
 from __future__ import annotations

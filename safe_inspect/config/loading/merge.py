@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal, locate
 from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: What a key ends in whose list is appended.
@@ -19,7 +19,8 @@ def merge(items: Any) -> LocatedDict:
     value, adds nothing.
     Mappings merge key by key to any depth; of everything else, lists included,
     the later value wins. A key that ends in ``+`` appends its list to the list
-    of the key without it: ``rewards+`` adds to ``rewards``. Marks follow the
+    of the key without it: ``rewards+`` adds to ``rewards``. The value ``!remove``
+    leaves a key out. Marks follow the
     winning value. Nothing is changed in place.
 
     Raises:
@@ -54,6 +55,13 @@ def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
     for key, value in second.items():
         if isinstance(key, str) and key.endswith(APPEND):
             _append(merged, key.removesuffix(APPEND), value, locate(second, (key,)))
+            continue
+        if isinstance(value, Removal):
+            if key not in merged:
+                hint = did_you_mean(str(key), merged)
+                raise ConfigError(Problem("there is no such key to remove", str(key), marks.get(key), hint))
+            del merged[key]
+            merged.marks.pop(key, None)
             continue
         old = merged.get(key)
         merged[key] = _pair(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value

@@ -14,11 +14,11 @@ from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPP
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
+from safe_inspect.config.keys.rllib_keys import FRESH_KEYS
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
 from safe_inspect.experiments.modules.weights_file import INFO, Weights, initial_weights
-from safe_inspect.experiments.settings.keys import FRESH_KEYS
 
 _HIDDEN_GAIN = math.sqrt(2.0)
 _POLICY_GAIN = 0.01

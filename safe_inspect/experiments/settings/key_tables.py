@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings.keys import Key
 from safe_inspect.experiments.settings.values import check_value, is_searched
 
 

@@ -9,10 +9,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from safe_inspect.config.keys import old_keys, run_keys
+from safe_inspect.config.keys import rllib_keys as keys
+from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings import keys, old_keys, run_keys
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
-from safe_inspect.experiments.settings.keys import Key
 from safe_inspect.experiments.settings.learner_choice import choose_learner
 from safe_inspect.experiments.settings.runner_choice import choose_runner
 from safe_inspect.experiments.settings.values import EVAL, GRID, check_value, is_searched, resolved_by_tune

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import did_you_mean
-from safe_inspect.experiments.settings.keys import Key
 
 GRID = "grid_search"
 #: What a key without a limit of its own may be: less than what C's integers and floats take.

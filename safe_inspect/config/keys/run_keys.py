@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from safe_inspect.experiments.settings.keys import Key
+from safe_inspect.config.keys.rllib_keys import Key
 
 TUNE_KEYS: dict[str, Key] = {
     "algorithm": Key("text"),
