@@ -75,7 +75,7 @@ class TrainedPolicy:
         return actions
 
 
-def load_policy(
+def trained_policy(
     checkpoint: str | os.PathLike[str], policy: str | None = None, *, sampled: bool | None = None, seed: int = 0
 ) -> TrainedPolicy:
     """Return a policy of a checkpoint.

@@ -6,6 +6,7 @@ Ray and Torch are loaded for a checkpoint only, onnxruntime for an ONNX file onl
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -148,6 +149,11 @@ def _open_scripted(text: str, wanted: Wanted, experiment: Experiment) -> Candida
 def _open_shipped(text: str, wanted: Wanted) -> Candidate:
     shipped = shipped_policy(text.removeprefix(SHIPPED))
     experiment = wanted.load(shipped.experiment if wanted.cfg is None else wanted.cfg)
+    if importlib.util.find_spec("onnxruntime") is None:  # the package holds the weights for Torch too
+        flying = checkpoint_policies(shipped.checkpoint, experiment.spec, wanted.sampled, wanted.seed)
+        digest = checkpoint_hash(shipped.checkpoint)
+        source = {"text": text, "kind": "shipped", "path": str(shipped.folder), "sha256": digest}
+        return Candidate(shipped.name, source, experiment, experiment.spec, flying)
     policies = shipped.load(wanted.sampled, wanted.seed)
     outside = [agent.name for agent in experiment.spec.agents if agent.scripted_policy is None]
     if len({id(policy) for policy in policies.values()}) == 1:  # it may fly agents of other names too
