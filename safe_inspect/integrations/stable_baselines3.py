@@ -29,6 +29,7 @@ class BatchedVecEnv(VecEnv):
         num_envs: Number of environments, N.
         overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
         seed: Seed of the first reset, unless `seed` gives one; without either a fresh one is drawn.
+        render_mode: As for `InspectionVectorEnv`.
 
     Raises:
         ConfigError: The file has mistakes.
@@ -42,9 +43,13 @@ class BatchedVecEnv(VecEnv):
         overrides: Iterable[str] = (),
         *,
         seed: int | None = None,
+        render_mode: str | None = None,
     ) -> None:
-        spec = load_spec(cfg, overrides)
-        self.environment = InspectionVectorEnv(spec, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, seed=seed)
+        mode = AutoresetMode.SAME_STEP
+        self.environment = InspectionVectorEnv(
+            load_spec(cfg, overrides), num_envs, autoreset_mode=mode, seed=seed, render_mode=render_mode
+        )
+        self.render_mode = render_mode
         self._actions: AnyArray = np.zeros(0)
         self._return, self._length = np.zeros(num_envs), np.zeros(num_envs, dtype=np.int64)
         super().__init__(num_envs, self.environment.single_observation_space, self.environment.single_action_space)
@@ -84,8 +89,8 @@ class BatchedVecEnv(VecEnv):
         self.environment.close()
 
     def get_images(self) -> Sequence[AnyArray | None]:
-        """Return no pictures."""
-        return [None] * self.num_envs
+        """Return a picture of each environment, where `render_mode` is ``rgb_array``."""
+        return self.environment.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return an attribute of the batch, once for each environment."""
