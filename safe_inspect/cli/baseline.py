@@ -9,7 +9,7 @@ from safe_inspect.cli.arguments import positive, seed
 from safe_inspect.cli.common import add_overrides
 
 #: The task that is flown unless another is given.
-_DEFAULT_CFG = "safe_inspect/TranslationalInspection-v0"
+_DEFAULT_CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 
 
 def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:

@@ -25,7 +25,7 @@ from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
 from safe_inspect.dones.time_limit import MAX_HORIZON, EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
 from safe_inspect.plugins.registry import import_user_module
-from safe_inspect.task_ids import ALL_TASKS
+from safe_inspect.task_ids import ALL_TASKS, TASK_OVERRIDES
 from safe_inspect.version import __version__
 
 #: The lists of mappings that are merged from left to right, by their path in the task.
@@ -81,9 +81,11 @@ def load_experiment(
     Raises:
         ConfigError: With every mistake, each with its file, line and path of keys.
     """
+    if isinstance(overrides, str):
+        raise ConfigError(Problem("overrides are a list of texts", hint=f"write [{overrides!r}]"))
     name = os.fspath(path)
     if name in ALL_TASKS:
-        path = configs_root() / ALL_TASKS[name]
+        path, overrides = configs_root() / ALL_TASKS[name], (*TASK_OVERRIDES.get(name, ()), *overrides)
     elif name.startswith("safe_inspect/") and not os.path.exists(name):
         raise ConfigError(Problem(f"no task has the id {name!r}", hint=did_you_mean(name, ALL_TASKS)))
     tree = _experiment_tree(load(path), os.fspath(path))

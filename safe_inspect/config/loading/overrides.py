@@ -37,8 +37,6 @@ def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
     Raises:
         ConfigError: With every override that is malformed, fits nothing or fits several places.
     """
-    if isinstance(overrides, str):
-        raise ConfigError(Problem("overrides are a list of texts", hint=f"write [{overrides!r}]"))
     problems: list[Problem] = []
     for override in overrides:
         location = Location(COMMAND_LINE, 0, text=override)

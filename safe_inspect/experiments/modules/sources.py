@@ -30,7 +30,7 @@ from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
 
 #: The task of a source that has none of its own, when none is given.
-DEFAULT_TASK = "safe_inspect/TranslationalInspection-v0"
+DEFAULT_TASK = "safe_inspect/TranslationalInspection-v1"
 #: Starts a source that is a policy of the package, as a user writes it.
 SHIPPED = "--policy "
 
