@@ -144,6 +144,33 @@ def test_list_of_what_is_not_there(typed, words, told):
     assert all(word in err for word in told)
 
 
+@pytest.mark.parametrize(
+    ("experiment", "words", "told"),
+    [
+        (EXPERIMENT, ("algorithm=DQN",), "DQN learns one choice, and the actions are real numbers; use PPO, APPO or"),
+        (SHIPPED, ("algorithm=DQN",), "DQN learns one choice, and the actions are choices among levels, one for each"),
+        (
+            SHIPPED,
+            ("algorithm=SAC",),
+            "SAC learns real numbers, and the actions are choices among levels, one",
+        ),
+    ],
+)
+def test_an_algorithm_that_cannot_learn_the_actions_is_refused(typed, experiment, words, told):
+    code, out, err = typed("validate", experiment, *words)
+    assert (code, out) == (2, "")
+    assert told in err
+
+
+def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
+    code, _, err = typed("validate", EXPERIMENT, "use_lstm=True")
+    assert code == 0
+    assert "note: recurrent policies train and resume, but are not flown or exported; those of PPO, APPO" in err
+    code, _, err = typed("validate", EXPERIMENT, "agent_config.0.policy={algorithm: SAC}")
+    assert code == 0
+    assert "note: policies of SAC train and resume, but are not flown or exported" in err
+
+
 def test_validate_reports_all_mistakes_of_the_files(typed):
     first = spoil("agent-seed.yml", "scale: 0.01", "scael: 0.01")
     second = spoil("environment.yml", "radius: 10 m", "radius: -10 m")

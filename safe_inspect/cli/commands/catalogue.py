@@ -15,7 +15,7 @@ from pydantic_core import PydanticUndefined
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.messages.file_schemas import FILES, model_schema
-from safe_inspect.config.models.learning import check_learning
+from safe_inspect.config.models.learning import check_learning, flight_note
 from safe_inspect.errors import ConfigError, RegistryError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
@@ -77,7 +77,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
         return 0
     experiment = load_experiment(arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform)
     settings = check_learning(experiment, read_settings)
-    for note in settings.notes:
+    for note in filter(None, (*settings.notes, flight_note(experiment))):
         print(f"note: {note}", file=sys.stderr)
     agents = ", ".join(f"{agent.name} on {agent.platform}" for agent in experiment.spec.agents)
     print(f"{arguments.cfg} is valid: {experiment.algorithm}, {agents}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment, load_experiment
-from safe_inspect.config.models.learning import check_learning, placed
+from safe_inspect.config.models.learning import check_learning, flight_note, placed
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError
@@ -32,7 +32,7 @@ def run_train(arguments: argparse.Namespace) -> int:
         raise ConfigError("no experiment: give its file with --cfg, or an earlier run's folder with --resume")
     experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)
     settings = check_learning(experiment, read_settings)
-    for note in settings.notes:
+    for note in filter(None, (*settings.notes, flight_note(experiment))):
         print(f"note: {note}", file=sys.stderr)
     if arguments.dry_run:
         print(dry_run(experiment))

@@ -148,6 +148,9 @@ ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS}
 #: Names of RLlib's algorithms for environments (the offline ones need data and are refused).
 ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
 
+#: Those whose policies can be flown and exported: their actions are Gaussian or categorical.
+FLOWN_ALGORITHMS = ("PPO", "APPO", "IMPALA")
+
 #: Keys of ours among RLlib's.
 OWN_KEYS: dict[str, Key] = {
     "algorithm": _TEXT,
