@@ -57,7 +57,7 @@ class BatchedVecEnv(VecEnv):
     def reset(self) -> AnyArray:
         """Begin new episodes; return the observations, float32, shape (N, O)."""
         observations, infos = self.environment.reset(seed=self._seeds[0])
-        self.reset_infos = [info_row(infos, index) for index in range(self.num_envs)]
+        self.reset_infos = [info_row(_values(infos), index) for index in range(self.num_envs)]
         self._return[:], self._length[:] = 0.0, 0
         self._reset_seeds()
         return observations
@@ -74,7 +74,7 @@ class BatchedVecEnv(VecEnv):
         done = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for index in np.flatnonzero(done).tolist():
-            last = info_row(found["final_info"], index)
+            last = info_row(_values(found["final_info"]), index)
             infos[index] = last | {
                 "episode": {"r": float(self._return[index]), "l": int(self._length[index])},
                 "is_success": last["status"] == "win",
@@ -109,3 +109,8 @@ class BatchedVecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:
         """Return False for each environment: rows of a batch have no wrappers."""
         return [False] * len(list(self._get_indices(indices)))
+
+
+def _values(infos: dict[str, Any]) -> dict[str, AnyArray]:
+    """Return infos without Gymnasium's masks."""
+    return {name: array for name, array in infos.items() if not name.startswith("_")}

@@ -18,8 +18,8 @@ class Key:
     """What a key takes.
 
     Attributes:
-        kind: ``integer``, ``number``, ``boolean``, ``text``, ``mapping``, ``integers`` (a list of them) or
-            ``schedule`` (a number, or pairs of step and number).
+        kind: ``integer``, ``number``, ``boolean``, ``text``, ``mapping``, ``integers`` (a list of them),
+            ``schedule`` (a number, or pairs of step and number) or ``names`` (a dotted path of a class, or a list).
         low: Least value of a number.
         high: Greatest value of a number; infinity is a value only where it is the greatest.
         choices: The words that a text may be; for a number, words that it may be as well.
@@ -159,6 +159,7 @@ OWN_KEYS: dict[str, Key] = {
     "env_runner": Key("text", choices=("batched", "stock")),
     "learner": Key("text", choices=("fast", "stock")),
     "learner_threads": _POSITIVE,
+    "callbacks": Key("names", optional=True),
 }
 
 #: What policies that learn together may have of their own.

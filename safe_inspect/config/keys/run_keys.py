@@ -47,7 +47,12 @@ TUNE_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "resume": ((None, "", False), "use `--resume RUN_FOLDER` on the command line"),
     "search_alg": ((None,), _SEARCH),
     "scheduler": ((None,), _SEARCH),
-    "callbacks": ((None, [], ()), _SEARCH),
+    "callbacks": ((None, [], ()), "name RLlib's callbacks as `callbacks` among the RLlib keys"),
+    "loggers": (
+        (None, [], (), ["csv", "json", "tensorboard"]),
+        "the run folder holds progress.csv, result.json and the TensorBoard log; send them on from a class that "
+        "`callbacks` names, or synchronise the folder",
+    ),
     "resources_per_trial": ((None,), "give `num_env_runners`, `num_cpus_for_main_process`, ... in `rllib_configs`"),
 }
 
@@ -55,7 +60,6 @@ TUNE_DROPPED: dict[str, str] = {
     "verbose": "safe_inspect prints one line for each iteration",
     "progress_reporter": "safe_inspect prints one line for each iteration",
     "log_to_file": "Ray's logs are copied into the run folder when a run fails",
-    "loggers": "the run folder holds progress.csv and the TensorBoard log",
     "sync_config": "the run folder is on a disk that every node sees",
     "upload_dir": "the run folder is on a disk that every node sees",
     "raise_on_failed_trial": "a failed training is always an error",

@@ -25,7 +25,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
     """N environments that step together.
 
     Infos hold arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
-    the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term.
+    the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term; and for each ``_NAME``, the
+    environments that it concerns, shape (N,), bool.
 
     Args:
         spec: The task.
@@ -67,6 +68,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seed = seed
         self._begun = False
+        self._everyone = np.ones(num_envs, dtype=np.bool_)
+        self._everyone.flags.writeable = False
         self._view = None if render_mode is None else Rendering(self.core.team, render_mode)
         self._ended: BoolArray = np.ones(num_envs, dtype=np.bool_)
         self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
@@ -99,7 +102,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(rows)
-        return self._observation.copy(), state_info(self.core.view()) | self._drawn()
+        began = self._everyone if rows is None else np.isin(np.arange(self.num_envs), rows)
+        return self._observation.copy(), self._masked(state_info(self.core.view())) | self._drawn(began)
 
     def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
         """Hold the actions over one step; ended environments begin again as `autoreset_mode` says.
@@ -123,7 +127,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         if ended.any():
             actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
         transition = self.core.step(actions[:, None])
-        infos: dict[str, Any] = transition_info(transition)
+        infos: dict[str, Any] = self._masked(transition_info(transition))
         self._observation = transition.observation[:, 0]
         if self._view is not None:
             self._view.follow()
@@ -134,8 +138,10 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             reward[ended], terminated[ended], truncated[ended] = 0.0, False, False
             fresh = state_info(self.core.view())
             for name, array in infos.items():
+                if name.startswith("_"):
+                    continue
                 array[ended] = fresh[name][ended] if name in fresh else (np.inf if name == "rta/phi_min" else 0.0)
-            infos |= self._drawn()
+            infos |= self._drawn(ended)
         self._ended = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             rows, mask = np.flatnonzero(self._ended), self._ended.copy()
@@ -144,7 +150,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
                 final[index] = self._observation[index].copy()
             infos = {"final_obs": final, "final_info": dict(infos), "_final_obs": mask, "_final_info": mask} | infos
             self._begin(rows)
-            infos |= state_info(self.core.view()) | self._drawn()
+            infos |= state_info(self.core.view()) | self._drawn(mask)
         return self._observation.copy(), reward, terminated, truncated, infos
 
     def render(self) -> Any:
@@ -164,9 +170,15 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         if self._view is not None:
             self._view.close()
 
-    def _drawn(self) -> dict[str, AnyArray]:
-        """Return the statistics of the draws that began the current episodes, each of shape (N,)."""
-        return {name: array.copy() for name, array in self.core.simulation.reset_info.items()}
+    def _masked(self, infos: dict[str, Any], rows: BoolArray | None = None) -> dict[str, Any]:
+        """Return infos with the mask of the environments that each concerns, ``_NAME``, as Gymnasium has it."""
+        mask = self._everyone if rows is None else rows.copy()
+        return infos | {f"_{name}": mask for name in infos}
+
+    def _drawn(self, rows: BoolArray) -> dict[str, AnyArray]:
+        """Return the statistics of the draws that began the episodes of some environments, each of shape (N,)."""
+        drawn = {name: array.copy() for name, array in self.core.simulation.reset_info.items()}
+        return self._masked(drawn, rows)
 
     def _begin(self, rows: NDArray[np.int64]) -> None:
         if len(rows):

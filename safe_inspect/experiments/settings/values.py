@@ -118,6 +118,13 @@ def _schedule(key: Key, value: Any) -> tuple[Any, str]:
     return pairs, ""
 
 
+def _names(key: Key, value: Any) -> tuple[Any, str]:
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) and "." in name for name in names):
+        return value, _expected(key, value)
+    return list(names), ""
+
+
 _CHECKS = {
     "number": _number,
     "integer": _integer,
@@ -126,6 +133,7 @@ _CHECKS = {
     "mapping": _mapping,
     "integers": _integers,
     "schedule": _schedule,
+    "names": _names,
 }
 
 _NAMES = {
@@ -136,6 +144,7 @@ _NAMES = {
     "mapping": "a mapping",
     "integers": "a list of whole numbers",
     "schedule": "a number, or a list of pairs [step, value]",
+    "names": "a dotted path `module.Class`, or a list of them,",
 }
 
 
