@@ -165,7 +165,7 @@ def test_an_algorithm_that_cannot_learn_the_actions_is_refused(typed, experiment
 def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
     code, _, err = typed("validate", EXPERIMENT, "use_lstm=True")
     assert code == 0
-    assert "note: recurrent policies train and resume, but are not flown or exported; those of PPO, APPO" in err
+    assert "note: recurrent policies are flown by `evaluate`, but not exported to ONNX" in err
     code, _, err = typed("validate", EXPERIMENT, "agent_config.0.policy={algorithm: SAC}")
     assert code == 0
     assert "note: policies of SAC train and resume, but are not flown or exported" in err

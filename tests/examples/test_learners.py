@@ -37,3 +37,9 @@ def test_every_example_is_run():
     assert {path.name for path in _FOLDER.glob("*.py")} == {
         "fly_policy.py", "sb3_ppo.py", "cleanrl_ppo.py", "pettingzoo_team.py"
     }  # fmt: skip
+
+
+def test_the_loop_of_the_page_flies_an_episode(capsys):
+    page = (_FOLDER.parents[1] / "docs" / "learners.md").read_text()
+    exec(page.split("```python\n")[1].split("```")[0], {})
+    assert capsys.readouterr().out.split()[0] in ("win", "draw", "lose")

@@ -51,8 +51,10 @@ def flight_note(experiment: Experiment) -> str:
     recurrent = isinstance(model, Mapping) and model.get("use_lstm")
     if experiment.algorithm in FLOWN_ALGORITHMS and not recurrent:
         return ""
-    what = "recurrent policies" if recurrent else f"policies of {experiment.algorithm}"
-    return f"{what} train and resume, but are not flown or exported; those of {', '.join(FLOWN_ALGORITHMS)} are"
+    if recurrent and experiment.algorithm in FLOWN_ALGORITHMS:
+        return "recurrent policies are flown by `evaluate`, but not exported to ONNX"
+    others = ", ".join(FLOWN_ALGORITHMS)
+    return f"policies of {experiment.algorithm} train and resume, but are not flown or exported; those of {others} are"
 
 
 def _unfit_actions(experiment: Experiment) -> list[Problem]:

@@ -99,6 +99,8 @@ def load_policy(
     if name not in flying:
         raise SafeInspectError(f"{text}: it flies no agent {name!r}; {did_you_mean(name, flying)}")
     policy: Any = flying[name]
+    if getattr(policy, "recurrent", False):
+        raise SafeInspectError(f"{text}: the policy is recurrent, and `predict` keeps nothing; fly it with `evaluate`")
     if isinstance(policy, OnnxPolicy):
         policy = policy.in_task_units
     return LoadedPolicy(spec, outside[name], policy)
