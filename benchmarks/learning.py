@@ -87,11 +87,11 @@ def main(argv: list[str] | None = None) -> int:
         if checkpoint is None:
             print("the training left no checkpoint", file=sys.stderr)
             return 1
-        from safe_inspect.experiments.modules.policy import load_policy, untrained_policy
+        from safe_inspect.experiments.modules.policy import trained_policy, untrained_policy
 
         fliers = {name: baseline(name) for name in arguments.baselines}
         fliers["untrained"] = pilots(experiment, lambda policy: untrained_policy(checkpoint, policy=policy))
-        fliers["trained"] = pilots(experiment, lambda policy: load_policy(checkpoint, policy))
+        fliers["trained"] = pilots(experiment, lambda policy: trained_policy(checkpoint, policy))
         figures = {
             who: summarise(rollout(experiment.spec, policies, arguments.episodes, seed=EVALUATION_SEED))
             for who, policies in fliers.items()

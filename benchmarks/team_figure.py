@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from team_safety import TeamReport
 
-from safe_inspect.figures.drawing import BLACK, BLUE, GREY, ORANGE, VERMILION, style
+from safe_inspect.figures.drawing import style
+from safe_inspect.geometry.picture import BLACK, BLUE, GREY, ORANGE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,7 +1,8 @@
 """Safe reinforcement learning of spacecraft inspection and rendezvous.
 
-Importing the package registers its Gymnasium ids. `make`, `make_vec`, `make_parallel`, `make_parallel_vec` and
-`load_experiment` are imported when they are first used; neither they nor the package load Ray or Torch.
+Importing the package registers its Gymnasium ids. `make`, `make_vec`, `make_parallel`, `make_parallel_vec`,
+`load_experiment` and `load_policy` are imported when they are first used. Neither they nor the package load Ray or
+Torch, but `load_policy` of a checkpoint.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from typing import Any
 from safe_inspect.task_ids import register_tasks
 from safe_inspect.version import __version__
 
-__all__ = ["__version__", "load_experiment", "make", "make_parallel", "make_parallel_vec", "make_vec"]
+__all__ = ["__version__", "load_experiment", "load_policy", "make", "make_parallel", "make_parallel_vec", "make_vec"]
 
 _HOMES = {
     "load_experiment": "safe_inspect.config.experiment",
+    "load_policy": "safe_inspect.experiments.modules.loaded_policy",
     "make": "safe_inspect.environments.registration",
     "make_parallel": "safe_inspect.environments.registration",
     "make_parallel_vec": "safe_inspect.environments.registration",

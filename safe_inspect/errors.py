@@ -57,6 +57,10 @@ class Problem:
         return f"{text}; {self.hint}" if self.hint else text
 
 
+#: How many mistakes are printed.
+_SHOWN = 50
+
+
 class ConfigError(SafeInspectError):
     """One or more mistakes in a configuration, reported together."""
 
@@ -66,7 +70,9 @@ class ConfigError(SafeInspectError):
         if isinstance(problems, Problem):
             problems = [problems]
         self.problems: tuple[Problem, ...] = tuple(problems)
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        lines = [str(problem) for problem in self.problems[:_SHOWN]]
+        more = len(self.problems) - len(lines)
+        super().__init__("\n".join([*lines, f"and {more} more"] if more else lines))
 
 
 class RegistryError(SafeInspectError, LookupError):
@@ -108,7 +114,7 @@ class OutputError(SafeInspectError, OSError):
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``did you mean `x`?`` for the nearest known name, else a list of what is known.
 
-    The list is cut at twelve names; it is empty when nothing is known.
+    The list is cut at twelve names; where nothing is known, the text says that there is none.
     """
     names = sorted({str(item) for item in known})
     lowered = {item.lower(): item for item in names}
@@ -116,6 +122,6 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     if near:
         return f"did you mean `{lowered[near[0]]}`?"
     if not names:
-        return ""
+        return "there is none"
     shown = ", ".join(f"`{item}`" for item in names[:12])
     return f"known: {shown}" + (", ..." if len(names) > 12 else "")

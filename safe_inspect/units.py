@@ -103,6 +103,8 @@ def to_si(value: Any, symbol: str) -> Any:
     Raises:
         UnitError: The text is no quantity, or its unit does not fit.
     """
+    if isinstance(value, bool):
+        raise UnitError(f"{str(value).lower()} is no quantity; write a number in {symbol or 'no unit'}")
     if isinstance(value, str):
         match = _QUANTITY.match(value)
         if match is None:

@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 
 from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.common import add_overrides
 
 #: The task that is flown unless another is given.
-_DEFAULT_CFG = "safe_inspect/TranslationalInspection-v0"
+_DEFAULT_CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 
 
 def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +21,7 @@ def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cfg", metavar="CFG", default=_DEFAULT_CFG, help="experiment file or id (default: %(default)s)"
     )
-    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="replaces a value, by its dotted path")
+    add_overrides(parser)
     parser.add_argument("--episodes", type=positive, default=100, help="number of episodes (default: 100)")
     parser.add_argument("--seed", type=seed, default=0, help="seed of the episodes (default: 0)")
     parser.add_argument(

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
+from typing import NoReturn
 
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.interrupts import Interrupted, handled
@@ -17,24 +20,69 @@ from safe_inspect.outputs import NO_SPACE, cannot_write
 USER_ERROR = 2
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser whose mistakes are one line; subcommands get it too."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the mistake and where help is, and exit."""
+        self.exit(USER_ERROR, f"error: {message}; see `{self.prog} --help`\n")
+
+
 def parse_arguments(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
-    """Parse a command line whose overrides may stand anywhere; argparse alone takes them before the options only."""
+    """Parse a command line.
+
+    Overrides may stand anywhere; argparse alone takes them before the options only. An experiment, see
+    `add_experiment_file`, is given by ``--cfg`` or as the one word that is no override.
+    """
     arguments, rest = parser.parse_known_args(argv)
-    unknown = [text for text in rest if text.startswith("-") or "=" not in text or not hasattr(arguments, "overrides")]
+    unknown = [text for text in rest if text.startswith("-") or not hasattr(arguments, "overrides")]
+    if not unknown and hasattr(arguments, "words"):
+        arguments.words = [*arguments.words, *rest]
+    elif not unknown and hasattr(arguments, "overrides"):
+        words = [*arguments.overrides, *rest]
+        arguments.overrides = [word for word in words if is_override(word)]
+        unknown = [word for word in words if not is_override(word)]
+    if hasattr(arguments, "experiment_needed"):
+        if arguments.cfg is None and unknown and not unknown[0].startswith("-"):
+            arguments.cfg = unknown.pop(0)
+        if arguments.cfg is None and not unknown and arguments.experiment_needed:
+            parser.error("no experiment: give its file")
     if unknown:
         parser.error(f"unrecognized arguments: {' '.join(unknown)}")
-    if rest:
-        arguments.overrides = [*arguments.overrides, *rest]
     return arguments
 
 
-def add_experiment_arguments(parser: argparse.ArgumentParser, *, positional: bool) -> None:
-    """Add what names an experiment: its file, overrides and the compute platform."""
-    if positional:
-        parser.add_argument("cfg", metavar="CFG", help="experiment file")
-    else:
-        parser.add_argument("--cfg", metavar="CFG", help="experiment file")
-    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="replaces a value, by its dotted path")
+def is_override(word: str) -> bool:
+    """Return whether a word of a command line is ``KEY=VALUE`` or ``~KEY``, and no file."""
+    return word.startswith("~") or ("=" in word and not Path(word).exists())
+
+
+def add_experiment_file(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
+    """Add an experiment, which `parse_arguments` takes from ``--cfg`` or from the words, and overrides.
+
+    Args:
+        parser: The command's.
+        needed: Whether the command line is refused without one.
+    """
+    parser.add_argument(
+        "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; and "
+        "KEY=VALUE to replace a value by its dotted path, or ~KEY to remove it",
+    )  # fmt: skip
+    parser.add_argument("--cfg", metavar="FILE", help="another way to give the experiment")
+    parser.set_defaults(experiment_needed=needed)
+
+
+def add_overrides(parser: argparse.ArgumentParser) -> None:
+    """Add overrides of a configuration that another argument names."""
+    parser.add_argument(
+        "overrides", nargs="*", default=[], metavar="KEY=VALUE", help="replaces a value, by its dotted path; ~KEY "
+        "removes it",
+    )  # fmt: skip
+
+
+def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
+    """Add what names an experiment, see `add_experiment_file`, and the compute platform."""
+    add_experiment_file(parser, needed=needed)
     parser.add_argument(
         "--compute-platform", default="local", metavar="NAME", help="which of the task's rllib_configs (default: local)"
     )
@@ -57,6 +105,9 @@ def run_command(command: Callable[[argparse.Namespace], int], arguments: argpars
 
     A mistake of the user's, a full disk and an interruption are printed without a traceback.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal and a name with an umlaut
+            stream.reconfigure(errors="backslashreplace")
     try:
         with handled():
             code = command(arguments)

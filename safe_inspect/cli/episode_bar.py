@@ -3,32 +3,47 @@
 from __future__ import annotations
 
 import math
+import shutil
 import time
 from typing import TextIO
 
+from safe_inspect.compiling import compiling_seconds
 from safe_inspect.experiments.runs.progress import clock_text
+
+#: Seconds between two lines where there is no terminal.
+_SILENCE = 30.0
 
 
 class EpisodeBar:
-    """A bar on a terminal, as a training has it: how many episodes have ended.
+    """How many episodes have ended: a bar on a terminal, as a training has it, else a line every half minute.
+
+    What is left is estimated without the time of the compiler.
 
     Args:
         label: Printed before the bar.
-        stream: Where it goes; nothing is printed unless it is a terminal.
+        stream: Where it goes.
     """
 
     def __init__(self, label: str, stream: TextIO) -> None:
         self._label, self._stream = label, stream
         self._terminal = stream.isatty()
-        self._begun = time.monotonic()
+        self._begun = self._told = time.monotonic()
+        self._compiled = compiling_seconds()
 
     def show(self, done: int, wanted: int, width: int = 40) -> None:
         """Draw the bar anew."""
-        if not self._terminal:
+        now = time.monotonic()
+        if not self._terminal and now - self._told < _SILENCE:
             return
-        share, passed = done / wanted, time.monotonic() - self._begun
-        full = round(width * share)
+        share, passed = done / wanted, now - self._begun - (compiling_seconds() - self._compiled)
         left = clock_text(passed * (1.0 - share) / share if share else math.inf)
+        if not self._terminal:
+            self._told = now
+            print(f"{self._label}: {done} of {wanted}, left {left}", file=self._stream, flush=True)
+            return
+        room = shutil.get_terminal_size().columns - len(self._label) - 28  # a line that wraps cannot be drawn anew
+        width = max(min(width, room), 0)
+        full = round(width * share)
         line = f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {left}"
         self._stream.write(f"\r{self._label}  {line}\x1b[K")
         self._stream.flush()

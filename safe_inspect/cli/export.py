@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from safe_inspect.cli.common import add_overrides
+
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the export."""
@@ -13,4 +15,4 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cfg", metavar="CFG", help="experiment that it was trained with (default: that of the checkpoint's run)"
     )
-    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="replaces a value of --cfg, by its path")
+    add_overrides(parser)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.common import add_overrides
 
 
 def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +59,7 @@ def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: s
         "source", metavar="SOURCE", help="a checkpoint's or a run's folder, an ONNX file, the name of a shipped policy "
         "or of a baseline (inspector, random, zero-thrust), or what `evaluate --record` or `rendezvous --output` wrote",
     )  # fmt: skip
-    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="replaces a value, by its dotted path")
+    add_overrides(parser)
     parser.add_argument("--cfg", metavar="CFG", help="experiment file (default: the one the policy was trained with)")
     parser.add_argument("--episode", type=_number, default=0, metavar="K", help="number of the episode (default: 0)")
     parser.add_argument("--seed", type=seed, default=0, help="seed of the episodes (default: 0)")

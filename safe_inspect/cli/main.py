@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from safe_inspect.cli.baseline import add_baseline_arguments
-from safe_inspect.cli.common import add_experiment_arguments, command_of, parse_arguments, run_command
+from safe_inspect.cli.common import Parser, add_experiment_arguments, command_of, parse_arguments, run_command
 from safe_inspect.cli.evaluate import (
     add_compare_arguments,
     add_evaluate_arguments,
@@ -27,21 +26,23 @@ from safe_inspect.cli.safety import add_acceptance_arguments, add_safety_argumen
 from safe_inspect.cli.train import add_train_arguments
 from safe_inspect.version import __version__
 
+_ABOUT = "Train, evaluate and draw policies, check experiments and safety filters; `COMMAND --help` tells more."
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, or 2 for a mistake of the user's."""
     sys.path.insert(0, os.getcwd())  # as `python -m` does, so that a module beside the configuration can hold plugins
-    parser = argparse.ArgumentParser(prog="safe-inspect", description=__doc__)
+    parser = Parser(prog="safe-inspect", description=_ABOUT)
     parser.add_argument("--version", action="version", version=f"safe_inspect {__version__}")
     commands = parser.add_subparsers(dest="command", required=True)
 
-    listing = commands.add_parser("list", help="list the plugins with their fields, defaults and units")
-    listing.add_argument("kind", nargs="?", help="only this kind, such as reward")
+    listing = commands.add_parser("list", help="list tasks, policies, or plugins with their fields, defaults and units")
+    listing.add_argument("kind", nargs="?", help="tasks, policies, or only plugins of this kind, such as reward")
     listing.add_argument("name", nargs="?", help="only the plugin of this name")
     listing.set_defaults(run=command_of("catalogue", "run_list"))
 
     validate = commands.add_parser("validate", help="check an experiment file; Ray is not loaded")
-    add_experiment_arguments(validate, positional=True)
+    add_experiment_arguments(validate)
     validate.set_defaults(run=command_of("catalogue", "run_validate"))
 
     schema = commands.add_parser("schema", help="print the JSON schema of a configuration file, for editors")
@@ -54,12 +55,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     train.set_defaults(run=command_of("train", "run_train"))
 
     safety = commands.add_parser("safety", help="fly adversaries under the safety filter and count violations")
-    add_experiment_arguments(safety, positional=True)
+    add_experiment_arguments(safety)
     add_safety_arguments(safety)
     safety.set_defaults(run=command_of("safety", "run_safety"))
 
     acceptance = commands.add_parser("acceptance", help="print which share of the drawn initial states is safe")
-    add_experiment_arguments(acceptance, positional=True)
+    add_experiment_arguments(acceptance)
     add_acceptance_arguments(acceptance)
     acceptance.set_defaults(run=command_of("safety", "run_acceptance"))
 

@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 
 from safe_inspect.cli.arguments import natural, positive_number
+from safe_inspect.cli.common import add_experiment_file
 
 
 def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the recording of a sensor log."""
-    parser.add_argument("cfg", metavar="FILE", help="experiment file of a rendezvous")
-    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="replaces a value, by its dotted path")
+    add_experiment_file(parser)
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="write the log into this new folder")
     parser.add_argument("--seconds", type=positive_number, default=120.0, metavar="S", help="length (default: 120)")
     parser.add_argument(

@@ -6,18 +6,18 @@ import argparse
 from pathlib import Path
 
 from safe_inspect.cli.arguments import positive
+from safe_inspect.cli.common import add_experiment_file
 
 
 def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of a rendezvous."""
-    parser.add_argument("cfg", metavar="FILE", help="experiment file")
+    add_experiment_file(parser)
     parser.add_argument(
-        "overrides",
-        nargs="*",
-        metavar="KEY=VALUE",
-        help="replaces a value, by its dotted path; address=auto (or HOST:PORT, or local) flies missions by Ray",
+        "--missions",
+        type=positive,
+        metavar="N",
+        help="fly N missions, each with its own random draws; by Ray with address=auto (or HOST:PORT, or local)",
     )
-    parser.add_argument("--missions", type=positive, metavar="N", help="fly N missions, each with its own random draws")
     parser.add_argument(
         "--workers", type=positive, default=1, metavar="N", help="missions flown at a time (default: 1)"
     )

@@ -35,6 +35,7 @@ _PACKAGE = Path(__file__).parents[1]
 _STAMP = "compiled.stamp"
 #: Seconds of compiling after which a terminal is told what the wait is for.
 _PATIENCE = 2.0
+_spent = [0.0]
 
 
 class Kernel(Generic[P, R]):
@@ -100,6 +101,11 @@ def njit(function: Any = None, /, **options: Any) -> Any:
     return lambda decorated: Kernel(decorated, options)
 
 
+def compiling_seconds() -> float:
+    """Return how long this process has waited for the compiler [s]."""
+    return _spent[0]
+
+
 @functools.cache
 def prepare() -> None:
     """Load Numba, teach it what a `Kernel` is, and remove machine code that is out of date; done once."""
@@ -112,9 +118,9 @@ def prepare() -> None:
         return typeof_impl(kernel.dispatcher, context)
 
     class Announcer(event.Listener):  # type: ignore[misc]
-        """Says once, on a terminal, that the wait is for the compiler."""
+        """Measures the time of the compiler, and says once, on a terminal, that the wait is for it."""
 
-        depth, since, spent, quiet = 0, 0.0, 0.0, not sys.stderr.isatty()
+        depth, since, quiet = 0, 0.0, not sys.stderr.isatty()
 
         def on_start(self, event: Any) -> None:
             if self.depth == 0:
@@ -124,8 +130,8 @@ def prepare() -> None:
         def on_end(self, event: Any) -> None:
             self.depth -= 1
             if self.depth == 0:
-                self.spent += time.monotonic() - self.since
-            if not self.quiet and self.spent > _PATIENCE:
+                _spent[0] += time.monotonic() - self.since
+            if not self.quiet and _spent[0] > _PATIENCE:
                 self.quiet = True
                 print("compiling, once for each installation: up to a minute ...", file=sys.stderr)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from pydantic import ValidationError
 
 from safe_inspect.config.building.assemble import assemble
 from safe_inspect.config.building.policies import policies_of
+from safe_inspect.config.data import configs_root
 from safe_inspect.config.loading.loader import load, load_if_path
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text, plain
 from safe_inspect.config.loading.merge import merge
@@ -22,8 +22,10 @@ from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.messages.report import problems_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
-from safe_inspect.dones.time_limit import EpisodeLengthDone
-from safe_inspect.errors import ConfigError, Problem, did_you_mean
+from safe_inspect.dones.time_limit import MAX_HORIZON, EpisodeLengthDone
+from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
+from safe_inspect.plugins.registry import import_user_module
+from safe_inspect.task_ids import ALL_TASKS, TASK_OVERRIDES
 from safe_inspect.version import __version__
 
 #: The lists of mappings that are merged from left to right, by their path in the task.
@@ -72,13 +74,20 @@ def load_experiment(
     """Load and check an experiment file.
 
     Args:
-        path: The file.
+        path: The file, or an id such as ``safe_inspect/TranslationalInspection-v0``.
         overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
         compute_platform: Which of the task's `rllib_configs` is used; ``default`` where it is missing.
 
     Raises:
         ConfigError: With every mistake, each with its file, line and path of keys.
     """
+    if isinstance(overrides, str):
+        raise ConfigError(Problem("overrides are a list of texts", hint=f"write [{overrides!r}]"))
+    name = os.fspath(path)
+    if name in ALL_TASKS:
+        path, overrides = configs_root() / ALL_TASKS[name], (*TASK_OVERRIDES.get(name, ()), *overrides)
+    elif name.startswith("safe_inspect/") and not os.path.exists(name):
+        raise ConfigError(Problem(f"no task has the id {name!r}", hint=did_you_mean(name, ALL_TASKS)))
     tree = _experiment_tree(load(path), os.fspath(path))
     return build_experiment(apply_overrides(tree, overrides), os.fspath(path), compute_platform=compute_platform)
 
@@ -183,14 +192,10 @@ def _import_plugins(tree: LocatedDict) -> None:
         if str(name).split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
             continue
         try:
-            importlib.import_module(str(name))
-        except ModuleNotFoundError as error:
-            if error.name is None or not f"{name}.".startswith(f"{error.name}."):
-                raise
+            import_user_module(str(name))
+        except RegistryError as error:
             place = (*where, index)
-            problems.append(
-                Problem(f"no module {name!r}", path_text(place), locate(tree, place), "install it or mend the name")
-            )
+            problems.append(Problem(str(error), path_text(place), locate(tree, place)))
     if problems:
         raise ConfigError(problems)
 
@@ -228,8 +233,9 @@ def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> in
     own, other = config.config.config.env_config.horizon, rllib.get("horizon")
     if own is None or own == other:
         rllib.pop("horizon", None)
-    if other is not None and (isinstance(other, bool) or not isinstance(other, int) or other < 1):
-        report(("config", "config", "rllib_configs"), f"`horizon` is a number of steps, at least 1, not {other!r}")
+    if other is not None and (isinstance(other, bool) or not isinstance(other, int) or not 1 <= other <= MAX_HORIZON):
+        message = f"`horizon` is a number of steps from 1 to {MAX_HORIZON}, not {other!r}"
+        report(("config", "config", "rllib_configs"), message)
         other = None
     horizon = own or other
     for index, entry in enumerate(config.agent_config):
@@ -243,4 +249,4 @@ def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> in
 
 def _seed(rllib: Mapping[str, Any]) -> int:
     seed = rllib.get("seed")
-    return seed if isinstance(seed, int) and seed >= 0 else 0
+    return seed if isinstance(seed, int) and 0 <= seed < 2**64 else 0  # others are told with the keys of RLlib

@@ -15,6 +15,9 @@ from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
 from safe_inspect.units import PositiveDuration
 
+#: The longest episode [steps]: counters of steps may be 32-bit integers.
+MAX_HORIZON = 2**31 - 1
+
 
 @njit
 def _is_over(time: float, limit: float) -> bool:
@@ -31,7 +34,7 @@ class EpisodeLengthDone(DoneFunction):
     status: ClassVar[DoneStatus] = DoneStatus.DRAW
     truncates: ClassVar[bool] = True
 
-    horizon: int = Field(default=1224, ge=1)
+    horizon: int = Field(default=1224, ge=1, le=MAX_HORIZON)
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return whether the episode has run for `horizon` steps."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from safe_inspect.environments.core import BatchedEnvironment
+from safe_inspect.environments.facades.flat_actions import FlatDiscreteActions
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
 from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BatchedEnvironment",
+    "FlatDiscreteActions",
     "InspectionEnv",
     "InspectionParallelEnv",
     "InspectionVectorEnv",

@@ -97,6 +97,6 @@ def require_finite(what: str, value: AnyArray, after: State, before: State | Non
             state.take(rows).save(path)
             saved.append(path)
     raise PluginValueError(
-        f"{what} gave {value[bad[0]].ravel().tolist()} in environment {rows[0]} "
+        f"{what} gave {value[bad[0]].ravel().tolist()} in environment {rows[0]}, step {int(after.step[rows[0]])} "
         f"({len(rows)} of {after.num_envs} environments); the states are saved in {' and '.join(saved)}"
     )

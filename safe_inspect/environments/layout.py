@@ -40,6 +40,13 @@ class Layout:
         """Of a discrete action the largest index of each element, shape (size,)."""
         return np.array(self.choices, dtype=np.float64) - 1.0
 
+    def draw(self, generator: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
+        """Return uniformly drawn actions, shape (*shape, size)."""
+        shape = (*shape, self.size)
+        if self.choices:
+            return generator.integers(0, self.choices, shape).astype(np.float64)
+        return generator.uniform(self.low, self.high, shape)
+
     def __str__(self) -> str:
         width = max(map(len, self.names), default=0)
         rows = zip(self.names, self.low, self.high, strict=True)

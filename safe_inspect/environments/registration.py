@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from gymnasium.vector import AutoresetMode
 
-from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
 from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
-from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 if TYPE_CHECKING:
     from safe_inspect.environments.facades.parallel import InspectionParallelEnv
@@ -30,9 +28,7 @@ def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Env
     Raises:
         ConfigError: The file has mistakes.
     """
-    tasks = TASKS | TEAM_TASKS
-    path = configs_root() / tasks[str(cfg)] if str(cfg) in tasks else cfg
-    return load_experiment(path, overrides).spec
+    return load_experiment(cfg, overrides).spec
 
 
 def build_spec(resolved: Mapping[str, Any]) -> EnvironmentSpec:

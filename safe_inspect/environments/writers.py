@@ -1,4 +1,4 @@
-"""Name the plugin that writes into an array that it is given."""
+"""Name the plugin that fails, or writes into an array that it is given."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from safe_inspect.errors import PluginValueError
+from safe_inspect.errors import PluginValueError, SafeInspectError
 from safe_inspect.plugins.plugin import Plugin
 
 _Given = ParamSpec("_Given")
@@ -21,34 +21,42 @@ def writes_read_only(error: BaseException) -> bool:
 
 
 def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
-    """Wrap a function that calls plugins, so that one that writes into what it is given is named.
+    """Wrap a function that calls plugins, so that one that writes into what it is given, or fails, is named.
+
+    Other exceptions than the package's own get a note.
 
     Raises:
-        PluginValueError: A plugin does.
+        PluginValueError: A plugin writes into a read-only array.
     """
 
     @functools.wraps(function)
     def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Result:
         try:
             return function(*args, **kwargs)
-        except ValueError as error:
-            message = _message(error) if writes_read_only(error) else ""
-            if not message:
+        except SafeInspectError:
+            raise
+        except Exception as error:
+            plugin, file, line = _innermost(error)
+            if plugin is None:
                 raise
-            raise PluginValueError(message) from error
+            what = f"the {plugin.kind} {plugin.registered_name}"
+            if writes_read_only(error):
+                source = linecache.getline(file, line).strip()
+                raise PluginValueError(
+                    f"{what} writes into an array that is read-only ({file}:{line}: {source}); compute on a copy, or "
+                    "remember in a declared array"
+                ) from error
+            error.add_note(f"raised in {what} ({file}:{line})")
+            raise
 
     return wrapped
 
 
-def _message(error: ValueError) -> str:
-    """Name the innermost plugin among the calls that led to an exception, and its line; empty without one."""
+def _innermost(error: Exception) -> tuple[Plugin | None, str, int]:
+    """Return the innermost plugin among the calls that led to an exception, and its line; None without one."""
     frames = [(frame.f_locals.get("self"), frame, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     calls = [(plugin, frame, line) for plugin, frame, line in frames if isinstance(plugin, Plugin)]
     if not calls:
-        return ""
+        return None, "", 0
     plugin, frame, line = calls[-1]
-    file = frame.f_code.co_filename
-    return (
-        f"the {plugin.kind} {plugin.registered_name} writes into an array that is read-only "
-        f"({file}:{line}: {linecache.getline(file, line).strip()}); compute on a copy, or remember in a declared array"
-    )
+    return plugin, frame.f_code.co_filename, line

@@ -7,11 +7,11 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import yaml
 from pydantic_core import PydanticCustomError
 
+from safe_inspect.config.loading.loader import parse
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import Location, SafeInspectError
 from safe_inspect.evaluation.results.results import FIGURES
 from safe_inspect.metrics import (
     BaseMetric,
@@ -106,10 +106,8 @@ def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
     made: list[BaseMetric] = []
     for text in texts:
         try:
-            value = yaml.safe_load(text) if text.lstrip().startswith("{") else text
+            value = parse(text, Location("--metric", 0, text=text)) if text.lstrip().startswith("{") else text
             plugin = build("metric", value)
-        except yaml.YAMLError as error:
-            raise SafeInspectError(f"--metric {text!r}: this is no mapping of YAML ({error})") from None
         except PydanticCustomError as error:
             problems = (error.context or {})["errors"]
             mistakes = "; ".join(

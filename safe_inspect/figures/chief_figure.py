@@ -8,14 +8,13 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-from safe_inspect.figures.drawing import BLACK, GREY, SEQUENTIAL, VERMILION, deputy_line, deputy_marker
+from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line, deputy_marker
+from safe_inspect.geometry.picture import BLACK, GREY, VERMILION, VIEW, picture_axes
 from safe_inspect.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: From where the reader looks at the chief [degrees].
-VIEW = {"elev": 22.0, "azim": -52.0}
 
 _RIGHT = 0.985
 _FARTHEST = 1000.0
@@ -50,13 +49,6 @@ def reach_of(episode: Trajectory) -> float:
     """
     most = max(_FARTHEST, 1.5 * float(episode.range[0].max()))
     return float(episode.range[episode.range <= most].max())
-
-
-def picture_axes(sight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the unit vectors to the right and up for a reader towards whom `sight` points."""
-    right = np.cross((0.0, 0.0, 1.0), sight)
-    right /= np.sqrt(np.square(right).sum())
-    return right, np.cross(sight, right)
 
 
 def point_colours(episode: Trajectory) -> list[tuple[BoolArray, str]]:

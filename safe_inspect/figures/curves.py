@@ -10,8 +10,9 @@ import numpy as np
 
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.bands import Centre, band
-from safe_inspect.figures.drawing import GREY, deputy_line, style
+from safe_inspect.figures.drawing import deputy_line, style
 from safe_inspect.figures.learning_curve import PANELS, STEPS, read_learning_curve, step_unit
+from safe_inspect.geometry.picture import GREY
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:

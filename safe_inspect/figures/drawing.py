@@ -9,15 +9,12 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.geometry.picture import BLACK, DEPUTY_COLOURS, GREY, PALE
 from safe_inspect.outputs import new_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, which people with any of the common colour-vision deficiencies can tell apart.
-BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
-BLACK, GREY, PALE = "#222222", "#7A7A7A", "#D9D9D9"
-DEPUTY_COLOURS = (BLUE, GREEN, PURPLE, VERMILION, SKY)
 #: Perceptually uniform, and as readable for colour-blind eyes and in grey.
 SEQUENTIAL = "viridis"
 

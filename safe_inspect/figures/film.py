@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-from safe_inspect.figures.camera import Camera, Moment, moment
-from safe_inspect.figures.chief_figure import VIEW, clock, radius_of, reach_of
-from safe_inspect.figures.drawing import BLACK, GREY, ORANGE, PALE, deputy_line, style
-from safe_inspect.figures.film_views import DAY, NIGHT, ApproachView, ChiefView, SideView, circle
+from safe_inspect.figures.camera import Moment, moment
+from safe_inspect.figures.chief_figure import clock, radius_of, reach_of
+from safe_inspect.figures.drawing import deputy_line, style
+from safe_inspect.figures.film_views import ApproachView, ChiefView, SideView, circle
 from safe_inspect.figures.scene import ring_radii
+from safe_inspect.geometry.picture import BLACK, DAY, GREY, NIGHT, ORANGE, PALE, VIEW, Camera
 from safe_inspect.types import AnyArray, FloatArray
 
 _DPI = 100

@@ -7,13 +7,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-from safe_inspect.figures.camera import Camera, Moment
+from safe_inspect.figures.camera import Moment
 from safe_inspect.figures.chief_figure import radius_of
-from safe_inspect.figures.drawing import BLACK, GREY, PALE, deputy_line
+from safe_inspect.figures.drawing import deputy_line
 from safe_inspect.figures.time_panels import speed_limit_of
+from safe_inspect.geometry.picture import BLACK, DARK, DAY, GREY, LIT, NIGHT, PALE, Camera
 from safe_inspect.types import FloatArray
 
-NIGHT, DAY, LIT, DARK = "#B4BAC4", "#FFF1C4", "#FFFFFF", "#4B5563"
 _NEAREST = 0.1  # m: ranges are drawn from here on
 
 

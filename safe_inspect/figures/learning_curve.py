@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.figures.drawing import BLUE, GREY, ORANGE, style
+from safe_inspect.figures.drawing import style
+from safe_inspect.geometry.picture import BLUE, GREY, ORANGE
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:

@@ -17,10 +17,11 @@ import numpy as np
 
 from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import VIEW, clock, ending, radius_of, reach_of
-from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, VERMILION, deputy_line
+from safe_inspect.figures.chief_figure import clock, ending, radius_of, reach_of
+from safe_inspect.figures.drawing import deputy_line
 from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke
 from safe_inspect.figures.time_panels import speed_limit_of
+from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION, VIEW
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray, FloatArray
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from safe_inspect.evaluation.safety.acceptance import Acceptance
 from safe_inspect.evaluation.safety.report import SafetyReport
-from safe_inspect.figures.drawing import BLUE, GREY, VERMILION, style
+from safe_inspect.figures.drawing import style
+from safe_inspect.geometry.picture import BLUE, GREY, VERMILION
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import VIEW, picture_axes, point_colours, radius_of, reach_of, time_norm, towards
-from safe_inspect.figures.drawing import BLACK, GREY, ORANGE, PALE, SEQUENTIAL, VERMILION, deputy_line
+from safe_inspect.figures.chief_figure import point_colours, radius_of, reach_of, time_norm, towards
+from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line
+from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, VERMILION, VIEW, picture_axes
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:

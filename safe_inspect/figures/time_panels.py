@@ -8,7 +8,8 @@ import numpy as np
 
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.figures.chief_figure import clock, reach_of
-from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, VERMILION, deputy_line
+from safe_inspect.figures.drawing import deputy_line
+from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.types import FloatArray
 

@@ -10,8 +10,11 @@ Distributions announce their modules in the entry-point group
 from __future__ import annotations
 
 import importlib
+import traceback
+import warnings
 from collections.abc import Iterator
 from importlib.metadata import entry_points
+from types import ModuleType
 from typing import Any
 
 from safe_inspect.errors import RegistryError, did_you_mean
@@ -77,9 +80,12 @@ class Registry:
         Raises:
             RegistryError: There is none; the message names the nearest.
         """
+        name = ALIASES.get(name, name)
+        found = self._classes.get(kind, {}).get(name)
+        if found is not None:  # a base class that a package imports may name a plugin while others are still loaded
+            return found
         self._load()
         known = self._classes.get(kind, {})
-        name = ALIASES.get(name, name)
         if name in known:
             return known[name]
         head, dot, tail = name.rpartition(".")
@@ -92,17 +98,14 @@ class Registry:
         return self._import(kind, name, head, tail)
 
     def _import(self, kind: str, name: str, module: str, attribute: str) -> type[Any]:
-        try:
-            loaded = importlib.import_module(module)
-        except ModuleNotFoundError as error:
-            if error.name is None or not (module == error.name or module.startswith(error.name + ".")):
-                raise  # the module exists and fails by itself: its own traceback says more
-            raise RegistryError(f"no module {module!r} for {kind} {name!r}; {self._suggest(kind, attribute)}") from None
+        loaded = import_user_module(module, f" for {kind} {name!r}; {self._suggest(kind, attribute)}")
         cls: Any = getattr(loaded, attribute, None)
         if cls is None:
             raise RegistryError(f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, vars(loaded))}")
         if not (isinstance(cls, type) and hasattr(cls, "registered_name") and hasattr(cls, "kind")):
             raise RegistryError(f"{name!r} is no plugin; a {kind} is a subclass of safe_inspect.plugins.plugin.Plugin")
+        if not cls.registered_name:
+            raise RegistryError(f"{name!r} is an abstract class; name one of its subclasses, {self._suggest(kind, '')}")
         if cls.kind != kind:
             raise RegistryError(f"{name!r} is a {cls.kind}; a {kind} is wanted here")
         return cls
@@ -120,7 +123,43 @@ class Registry:
         for module in BUILT_IN:
             importlib.import_module(module)
         for entry in entry_points(group=ENTRY_POINT_GROUP):
-            entry.load()
+            try:
+                entry.load()
+            except (Exception, SystemExit) as error:
+                package = entry.dist.name if entry.dist is not None else entry.value
+                what = f"the plugins of {package} are missing, its module {entry.module} cannot be imported"
+                warnings.warn(f"{what}: {_cause(error)}; mend or uninstall it", RuntimeWarning, stacklevel=2)
+
+
+def import_user_module(name: str, wanted: str = "") -> ModuleType:
+    """Return a module that a configuration names.
+
+    Args:
+        name: Its dotted path.
+        wanted: What the message of a missing module ends in.
+
+    Raises:
+        RegistryError: There is none, or it cannot be imported; the message names the file, the line and the cause.
+    """
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is not None and f"{name}.".startswith(f"{error.name}."):
+            raise RegistryError(f"no module {name!r}{wanted or '; install it or mend the name'}") from None
+        raise RegistryError(f"module {name!r} cannot be imported: {_cause(error)}; mend it") from error
+    except (Exception, SystemExit) as error:
+        raise RegistryError(f"module {name!r} cannot be imported: {_cause(error)}; mend it") from error
+
+
+def _cause(error: BaseException) -> str:
+    """Return file, line, class and text of what an import has raised."""
+    if isinstance(error, SyntaxError):
+        place = f"{error.filename}:{error.lineno}"
+        return f"{place}: {type(error).__name__}: {error.msg}"
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "importlib" not in frame.filename]
+    place = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
+    text = str(error).partition("\n")[0]
+    return f"{place}{type(error).__name__}: {text}"
 
 
 registry = Registry()

@@ -137,7 +137,7 @@ def _check_documentation(cls: type[Plugin], report: Report) -> None:
             field in cls.model_fields or hasattr(cls, field),
             "documented",
             f"the docstring tells of a field `{field}` that {cls.__name__} does not have",
-            did_you_mean(field, cls.model_fields) or "remove it",
+            did_you_mean(field, cls.model_fields),
         )
 
 

@@ -14,7 +14,9 @@ import pytest
 
 from safe_inspect import train_rl
 from safe_inspect.cli.main import main
+from safe_inspect.evaluation.policy_files.shipped import shipped_policies
 from safe_inspect.plugins.registry import registry
+from safe_inspect.task_ids import ALL_TASKS
 from safe_inspect.version import __version__
 
 EXPERIMENT = "configs/translational-inspection/experiment-seed.yml"
@@ -142,6 +144,33 @@ def test_list_of_what_is_not_there(typed, words, told):
     assert all(word in err for word in told)
 
 
+@pytest.mark.parametrize(
+    ("experiment", "words", "told"),
+    [
+        (EXPERIMENT, ("algorithm=DQN",), "DQN learns one choice, and the actions are real numbers; use PPO, APPO or"),
+        (SHIPPED, ("algorithm=DQN",), "DQN learns one choice, and the actions are choices among levels, one for each"),
+        (
+            SHIPPED,
+            ("algorithm=SAC",),
+            "SAC learns real numbers, and the actions are choices among levels, one",
+        ),
+    ],
+)
+def test_an_algorithm_that_cannot_learn_the_actions_is_refused(typed, experiment, words, told):
+    code, out, err = typed("validate", experiment, *words)
+    assert (code, out) == (2, "")
+    assert told in err
+
+
+def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
+    code, _, err = typed("validate", EXPERIMENT, "use_lstm=True")
+    assert code == 0
+    assert "note: recurrent policies are flown by `evaluate`, but not exported to ONNX" in err
+    code, _, err = typed("validate", EXPERIMENT, "agent_config.0.policy={algorithm: SAC}")
+    assert code == 0
+    assert "note: policies of SAC train and resume, but are not flown or exported" in err
+
+
 def test_validate_reports_all_mistakes_of_the_files(typed):
     first = spoil("agent-seed.yml", "scale: 0.01", "scael: 0.01")
     second = spoil("environment.yml", "radius: 10 m", "radius: -10 m")
@@ -224,7 +253,44 @@ def test_what_is_no_command_line_is_refused(typed, words):
     code, out, err = typed(*words)
     assert code == 2
     assert out == ""
-    assert "error: " in err
+    assert err.startswith("error: ")
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("validate", EXPERIMENT, "lr=1e-3"),
+        ("validate", "lr=1e-3", "--cfg", EXPERIMENT),
+        ("validate", "lr=1", EXPERIMENT),
+    ],
+)
+def test_an_experiment_is_given_by_its_file_or_by_cfg(typed, words):
+    assert typed(*words) == (0, f"{EXPERIMENT} is valid: PPO, blue0_ctrl on blue0\n", "")
+
+
+@pytest.mark.parametrize("command", ["validate", "safety", "acceptance", "rendezvous"])
+def test_a_command_without_its_experiment_asks_for_it(typed, command):
+    assert typed(command) == (2, "", "error: no experiment: give its file; see `safe-inspect --help`\n")
+
+
+def test_the_tasks_and_the_policies_are_listed(typed):
+    code, out, _ = typed("list", "tasks")
+    assert code == 0
+    assert set(ALL_TASKS) == {line.split()[0] for line in out.splitlines() if line.startswith("safe_inspect/")}
+    assert "    configs/docking/experiment.yml\n    Docking: a deputy flies to a chief at rest" in out
+    code, out, _ = typed("list", "policies")
+    assert code == 0
+    assert all(f"--policy {name})\n    " in out for name in shipped_policies())
+    assert "NaturalMotionInspector  (scripted, also inspector)\n    Inspect" in out
+
+
+def test_a_name_that_the_terminal_cannot_show():
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    script = Path(sys.executable).with_name("safe-inspect")
+    done = subprocess.run([script, "validate", "nöpe.yml"], capture_output=True, text=True, env=environment, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: no file 'n\\xf6pe.yml'")
 
 
 def test_acceptance_prints_and_plots(typed):
@@ -293,6 +359,12 @@ def test_a_dry_run_names_the_plugin_that_writes_into_the_state(typed, here, monk
     assert "the reward TeleportReward writes into an array that is read-only" in err
     assert "teleport.py:4: step.after.position[:] = 0)" in err
     assert "Traceback" not in err
+
+
+def test_a_dry_run_of_levels_draws_levels(typed):
+    code, out, err = typed("train", SHIPPED, "--dry-run", "horizon=30")
+    assert (code, err) == (0, "")
+    assert "one of 3" in out
 
 
 @pytest.mark.parametrize("through", ["train_rl", "safe-inspect train"])

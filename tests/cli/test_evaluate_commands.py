@@ -106,7 +106,7 @@ def row(out, name):
 def test_a_baselines_table_holds_the_figures_of_its_rollout(typed):
     code, out, err = typed("evaluate", "random", *SHORT, "--seed", "3")
     assert (code, err) == (0, "")
-    flown = rollout(load_spec("safe_inspect/TranslationalInspection-v0", ["horizon=25"]), baseline("random"), 6, 3)
+    flown = rollout(load_spec("safe_inspect/TranslationalInspection-v1", ["horizon=25"]), baseline("random"), 6, 3)
     for name, values in (
         ("return", flown.returns), ("delta-v", flown.delta_v), ("length", flown.length),
         ("inspected points", 100 * flown.inspected_fraction), *((f"reward/{n}", v) for n, v in flown.terms.items()),
@@ -128,7 +128,7 @@ def test_the_folder_holds_every_episode_and_where_it_comes_from(typed, evaluatio
     assert record["configuration"]["config"]["config"]["env_config"]["horizon"] == 25
     assert record["figures"]["delta-v"]["count"] == 6
     flown = rollout(
-        load_spec("safe_inspect/TranslationalInspection-v0", ["horizon=25"]), baseline("random"), 6, record=2
+        load_spec("safe_inspect/TranslationalInspection-v1", ["horizon=25"]), baseline("random"), 6, record=2
     )
     found = read_evaluation(evaluations / "random")
     np.testing.assert_array_equal(found.team.figures["delta-v"], flown.delta_v)

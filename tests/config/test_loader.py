@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import locate
 from safe_inspect.config.loading.syntax import FLOAT
-from safe_inspect.errors import ConfigError, Location
+from safe_inspect.errors import ConfigError, Location, Problem
 
 FLOW = """\
 "agent": "TrainableAgent"  # a comment
@@ -203,8 +204,32 @@ def test_a_directory_names_its_files(write):
 def test_an_unreadable_file(write, monkeypatch):
     write({"a.yml": "x: 1", "b.yml": "x: !include a.yml"})
 
-    def refuse(self):
+    def refuse(self, mode):
         raise PermissionError(13, os.strerror(13))
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
     assert problems("a.yml") == ["cannot read 'a.yml': Permission denied"]
+
+
+def test_aliases_that_stand_for_billions_of_values_are_refused_at_once(write):
+    rows = [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 10)]
+    write({"a.yml": "\n".join(["a0: &a0 [1]", *rows])})
+    began = time.process_time()
+    (text,) = problems("a.yml")
+    assert text.startswith("a.yml:1: with its aliases and includes it stands for ")
+    assert "at most 200,000 are read" in text
+    assert time.process_time() - began < 1.0
+
+
+def test_a_file_of_megabytes_is_refused_at_once(write):
+    write({"a.yml": "x: 1\n" * 3_000_000})
+    began = time.process_time()
+    assert problems("a.yml") == [
+        "'a.yml' is larger than 1 MB; is it a configuration? If so, split it and `!include` the parts"
+    ]
+    assert time.process_time() - began < 1.0
+
+
+def test_not_more_than_fifty_mistakes_are_printed():
+    text = str(ConfigError([Problem(f"mistake {number}") for number in range(60)]))
+    assert text.splitlines()[-2:] == ["mistake 49", "and 10 more"]

@@ -108,11 +108,20 @@ def test_a_key_with_a_plus_appends_to_the_list():
 
 @pytest.mark.parametrize("more", [{"rewards+": 4}, {"rewads+": [4]}])
 def test_appending_to_no_list_is_an_error(more):
-    with pytest.raises(ConfigError, match="is no list"):
+    with pytest.raises(ConfigError, match="is no list") as caught:
         merge([{"rewards": [1]}, more])
+    assert ("did you mean `rewards`?" in str(caught.value)) == ("rewads+" in more)
 
 
 def test_a_list_within_the_list_is_merged_first():
     assert merge([[{"a": 1}, {"b": [2]}], {"b+": [3]}]) == {"a": 1, "b": [2, 3]}
     with pytest.raises(ConfigError, match="no mapping but 7"):
         merge([{"a": 1}, [{"b": 2}, 7]])
+
+
+def test_a_key_may_be_removed(write):
+    write({"a.yml": "x:\n- {a: {b: 1, c: 2}, d: [3]}\n- a: {b: !remove }\n  d: !remove\n"})
+    assert merge(load("a.yml")["x"]) == {"a": {"c": 2}}
+    write({"b.yml": "x:\n- {a: 1}\n- {aa: !remove }\n"})
+    with pytest.raises(ConfigError, match=r"b.yml:3 aa: there is no such key to remove; did you mean `a`\?|known: `a`"):
+        merge(load("b.yml")["x"])

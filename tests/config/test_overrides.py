@@ -4,6 +4,7 @@ import copy
 
 import pytest
 
+from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import locate
 from safe_inspect.config.loading.overrides import apply_overrides
@@ -27,6 +28,9 @@ records:
   - [blue0, [platform0], {agent: A, config: {rewards: {scale: 3}}}, {policy: P, config: {lr: 4}}]
   - [blue1, [platform1], {agent: B, config: {}}, {policy: Q}]
 """
+
+
+NONE = "not an override; write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"
 
 
 @pytest.fixture
@@ -84,6 +88,24 @@ def test_one_place_is_replaced(tree, override, path, value):
     assert str(locate(changed, path)) == f"command line: {override}"
 
 
+@pytest.mark.parametrize(
+    ("override", "path", "left"),
+    [
+        ("~rllib.lr", ("rllib",), ["train_batch_size", 1]),
+        ("~train_batch_size", ("rllib",), ["lr", 1]),
+        ("~records.blue0", ("records",), [0]),
+    ],
+)
+def test_a_place_is_removed(tree, override, path, left):
+    before = copy.deepcopy(tree)
+    changed = apply_overrides(tree, [override])
+    assert tree == before
+    assert list(changed[path[0]]) == left if path[0] == "rllib" else len(changed["records"]) == 1
+    if path[0] == "records":
+        assert changed["records"][0][0] == "blue1"
+        assert str(locate(changed, ("records", 0))) == "a.yml:16"
+
+
 def test_other_places_keep_their_locations(tree):
     changed = apply_overrides(tree, ["rllib.lr={a: {b: 1}}"])
     assert str(locate(changed, ("rllib", "train_batch_size"))) == "a.yml:1"
@@ -115,9 +137,11 @@ def test_a_suffix_that_fits_several_places_lists_them(tree):
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("rllib.lr", "not an override; write it as `path.of.keys=value`"),
-        ("rllib..lr=1", "not an override; write it as `path.of.keys=value`"),
-        ("=1", "not an override; write it as `path.of.keys=value`"),
+        ("rllib.lr", NONE),
+        ("rllib..lr=1", NONE),
+        ("=1", NONE),
+        ("~lr=1", NONE),
+        ("~recordz", "nothing is called `recordz` in the configuration; did you mean `records`?"),
         ("train_batch_s=1", "nothing is called `train_batch_s` in the configuration; did you mean `train_batch_size`?"),
         ("rlib.lr=1", "nothing is called `rlib` in the configuration; did you mean `rllib`?"),
         ("rllib.modle.act=1", "nothing is called `modle` in `rllib`; known: `1`, `lr`, `train_batch_size`"),
@@ -146,3 +170,53 @@ def test_all_wrong_overrides_are_reported_together(tree):
     with pytest.raises(ConfigError) as caught:
         apply_overrides(tree, ["nothing=1", "rllib.lr=3", "lr"])
     assert [p.location.text for p in caught.value.problems] == ["nothing=1", "lr"]
+
+
+TASK = ("config", "config")
+LOCAL = (*TASK, "rllib_configs", "local")
+POLICY = ("agent_config", 0, "policy", "config")
+
+
+@pytest.mark.parametrize(
+    ("override", "path", "value"),
+    [
+        ("learner=stock", (*LOCAL, "learner"), "stock"),
+        ("torch_num_threads=2", (*LOCAL, "torch_num_threads"), 2),
+        ("kl_target=0.1", (*LOCAL, "kl_target"), 0.1),
+        ("local.grad_clip=1", (*LOCAL, "grad_clip"), 1),
+        ("rllib_configs.gamma=0.9", (*LOCAL, "gamma"), 0.9),
+        ("rllib_configs.seed=3", (*LOCAL, "seed"), 3),
+        ("initial_weights=docking", (*POLICY, "model_config", "initial_weights"), "docking"),
+        ("training_iteration=2", (*TASK, "tune_config", "stop", "training_iteration"), 2),
+        ("tune_config.stop.time_total_s=5", (*TASK, "tune_config", "stop", "time_total_s"), 5),
+        ("success_rate=0.9", (*TASK, "tune_config", "stop", "success_rate"), 0.9),
+        ("num_samples=2", (*TASK, "tune_config", "num_samples"), 2),
+        ("num_cpus=4", (*TASK, "ray_config", "num_cpus"), 4),
+        ("learning_rate=1e-3", (*POLICY, "lr"), 1e-3),
+        ("num_workers=2", (*LOCAL, "num_env_runners"), 2),
+        ("gae_lambda=0.9", (*POLICY, "lambda_"), 0.9),
+        ("points_algorithm=cmu", (*TASK, "env_config", "simulator", "config", "inspection_points_map", "chief",
+                                  "points_algorithm"), "cmu"),
+    ],
+)  # fmt: skip
+def test_a_key_that_no_file_has_is_known_by_its_name(override, path, value):
+    experiment = load_experiment("configs/translational-inspection/experiment.yml", [override])
+    node = experiment.tree
+    for key in path:
+        node = node[key]
+    assert node == value
+    assert str(locate(experiment.tree, path)) == f"command line: {override}"
+
+
+def test_keys_are_known_where_the_task_says_nothing_of_learning():
+    tree = {"config": {"config": {"env_config": {}}}, "platform_config": [], "agent_config": [{"name": "blue"}]}
+    changed = apply_overrides(tree, ["lr=1", "fcnet_hiddens=[4]", "training_iteration=1"])["config"]["config"]
+    assert changed["rllib_configs"] == {"default": {"lr": 1, "model_config": {"fcnet_hiddens": [4]}}}
+    assert changed["tune_config"] == {"stop": {"training_iteration": 1}}
+
+
+def test_a_key_that_several_places_may_have_and_one_that_is_misspelt():
+    with pytest.raises(ConfigError, match="did you mean `kl_target`"):
+        load_experiment("configs/translational-inspection/experiment.yml", ["kl_targt=1"])
+    with pytest.raises(ConfigError, match=r"`output_units` fits \d+ places"):
+        load_experiment("configs/translational-inspection/experiment.yml", ["output_units=km"])

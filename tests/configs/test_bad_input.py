@@ -10,6 +10,7 @@ import yaml
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import ConfigError
+from safe_inspect.plugins.registry import registry
 
 FOLDER = "configs/translational-inspection"
 AGENT = "agent_config[0].config.config"
@@ -157,3 +158,35 @@ def test_a_mistake_of_the_command_line_names_it(copied):
     text = str(caught.value)
     assert text.startswith("command line: ")
     assert "ObservedPointsReward.config.scael=1" in text
+
+
+@pytest.mark.parametrize("key", ["functor", "plugin_paths"])
+@pytest.mark.parametrize("text", ["import no_such_dependency\n", "1 / 0\n", "class (:\n"])
+def test_a_module_that_fails_is_named_with_its_line(copied, tmp_path, monkeypatch, key, text):
+    (tmp_path / "failing_module.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    value = "failing_module.Mine" if key == "functor" else "[failing_module]"
+    place = "ObservedPointsReward.functor" if key == "functor" else "config.config.env_config.plugin_paths"
+    with pytest.raises(ConfigError, match=r"cannot be imported: .*failing_module\.py:1: ") as caught:
+        load_experiment(copied / "experiment.yml", [f"{place}={value}"])
+    assert f"{place}={value}" in str(caught.value)
+
+
+def test_a_done_function_without_a_status(copied, tmp_path, monkeypatch):
+    lines = ["from safe_inspect.dones import DoneFunction", "class StatuslessDone(DoneFunction):"]
+    (tmp_path / "statusless.py").write_text("\n".join([*lines, "    def __call__(self, step): return step.dt < 0"]))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(registry._classes, "done", dict(registry.items("done")))
+    with pytest.raises(ConfigError, match=r"StatuslessDone has no `status`; give its class one") as caught:
+        load_experiment(copied / "experiment.yml", ["dones.1={functor: statusless.StatuslessDone}"])
+    assert "dones[1]" in str(caught.value)
+
+
+def test_overrides_that_are_one_text(copied):
+    with pytest.raises(ConfigError, match=r"overrides are a list of texts; write \['horizon=30'\]"):
+        load_experiment(copied / "experiment.yml", "horizon=30")
+
+
+def test_an_id_that_is_misspelt():
+    with pytest.raises(ConfigError, match=r"did you mean `safe_inspect/TranslationalInspection-v0`\?"):
+        load_experiment("safe_inspect/TranslationalInspektion-v0")

@@ -228,10 +228,6 @@ class TestErrors:
         with pytest.raises(SafeInspectError, match="no agent that acts from outside is named 'blue1_ctrl'"):
             env.step(dict.fromkeys(NAMES, NONE))
 
-    def test_a_render_mode_is_refused(self):
-        with pytest.raises(ValueError, match="human"):
-            InspectionParallelEnv(task(), render_mode="human")
-
     def test_the_single_agent_facades_name_the_one_to_use(self):
         for build in (make, make_vec):
             with pytest.raises(SafeInspectError, match=r"3 act from outside here \(blue0_ctrl, .*make_parallel"):

@@ -62,7 +62,7 @@ def test_a_reward_is_named_and_its_states_are_saved(shipped, crash_folder, value
         env.step(still)
     bad = env.state.position[:, 0, 0] > 0.0
     assert 0 < bad.sum() < 8
-    assert f"in environment {np.flatnonzero(bad)[0]} ({bad.sum()} of 8" in str(caught.value)
+    assert f"in environment {np.flatnonzero(bad)[0]}, step 3 ({bad.sum()} of 8" in str(caught.value)
     after, before = saved(crash_folder, "after"), saved(crash_folder, "before")
     assert str(crash_folder) in str(caught.value)
     np.testing.assert_array_equal(after["position"], env.state.position[bad])
@@ -211,3 +211,22 @@ def test_an_action_that_is_nan_is_refused(shipped, crash_folder):
     with pytest.raises(PluginValueError, match="action of blue0_ctrl gave"):
         env.step(np.array([0.0, np.nan, 0.0]))
     assert saved(crash_folder, "after")["step"] == [0]
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_plugin_that_raises_is_named_with_its_line(shipped):
+    class RaisingReward(Reward):
+        """Divide by zero."""
+
+        def __call__(self, step):
+            """Fail."""
+            return 1 / 0
+
+    spec = load_experiment(shipped, [f"{AGENT}.rewards.1={{functor: RaisingReward}}"]).spec
+    env = BatchedEnvironment(spec, 2, seed=1)
+    env.reset()
+    with pytest.raises(ZeroDivisionError) as caught:
+        env.step(np.zeros((2, 1, 3)))
+    (note,) = caught.value.__notes__
+    assert note.startswith("raised in the reward RaisingReward (")
+    assert f"{Path(__file__).name}:" in note

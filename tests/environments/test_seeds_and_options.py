@@ -103,3 +103,20 @@ def test_a_mask_is_one_bool_for_each_environment(maker, mask):
     after = first(env, options={"reset_mask": some})
     rows = (before != after).any(axis=-1)
     np.testing.assert_array_equal(rows if rows.ndim == 1 else rows.any(axis=0), some)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_infos_have_gymnasiums_masks(mode):
+    vector = make_vec(next(iter(TASKS)), 3, ["horizon=4"], autoreset_mode=mode)
+    _, infos = vector.reset(seed=1)
+    told = []
+    for _ in range(9):
+        for name in [name for name in infos if not name.startswith(("_", "final_"))]:
+            assert infos[f"_{name}"].shape == (3,)
+            assert infos[f"_{name}"].all() or name.startswith("rejections/")
+        told.append("rejections/draws" in infos)
+        infos = vector.step(np.zeros((3, 3), dtype=np.float32))[4]
+        if told[-1] and len(told) > 1:
+            assert "_delta_v" in infos
+    ends = [0, 5] if mode == "NextStep" else [0, 4, 8]
+    assert [index for index, began in enumerate(told) if began] == ends

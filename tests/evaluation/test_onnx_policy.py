@@ -48,12 +48,12 @@ def exported(tmp_path_factory):
 @pytest.mark.parametrize("name", ["plain", "scaled", "discrete"])
 @pytest.mark.parametrize("sampled", [False, True])
 def test_a_rollout_is_that_of_the_checkpoint(exported, name, sampled):
-    from safe_inspect.experiments.modules.policy import load_policy
+    from safe_inspect.experiments.modules.policy import trained_policy
 
     experiment, checkpoint, file = exported[name]
     policy = load_onnx(file, sampled, seed=5)
     theirs = rollout(
-        experiment.spec, load_policy(checkpoint, sampled=sampled, seed=5), 12, seed=2, num_envs=5, record=12
+        experiment.spec, trained_policy(checkpoint, sampled=sampled, seed=5), 12, seed=2, num_envs=5, record=12
     )
     ours = rollout(policy.prepare(experiment.spec), policy, 12, seed=2, num_envs=12, record=12)
     np.testing.assert_array_equal(ours.status, theirs.status)
@@ -90,7 +90,7 @@ def test_a_row_does_not_depend_on_its_neighbours(exported):
 
 def test_a_team_is_flown_by_its_files(tmp_path):
     from safe_inspect.experiments.export.export import export_policy
-    from safe_inspect.experiments.modules.policy import load_policy
+    from safe_inspect.experiments.modules.policy import trained_policy
 
     experiment = experiment_of(path=TEAM, overrides=("horizon=30",))
     agents = experiment.spec.agents
@@ -102,7 +102,7 @@ def test_a_team_is_flown_by_its_files(tmp_path):
         export_policy(checkpoint, path, agent.policy)
         files[agent.name] = load_onnx(path, sampled=True, seed=3)
         spec = files[agent.name].prepare(spec, [agent.name])
-    loaded = {agent.name: load_policy(checkpoint, agent.policy, sampled=True, seed=3) for agent in agents}
+    loaded = {agent.name: trained_policy(checkpoint, agent.policy, sampled=True, seed=3) for agent in agents}
     theirs = rollout(experiment.spec, loaded, 3, seed=2, record=3)
     ours = rollout(spec, files, 3, seed=2, record=3)
     np.testing.assert_array_equal(ours.status, theirs.status)

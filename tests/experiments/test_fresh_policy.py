@@ -95,9 +95,9 @@ def test_a_team_begins_with_what_one_has_learned(algorithm, tmp_path):
     assert learning_module(team, "own").get_ctor_args_and_kwargs()[1]["model_config"]["initial_weights"] is None
     later = saved(team, tmp_path / "later")
     (tmp_path / "checkpoint").rename(tmp_path / "gone")
-    from safe_inspect.experiments.modules.policy import load_policy
+    from safe_inspect.experiments.modules.policy import trained_policy
 
-    assert load_policy(later, "own")(np.zeros((2, 11), np.float32)).shape == (2, 3)
+    assert trained_policy(later, "own")(np.zeros((2, 11), np.float32)).shape == (2, 3)
 
 
 def test_weights_that_do_not_fit_are_one_message(algorithm, tmp_path):

@@ -131,14 +131,14 @@ def open_all(folder):
     """Open the policy of a run in every way that there is."""
     from safe_inspect.experiments.modules.fresh_policy import policy_spec
     from safe_inspect.experiments.modules.frozen import FrozenPolicy, frozen_spec
-    from safe_inspect.experiments.modules.policy import load_policy, untrained_policy
+    from safe_inspect.experiments.modules.policy import trained_policy, untrained_policy
     from safe_inspect.experiments.modules.sources import open_source
 
     checkpoint = find_newest(folder).newest.path
     spec, policies = open_source(folder)
     observation = np.linspace(-1.0, 1.0, 22, dtype=np.float32).reshape(2, 11)
     wanted = policies[spec.agents[0].name].inputs(observation)
-    np.testing.assert_array_equal(load_policy(checkpoint).inputs(observation), wanted)
+    np.testing.assert_array_equal(trained_policy(checkpoint).inputs(observation), wanted)
     assert not np.array_equal(untrained_policy(checkpoint, 3).inputs(observation), wanted)
     frozen = frozen_spec(PolicySettings("old", ("blue0_ctrl",), checkpoint=str(checkpoint), source_policy=None)).build()
     assert isinstance(frozen, FrozenPolicy)
@@ -146,7 +146,7 @@ def open_all(folder):
     start = policy_spec({**model, "initial_weights": str(checkpoint)})
     start.observation_space, start.action_space = frozen.observation_space, frozen.action_space
     for module in (frozen, start.build()):
-        for name, value in load_policy(checkpoint).module.state_dict().items():
+        for name, value in trained_policy(checkpoint).module.state_dict().items():
             np.testing.assert_array_equal(module.state_dict()[name].numpy(), value.numpy())
 
 
@@ -169,7 +169,7 @@ def test_a_checkpoint_with_pickles_alone_is_refused(prepared, capsys):
 
 
 def test_weights_of_another_version_or_none_are_refused(prepared):
-    from safe_inspect.experiments.modules.policy import load_policy
+    from safe_inspect.experiments.modules.policy import trained_policy
 
     checkpoint = find_newest(prepared[0]).newest
     path = checkpoint.path / MODULES / "default_policy" / WEIGHTS
@@ -187,7 +187,7 @@ def test_weights_of_another_version_or_none_are_refused(prepared):
         path.write_bytes(change())
         seal_checkpoint(checkpoint)
         with pytest.raises(CheckpointError, match=text):
-            load_policy(checkpoint.path)
+            trained_policy(checkpoint.path)
 
 
 @pytest.mark.ray
@@ -236,8 +236,8 @@ def test_a_training_as_a_user_types_it(tmp_path):
     assert done.returncode == 0, done.stderr
     assert not marker.exists()
     (run,) = (tmp_path / "out").iterdir()
-    from safe_inspect.experiments.modules.policy import load_policy
+    from safe_inspect.experiments.modules.policy import trained_policy
 
-    frozen = load_policy(find_newest(run).newest.path, "red_ctrl").module.state_dict()
+    frozen = trained_policy(find_newest(run).newest.path, "red_ctrl").module.state_dict()
     for name, value in module.state_dict().items():
         np.testing.assert_array_equal(frozen[name].numpy(), value.numpy())

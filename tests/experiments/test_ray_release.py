@@ -9,9 +9,10 @@ import json
 import pytest
 from training_values import MAKER
 
+from safe_inspect.config.keys import old_keys, run_keys
+from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.settings import keys, old_keys, run_keys
-from safe_inspect.experiments.settings.translation import translate_rllib
+from safe_inspect.experiments.settings.translation import translate_rllib, translate_tune
 
 pytestmark = pytest.mark.ray
 
@@ -144,3 +145,24 @@ def test_what_rllib_refuses_is_our_error():
     found = translate_rllib({"use_gae": False})
     with pytest.raises(ConfigError, match="rllib_configs: Episode truncation is not supported without a value"):
         build_config(found, environment_settings({}, found.settings, maker=MAKER))
+
+
+def test_callbacks_are_named_by_their_path(tmp_path, monkeypatch):
+    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+
+    base = "from ray.rllib.callbacks.callbacks import RLlibCallback"
+    (tmp_path / "own_callbacks.py").write_text(f"{base}\nclass Mine(RLlibCallback):\n    pass\nx = 3\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = translate_rllib({"callbacks": "own_callbacks.Mine"})
+    assert not found.problems
+    assert not found.notes
+    config = build_config(found, environment_settings({}, found.settings, maker=MAKER))
+    assert [kind.__name__ for kind in config.callbacks_class] == ["RunCallbacks", "Mine"]
+    for name, told in (("own_callbacks.x", "is no class of callbacks"), ("no_such_module.Mine", "no module")):
+        found = translate_rllib({"callbacks": [name]})
+        with pytest.raises(ConfigError, match=told):
+            build_config(found, environment_settings({}, found.settings, maker=MAKER))
+    (problem,) = translate_rllib({"callbacks": 3}).problems
+    assert "a dotted path `module.Class`" in problem.message
+    (problem,) = translate_tune({"loggers": ["wandb"]}).problems
+    assert "cannot be honoured" in problem.message

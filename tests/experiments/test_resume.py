@@ -95,6 +95,7 @@ def test_a_killed_training_goes_on_from_the_newest_good_checkpoint(killed, tmp_p
     assert "checkpoint_000099: the checkpoint is incomplete" in progress
     lines = [line for line in progress.splitlines() if line.startswith("iteration")]
     assert lines[0].startswith(f"iteration {reached + 1:>4}/{reached + 2}")
+    assert "its episodes begin anew" in progress
     rows = read_progress(copy / "progress.csv")
     assert [row["iteration"] for row in rows] == list(range(1, reached + 3))
     steps = [row["steps"] for row in rows]

@@ -54,14 +54,14 @@ def test_it_is_found_by_its_name(shelf):
 
 
 def test_its_file_and_its_checkpoint_fly_alike(run, shelf):
-    from safe_inspect.experiments.modules.policy import load_policy
+    from safe_inspect.experiments.modules.policy import trained_policy
 
     found = shipped_policy("one-deputy", shelf)
     assert found.configuration == run[0].resolved
     flying = found.load()
     task = flying["blue0_ctrl"].task()
     ours = rollout(flying["blue0_ctrl"].prepare(task), flying, 4, seed=1)
-    theirs = rollout(task, load_policy(found.checkpoint), 4, seed=1)
+    theirs = rollout(task, trained_policy(found.checkpoint), 4, seed=1)
     np.testing.assert_array_equal(ours.length, theirs.length)
     np.testing.assert_allclose(ours.delta_v, theirs.delta_v, rtol=1e-4)
 

@@ -95,10 +95,10 @@ def test_checkpoints_are_sealed_and_hold_the_policy(trained):
     assert (newest.iteration, newest.steps) == (2, result.steps)
     from ray.rllib.core.rl_module.rl_module import RLModule
 
-    from safe_inspect.experiments.modules.policy import load_policy
+    from safe_inspect.experiments.modules.policy import trained_policy
 
     theirs = RLModule.from_checkpoint(result.checkpoint / MODULES / "default_policy").get_state()
-    module = load_policy(result.checkpoint).module
+    module = trained_policy(result.checkpoint).module
     assert module.get_state().keys() == theirs.keys()
     for name, value in module.get_state().items():
         np.testing.assert_array_equal(value, theirs[name])

@@ -8,6 +8,8 @@ import sys
 import pytest
 import yaml
 
+from safe_inspect.config.spec import PolicySpec
+from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
 
 #: As files for RLlib's old API stack write it.
@@ -87,6 +89,10 @@ def test_nets_are_separate_unless_asked():
         ({"model": {"fcnet_hidens": [4]}}, "rllib_configs.model.fcnet_hidens", "did you mean `fcnet_hiddens`?"),
         ({"gamma": 1.5}, "rllib_configs.gamma", "1.5 is too large; the greatest is 1"),
         ({"num_epochs": 0}, "rllib_configs.num_epochs", "0 is too small; the least is 1"),
+        ({"num_epochs": 10**20}, "rllib_configs.num_epochs", "is too large; the greatest is 2147483647"),
+        ({"seed": 2**32}, "rllib_configs.seed", "4294967296 is too large; the greatest is 4294967295"),
+        ({"lr": float("inf")}, "rllib_configs.lr", "inf is too large"),
+        ({"kl_coeff": float("inf")}, "rllib_configs.kl_coeff", "inf is too large"),
         ({"num_epochs": 2.5}, "rllib_configs.num_epochs", "not a whole number"),
         ({"num_epochs": True}, "rllib_configs.num_epochs", "a whole number is expected, not True"),
         ({"use_gae": "yes"}, "rllib_configs.use_gae", "true or false is expected"),
@@ -122,6 +128,25 @@ def test_mistakes_say_where_and_what(mapping, path, text):
     found = paths(translate_rllib(mapping))
     assert set(found) == {path}
     assert text in found[path]
+
+
+def test_what_is_infinite_or_null_on_purpose_is_taken():
+    found = translate_rllib({"vf_clip_param": float("inf"), "sample_timeout_s": float("inf"), "lr": None})
+    assert not found.problems
+    assert found.notes == ("`lr` is null, so its default holds",)
+    assert not translate_tune({"stop": {"time_total_s": float("inf"), "episode_reward_mean": -3}}).problems
+
+
+def test_weights_that_are_not_there_are_told_before_ray(tmp_path):
+    model = {"model_config": {"initial_weights": str(tmp_path / "none")}}
+    team = [PolicySpec(name, (name,), "PPO", model) for name in ("one", "two")]
+    found = read_settings({}, {}, {}, team)
+    assert {problem.path for problem in found.problems} == {
+        f"policies.{name}.model_config.initial_weights" for name in ("one", "two")
+    }
+    (problem,) = read_settings(model, {}, {}).problems
+    assert problem.path == "rllib_configs.model_config.initial_weights"
+    assert "there is no such checkpoint" in problem.message
 
 
 def test_all_mistakes_are_reported_together():
@@ -200,6 +225,8 @@ def test_old_tune_settings():
         ({"restore": "/some/where"}, "tune_config.restore", "--resume RUN_FOLDER"),
         ({"scheduler": "asha"}, "tune_config.scheduler", "cannot be honoured"),
         ({"num_samples": 0}, "tune_config.num_samples", "the least is 1"),
+        ({"stop": {"training_iteration": -5}}, "tune_config.stop.training_iteration", "-5 is too small"),
+        ({"stop": {"timesteps_total": 0}}, "tune_config.stop.timesteps_total", "0 is too small; the least is 1"),
     ],
 )
 def test_mistakes_of_tune(mapping, path, text):

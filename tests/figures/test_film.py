@@ -8,9 +8,10 @@ import pytest
 
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.figures import film_files
-from safe_inspect.figures.camera import Camera, moment
+from safe_inspect.figures.camera import moment
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.film_files import save_film
+from safe_inspect.geometry.picture import Camera
 
 
 @pytest.fixture(scope="module")

@@ -66,7 +66,7 @@ class TestDidYouMean:
         assert did_you_mean("xyz", ["scale", "mode"]) == "known: `mode`, `scale`"
 
     def test_nothing_known(self) -> None:
-        assert did_you_mean("xyz", []) == ""
+        assert did_you_mean("xyz", []) == "there is none"
 
     def test_long_lists_are_cut(self) -> None:
         text = did_you_mean("?", (f"name{index:02d}" for index in range(13)))

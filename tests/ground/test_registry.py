@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -135,10 +137,58 @@ def test_a_dotted_path_imports_its_module(tmp_path: Path, monkeypatch: pytest.Mo
     assert registry.get("reward", "FarReward") is cls
 
 
-def test_a_module_that_fails_by_itself_shows_its_own_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_module(tmp_path, monkeypatch, "ground_broken_module", "import no_such_dependency\n")
-    with pytest.raises(ModuleNotFoundError, match="no_such_dependency"):
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("import no_such_dependency\n", "py:1: ModuleNotFoundError: No module named 'no_such_dependency'"),
+        ("x = 1\n1 / 0\n", "py:2: ZeroDivisionError: division by zero"),
+        ("class FarReward(:\n", "py:1: SyntaxError: invalid syntax"),
+        ("raise SystemExit(3)\n", "py:1: SystemExit: 3"),
+    ],
+)
+def test_a_module_that_fails_by_itself_is_named_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str
+) -> None:
+    write_module(tmp_path, monkeypatch, "ground_broken_module", text)
+    with pytest.raises(RegistryError) as caught:
         registry.get("reward", "ground_broken_module.FarReward")
+    assert str(caught.value).startswith("module 'ground_broken_module' cannot be imported: ")
+    assert told in str(caught.value)
+
+
+def test_an_abstract_class_is_no_plugin_to_name() -> None:
+    with pytest.raises(RegistryError, match=r"'safe_inspect.rewards.Reward' is an abstract class; name one of"):
+        registry.get("reward", "safe_inspect.rewards.Reward")
+
+
+def test_a_package_that_cannot_be_imported_is_named_and_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    class EntryPoint:
+        module = "broken.plugins"
+        dist = types.SimpleNamespace(name="broken-package")
+
+        def load(self) -> None:
+            raise ImportError("no module named 'thruster'")
+
+    monkeypatch.setattr(module, "entry_points", lambda group: [EntryPoint()])
+    with pytest.warns(RuntimeWarning, match=r"plugins of broken-package are missing.*broken.plugins.*'thruster'"):
+        Registry().kinds()
+
+
+@pytest.mark.parametrize("first", ["glues", "rewards", "platforms", "rta"])
+def test_a_package_may_import_the_bases_of_any_kind(tmp_path: Path, first: str) -> None:
+    """An entry point that is loaded while `safe_inspect.glues` is still being imported finds what it needs."""
+    (tmp_path / "acme").mkdir()
+    (tmp_path / "acme" / "__init__.py").write_text("from safe_inspect.glues import Normalizer, ObservationGlue\n")
+    info = tmp_path / "acme-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[{ENTRY_POINT_GROUP}]\nacme = acme\n")
+    code = f"import safe_inspect.{first}; from safe_inspect.plugins.registry import registry; registry.kinds()"
+    done = subprocess.run(
+        [sys.executable, "-W", "error::RuntimeWarning", "-c", code],
+        capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
 
 
 def test_entry_points_are_loaded_at_the_first_look_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,16 +12,20 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.messages.file_schemas import FILES, model_schema
-from safe_inspect.config.models.learning import check_learning
+from safe_inspect.config.models.learning import check_learning, flight_note
 from safe_inspect.errors import ConfigError, RegistryError, did_you_mean
+from safe_inspect.evaluation.policies import BASELINES
+from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.outputs import new_file
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.experiment import is_rendezvous, load_rendezvous
 from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.task_ids import ALL_TASKS, TEAM_TASKS
 
 #: The model of every kind of file that has a schema.
 _SCHEMAS: dict[str, type[BaseModel]] = {**FILES, "rendezvous": RendezvousConfig}
@@ -30,9 +34,38 @@ _FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
 
 
 def run_list(arguments: argparse.Namespace) -> int:
-    """Print the plugins."""
-    print(catalogue(arguments.kind, arguments.name))
+    """Print the tasks, the shipped policies, or plugins."""
+    lists = {"tasks": _tasks, "policies": _policies}
+    if arguments.kind in lists and arguments.name is None:
+        print(lists[arguments.kind]())
+    else:
+        print(catalogue(arguments.kind, arguments.name))
     return 0
+
+
+def _tasks() -> str:
+    """Return the id of each shipped task, its file and what the file says of it."""
+    blocks = []
+    for name, file in ALL_TASKS.items():
+        path = configs_root() / file
+        head = re.match(r"(#.*\n)+", path.read_text(encoding="utf-8"))
+        about = re.split(r"\.\s", head[0].replace("\n#", "").lstrip("# "))[0] if head else ""
+        agents = "several agents: safe_inspect.make_parallel" if name in TEAM_TASKS else "gymnasium.make"
+        blocks.append(f"{name}  ({agents})\n    configs/{file}\n    {about}")
+    return "\n".join(blocks)
+
+
+def _policies() -> str:
+    """Return the name of each shipped policy and what its card says of it, and of each scripted policy."""
+    blocks = []
+    for name in shipped_policies():
+        about = shipped_policy(name).card.read_text(encoding="utf-8").split("\n\n")[1]
+        blocks.append(f"{name}  (trained: safe-inspect evaluate --policy {name})\n    {' '.join(about.split())}")
+    short = {plugin: name for name, plugin in BASELINES.items()}
+    for name, cls in registry.items("policy"):
+        also = f", also {short[name]}" if name in short else ""
+        blocks.append(f"{name}  (scripted{also})\n    {(inspect.getdoc(cls) or '').partition(chr(10))[0]}")
+    return "\n".join(blocks)
 
 
 def run_validate(arguments: argparse.Namespace) -> int:
@@ -44,7 +77,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
         return 0
     experiment = load_experiment(arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform)
     settings = check_learning(experiment, read_settings)
-    for note in settings.notes:
+    for note in filter(None, (*settings.notes, flight_note(experiment))):
         print(f"note: {note}", file=sys.stderr)
     agents = ", ".join(f"{agent.name} on {agent.platform}" for agent in experiment.spec.agents)
     print(f"{arguments.cfg} is valid: {experiment.algorithm}, {agents}")
@@ -76,7 +109,7 @@ def catalogue(kind: str | None = None, name: str | None = None) -> str:
     """
     kinds = registry.kinds()
     if kind is not None and kind not in kinds:
-        raise RegistryError(f"unknown kind {kind!r}; {did_you_mean(kind, kinds)}")
+        raise RegistryError(f"unknown kind {kind!r}; {did_you_mean(kind, [*kinds, 'tasks', 'policies'])}")
     blocks = []
     names = set()
     for each in (kind,) if kind else kinds:

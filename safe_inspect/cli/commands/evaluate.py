@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
 from typing import Any
 
+from safe_inspect.cli.common import is_override
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.results.comparison import compare
@@ -117,7 +117,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
 def _sources(arguments: argparse.Namespace) -> list[str]:
     """Return the sources among the words; the others are overrides."""
     words = [*arguments.words]
-    texts = [word for word in words if "=" not in word or Path(word).exists()]
+    texts = [word for word in words if not is_override(word)]
     arguments.overrides = [*(word for word in words if word not in texts), *arguments.overrides]
     texts += [f"{SHIPPED}{name}" for name in arguments.policy]
     return list(dict.fromkeys(texts))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment, load_experiment
-from safe_inspect.config.models.learning import check_learning, placed
+from safe_inspect.config.models.learning import check_learning, flight_note, placed
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError
@@ -32,7 +32,7 @@ def run_train(arguments: argparse.Namespace) -> int:
         raise ConfigError("no experiment: give its file with --cfg, or an earlier run's folder with --resume")
     experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)
     settings = check_learning(experiment, read_settings)
-    for note in settings.notes:
+    for note in filter(None, (*settings.notes, flight_note(experiment))):
         print(f"note: {note}", file=sys.stderr)
     if arguments.dry_run:
         print(dry_run(experiment))
@@ -68,10 +68,7 @@ def dry_run(experiment: Experiment, steps: int = 20) -> str:
     generator = np.random.default_rng(0)
     for _ in range(steps):
         over = environment.step(
-            [
-                generator.uniform(layout.low, layout.high, (4, size, layout.size))
-                for layout, size in ((group.action_layout, group.size) for group in environment.acting)
-            ]
+            [group.action_layout.draw(generator, (4, group.size)) for group in environment.acting]
         ).over
         if over.any():
             environment.reset(np.flatnonzero(over))
@@ -111,7 +108,8 @@ def _closing(result: Any) -> str:
         lines += trial_table(result.trials)
         lines.append(f"trials:      {result.trials[0].folder.parent}")
     else:
-        lines = [f"{state} after {result.iteration} iterations, {result.steps} steps, {result.seconds:.0f} s"]
+        iterations = f"{result.iteration} iteration{'s' * (result.iteration != 1)}"
+        lines = [f"{state} after {iterations}, {result.steps} steps, {result.seconds:.0f} s"]
     if result.checkpoint is not None:
         lines.append(f"checkpoint:  {result.checkpoint}")
     drawn = _draw_curve(result.folder)

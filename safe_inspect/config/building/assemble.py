@@ -26,7 +26,7 @@ from safe_inspect.config.messages.messages import message
 from safe_inspect.config.models.experiment import AgentBody, AgentEntry, ExperimentConfig
 from safe_inspect.config.names import agent_names, world_names
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.dones.base import DoneFunction
+from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
@@ -176,6 +176,10 @@ def _agent(
             if named.name in seen:
                 report((*base, key, index), f"two {key} are named {named.name!r}; give one of them a `name` of its own")
             seen.add(named.name)
+            if key == "dones" and not isinstance(getattr(named.functor, "status", None), DoneStatus):
+                report(
+                    (*base, key, index), f"{named.name} has no `status`; give its class one, such as DoneStatus.LOSE"
+                )
     if sound:
         _check_glues(body.glues, parts, (*base, "glues"), report, observes=scripted is None)
     return AgentSpec(

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from safe_inspect.config.loading.located import LocatedDict, LocatedList
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal
 from safe_inspect.errors import Location, Problem
 
 _STANDARD = "tag:yaml.org,2002:"
@@ -78,6 +78,8 @@ class Constructor:
                 if not node.value.strip():
                     return self._wrong(node, "`!include` names no file", "write `!include FILE`")
                 return self._include(node.value.strip(), self._place(node.start_mark))
+            if tag == "!remove" and not node.value:
+                return Removal()
             if tag in _SCALARS:
                 return self._scalar(node)
         elif isinstance(node, yaml.MappingNode) and tag == f"{_STANDARD}map":
@@ -94,7 +96,7 @@ class Constructor:
         return self._wrong(
             node,
             f"the tag `{shown}` is not known",
-            "the tags are `!include FILE` and, in lists, `!include-extend FILE`",
+            "the tags are `!include FILE`, in lists `!include-extend FILE`, and in what is merged `!remove`",
         )
 
     def _sequence(self, node: Any) -> LocatedList:

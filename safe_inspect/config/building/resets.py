@@ -184,7 +184,7 @@ def _check_source(
         return None
     states = source.initializer.gives if isinstance(source, RejectionSampler) else {}
     if state and state not in states and (states or isinstance(source, ScalarParameter)):
-        report(where, f"{name!r} has no state {state!r}; {did_you_mean(state, states)}".rstrip("; "))
+        report(where, f"{name!r} has no state {state!r}; {did_you_mean(state, states)}")
         return None
     return source
 

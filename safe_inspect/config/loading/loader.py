@@ -1,11 +1,11 @@
 """The configuration loader: YAML files to a tree that knows where each key stands.
 
-The language is YAML 1.1 with safe types; no tag evaluates code. It has two tags
+The language is YAML 1.1 with safe types; no tag evaluates code. It has three tags
 of its own. ``!include FILE``: ``./FILE`` lies beside the including file; any other
 name is looked for from the working directory, from the folder above the
 including file that contains ``configs``, and in the package's own configurations.
 ``!include-extend FILE``, an item of a list, stands for the items of the list in
-that file.
+that file. ``key: !remove`` in a mapping that is merged removes the key of an earlier one.
 """
 
 from __future__ import annotations
@@ -16,10 +16,15 @@ from typing import Any
 
 from safe_inspect.config.building.construct import Constructor
 from safe_inspect.config.loading.includes import display_path, hint, places
+from safe_inspect.config.loading.located import locate
 from safe_inspect.config.loading.syntax import compose, decode
 from safe_inspect.errors import ConfigError, Location, Problem
 
 COMMAND_LINE = "command line"
+
+#: The largest file that is parsed [bytes], and the most values that a tree may stand for, aliases and includes counted
+#: each time that they are used. The shipped experiments are files of some kilobytes and 500 to 2,000 values.
+MAX_BYTES, MAX_VALUES = 1_000_000, 200_000
 
 
 def load(path: str | os.PathLike[str]) -> Any:
@@ -72,7 +77,22 @@ def parse(text: str, location: Location) -> Any:
 def _finish(loading: _Loading, tree: Any) -> Any:
     if loading.problems:
         raise ConfigError(loading.problems)
+    count = _count(tree, {})
+    if count > MAX_VALUES:
+        message = f"with its aliases and includes it stands for {count:.3g} values; at most {MAX_VALUES:,} are read"
+        raise ConfigError(
+            Problem(message, location=locate(tree, ()), hint="use fewer aliases, or a template (`count`)")
+        )
     return tree
+
+
+def _count(tree: Any, known: dict[int, int]) -> int:
+    """Return how many values a tree stands for, written out; each shared container is walked once."""
+    if not isinstance(tree, (dict, list)):
+        return 1
+    if id(tree) not in known:
+        known[id(tree)] = 1 + sum(_count(value, known) for value in (tree.values() if isinstance(tree, dict) else tree))
+    return known[id(tree)]
 
 
 class _Loading:
@@ -112,9 +132,13 @@ class _Loading:
             files = f"name one of its files: {', '.join(names)}" if names else "name a file"
             return self._wrong(f"{file!r} is a directory", location, files)
         try:
-            data = path.read_bytes()
+            with path.open("rb") as stream:
+                data = stream.read(MAX_BYTES + 1)
         except OSError as error:
             return self._wrong(f"cannot read {file!r}: {error.strerror or error}", location, "")
+        if len(data) > MAX_BYTES:
+            hint = "is it a configuration? If so, split it and `!include` the parts"
+            return self._wrong(f"{file!r} is larger than {MAX_BYTES / 1e6:g} MB", location, hint)
         try:
             node = compose(decode(data, file), file)
         except ConfigError as error:

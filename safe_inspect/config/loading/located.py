@@ -89,6 +89,13 @@ class LocatedList(list[Any]):
         return LocatedList, (list(self), self.marks, self.location)
 
 
+class Removal:
+    """What ``!remove`` stands for: a merge leaves the key out that an earlier mapping has."""
+
+    def __repr__(self) -> str:
+        return "`!remove`, which removes a key of an earlier mapping of a merged list"
+
+
 def locate(tree: Any, path: KeyPath) -> Location | None:
     """Return the deepest known location on the path.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate
-from safe_inspect.errors import ConfigError, Location, Problem
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal, locate
+from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: What a key ends in whose list is appended.
 APPEND = "+"
@@ -19,7 +19,8 @@ def merge(items: Any) -> LocatedDict:
     value, adds nothing.
     Mappings merge key by key to any depth; of everything else, lists included,
     the later value wins. A key that ends in ``+`` appends its list to the list
-    of the key without it: ``rewards+`` adds to ``rewards``. Marks follow the
+    of the key without it: ``rewards+`` adds to ``rewards``. The value ``!remove``
+    leaves a key out. Marks follow the
     winning value. Nothing is changed in place.
 
     Raises:
@@ -55,6 +56,13 @@ def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
         if isinstance(key, str) and key.endswith(APPEND):
             _append(merged, key.removesuffix(APPEND), value, locate(second, (key,)))
             continue
+        if isinstance(value, Removal):
+            if key not in merged:
+                hint = did_you_mean(str(key), merged)
+                raise ConfigError(Problem("there is no such key to remove", str(key), marks.get(key), hint))
+            del merged[key]
+            merged.marks.pop(key, None)
+            continue
         old = merged.get(key)
         merged[key] = _pair(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
         if key in marks:
@@ -69,7 +77,9 @@ def _append(merged: LocatedDict, key: str, items: Any, location: Location | None
     base = merged.get(key)
     for value, what in ((items, f"`{key}{APPEND}`"), (base, f"`{key}`, to which it adds,")):
         if not isinstance(value, list):
-            raise ConfigError(Problem(f"{what} is no list but {value!r}", key + APPEND, location))
+            lists = [name for name, old in merged.items() if isinstance(old, list)]
+            hint = "" if key in merged else did_you_mean(key, lists)
+            raise ConfigError(Problem(f"{what} is no list but {value!r}", key + APPEND, location, hint))
     assert isinstance(base, list)
     marks = {index: mark for index in range(len(base)) if (mark := locate(base, (index,))) is not None}
     marks |= {len(base) + index: mark for index in range(len(items)) if (mark := locate(items, (index,))) is not None}

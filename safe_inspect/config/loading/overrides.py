@@ -3,7 +3,8 @@
 A component of the path is a key, or for the items of a list an index or a name:
 the item's ``name``, the class it names, or its controller or sensor. A path whose first
 component is not at the root is the end of a path, and stands for the one place
-that it fits.
+that it fits. Where no file has the last component, it stands for the one place that may have it
+(`safe_inspect.config.loading.known_places`). ``~path`` removes a key or an item.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from safe_inspect.config.loading.known_places import learning_keys, may_have, spellings, with_empty_mappings
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, has
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, has, locate
 from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
@@ -48,26 +50,82 @@ def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
 
 
 def _apply(tree: Any, override: str, location: Location) -> Any:
-    dotted, equals, text = override.partition("=")
+    removes = override.startswith("~")
+    dotted, equals, text = override.removeprefix("~").partition("=")
     parts = dotted.strip().split(".")
-    if not equals or not all(parts):
-        raise ConfigError(Problem("not an override", location=location, hint="write it as `path.of.keys=value`"))
-    value = parse(text, location)
-    if any(True for _ in _steps(tree, parts[0])):
-        found = _walk(tree, parts)
-        if not found:
-            found = [(*path, parts[-1]) for path in _walk(tree, parts[:-1]) if isinstance(_at(tree, path), Mapping)]
-    else:
-        found = [path + end for path in _containers(tree) for end in _walk(_at(tree, path), parts)]
-        found = list(dict.fromkeys(found))
+    if bool(equals) == removes or not all(parts):
+        hint = "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"
+        raise ConfigError(Problem("not an override", location=location, hint=hint))
+    parts = _with_platform(tree, parts)
+    found = _existing(tree, parts)
+    if removes:
+        if len(found) == 1:
+            return _removed(tree, found[0])
+    elif not found:
+        found = [(*path, parts[-1]) for path in _walk(tree, parts[:-1]) if isinstance(_at(tree, path), Mapping)]
+        if not any(True for _ in _steps(tree, parts[0])):
+            tree, found = _missing(tree, parts)
     if len(found) == 1:
-        return _replaced(tree, found[0], value, location)
+        return _replaced(tree, found[0], parse(text, location), location)
     if found:
         candidates = ", ".join(f"`{'.'.join(map(str, path))}`" for path in found[:12])
         more = f" and {len(found) - 12} more" if len(found) > 12 else ""
         message = f"`{dotted}` fits {len(found)} places"
         raise ConfigError(Problem(message, location=location, hint=f"write one of {candidates}{more}"))
     raise ConfigError(_unknown(tree, parts, location))
+
+
+def _existing(tree: Any, parts: list[str]) -> list[Found]:
+    """Return every place of the tree that a path fits, from the root or as the end of a path."""
+    if any(True for _ in _steps(tree, parts[0])):
+        return _walk(tree, parts)
+    return list(dict.fromkeys(path + end for path in _containers(tree) for end in _walk(_at(tree, path), parts)))
+
+
+def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
+    """Return the tree and every place that a path fits whose key no file has, or has by another of its names."""
+    for name in spellings(parts[-1]):
+        found = _existing(tree, [*parts[:-1], name])
+        if found:
+            return tree, found
+    filled = with_empty_mappings(tree)
+    holders = [path for path in _containers(filled) if isinstance(_at(filled, path), Mapping)]
+    if len(parts) > 1:
+        fitting = set(_existing(filled, parts[:-1]))
+        holders = [path for path in holders if path in fitting]
+    for name in spellings(parts[-1]):
+        found = [(*path, name) for path in holders if may_have(filled, path, name)]
+        if found:
+            return filled, found
+    return tree, []
+
+
+def _with_platform(tree: Any, parts: list[str]) -> list[str]:
+    """Return a path in which the only compute platform stands after `rllib_configs`, where it is left out."""
+    for index, part in enumerate(parts[:-1]):
+        for path in _existing(tree, ["rllib_configs"]) if part == "rllib_configs" else ():
+            names = [str(name) for name in _at(tree, path) or ()]
+            if len(names) == 1 and parts[index + 1] not in names:
+                return [*parts[: index + 1], *names, *parts[index + 1 :]]
+    return parts
+
+
+def _removed(tree: Any, path: Found) -> Any:
+    """Return the tree without what stands at a path."""
+    holder = _at(tree, path[:-1])
+    if isinstance(holder, Mapping):
+        rest: Any = LocatedDict(holder, getattr(holder, "marks", None), getattr(holder, "location", None))
+        del rest[path[-1]]
+        rest.marks.pop(path[-1], None)
+    else:
+        kept = [index for index in range(len(holder)) if index != path[-1]]
+        marks = getattr(holder, "marks", {})
+        marks = {new: marks[old] for new, old in enumerate(kept) if old in marks}
+        rest = LocatedList([holder[index] for index in kept], marks, getattr(holder, "location", None))
+    if len(path) == 1:
+        return rest
+    location = locate(tree, path[:-1])
+    return _replaced(tree, path[:-1], rest, location)
 
 
 def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
@@ -79,10 +137,11 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
             known |= _names(_at(tree, path))
         within = ".".join(parts[:depth])
         message = f"nothing is called `{parts[depth]}` in `{within}`" + ("" if known else ", which holds no keys")
-        return Problem(message, "", location, did_you_mean(parts[depth], known))
+        return Problem(message, "", location, did_you_mean(parts[depth], known) if known else "")
     for path in _containers(tree):
         known |= _names(_at(tree, path))
     first = next((part for part in parts if part not in known), None)
+    known |= learning_keys(tree)
     if first is None:
         message = f"no path of the configuration ends in `{'.'.join(parts)}`"
         return Problem(message, "", location, "write it from the root")
@@ -161,7 +220,7 @@ def _at(tree: Any, path: Found) -> Any:
     return tree
 
 
-def _replaced(tree: Any, path: Found, value: Any, location: Location) -> Any:
+def _replaced(tree: Any, path: Found, value: Any, location: Location | None) -> Any:
     """Return the tree with another value at a path; only the containers on the path are copied."""
     if not path:
         return value
@@ -169,6 +228,6 @@ def _replaced(tree: Any, path: Found, value: Any, location: Location) -> Any:
     kind = LocatedDict if isinstance(tree, Mapping) else LocatedList
     copied = kind(tree, getattr(tree, "marks", None), getattr(tree, "location", None))
     copied[key] = _replaced(tree[key], rest, value, location) if has(tree, key) else value
-    if not rest:
+    if not rest and location is not None:
         copied.marks[key] = location
     return copied

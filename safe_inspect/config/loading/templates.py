@@ -99,7 +99,8 @@ def _platform(
         return
     if name not in counts:
         path = (*where, "name")
-        hint = did_you_mean(name, counts) or f"name it under `platforms` of an agent with `{NUMBER}` in its name"
+        hint = f"name it under `platforms` of an agent with `{NUMBER}` in its name"
+        hint = did_you_mean(name, counts) if counts else hint
         problems.append(Problem(f"no agent controls platforms {name!r}", path_text(path), locate(tree, path), hint))
     for number in range(counts.get(name, 1)):
         yield _numbered(entry, number)

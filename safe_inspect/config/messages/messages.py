@@ -67,7 +67,8 @@ def message(error: Mapping[str, Any]) -> tuple[str, str]:
     """Return what is wrong and what to do, the latter often empty."""
     kind, said = error["type"], str(error["msg"])
     if kind == "missing":
-        return "the key is missing", ""
+        item = error["loc"][-1] if error.get("loc") else ""
+        return f"item {item} of the list is missing" if isinstance(item, int) else "the key is missing", ""
     if kind == "functor_key":
         return said, ""
     if kind == "value_error":

@@ -108,7 +108,7 @@ def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, mode
     where = prefix + fault.path
     if fault.error["type"] == "extra_forbidden":
         known = known_keys(start, fault.path[:-1], model)
-        text, hint = f"unknown key `{fault.path[-1]}`", did_you_mean(str(fault.path[-1]), known)
+        text, hint = f"unknown key `{fault.path[-1]}`", did_you_mean(str(fault.path[-1]), known) if known else ""
         if not known and not fault.error["msg"].startswith("Extra inputs"):
             text, hint = fault.error["msg"], ""  # a plugin that builds another names the keys itself
     else:

@@ -20,6 +20,7 @@ from safe_inspect.config.models.compat import (
     one_of,
 )
 from safe_inspect.config.models.functor_fields import ParameterField, named_field
+from safe_inspect.dones.time_limit import MAX_HORIZON
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.units import PositiveFrequency
 
@@ -77,7 +78,7 @@ class EnvironmentConfig(EnvironmentKeys, Model):
         output_path: Folder in which run folders are made.
     """
 
-    horizon: int | None = Field(default=None, ge=1)
+    horizon: int | None = Field(default=None, ge=1, le=MAX_HORIZON)
     simulator: functor_field("simulator")  # type: ignore[valid-type]
     simulator_reset_parameters: ResetParameters = ResetParameters()
     plugin_paths: tuple[str, ...] = ()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment
+from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS
 from safe_inspect.config.loading.located import has, locate, path_text
 from safe_inspect.config.loading.templates import NUMBER
 from safe_inspect.errors import ConfigError, Problem
@@ -36,9 +37,39 @@ def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any, Any], 
     task = experiment.config.config.config
     rllib = {"algorithm": experiment.algorithm, **experiment.rllib}
     settings = read(rllib, task.tune_config, task.ray_config, tuple(experiment.policies.values()))
-    if settings.problems:
-        raise ConfigError(placed(experiment, settings.problems))
+    problems = [*settings.problems, *_unfit_actions(experiment)]
+    if problems:
+        raise ConfigError(placed(experiment, problems))
     return settings
+
+
+def flight_note(experiment: Experiment) -> str:
+    """Return what to tell of an algorithm whose policies `evaluate` and `export` refuse; empty for the others."""
+    config = next(policy.config for policy in experiment.policies.values() if policy.trains)
+    keys = {**experiment.rllib, **config}
+    model = keys.get("model_config", keys.get("model")) or {}
+    recurrent = isinstance(model, Mapping) and model.get("use_lstm")
+    if experiment.algorithm in FLOWN_ALGORITHMS and not recurrent:
+        return ""
+    if recurrent and experiment.algorithm in FLOWN_ALGORITHMS:
+        return "recurrent policies are flown by `evaluate`, but not exported to ONNX"
+    others = ", ".join(FLOWN_ALGORITHMS)
+    return f"policies of {experiment.algorithm} train and resume, but are not flown or exported; those of {others} are"
+
+
+def _unfit_actions(experiment: Experiment) -> list[Problem]:
+    """Return the mistake of an algorithm that cannot learn the actions of the task, with the remedy."""
+    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
+    leaves = [(leaf, agent) for agent in agents for glue in agent.action_glues for leaf in glue.leaves()]
+    levels = any(count for leaf, agent in leaves for count in leaf.choices(agent.parts))
+    actions = "choices among levels, one for each controller" if levels else "real numbers"
+    path = "rllib_configs.algorithm"
+    if experiment.algorithm == "DQN":
+        return [Problem(f"DQN learns one choice, and the actions are {actions}", path, hint="use PPO, APPO or IMPALA")]
+    if experiment.algorithm == "SAC" and levels:
+        hint = "replace DiscreteControllerGlue by ControllerGlue, or use PPO"
+        return [Problem(f"SAC learns real numbers, and the actions are {actions}", path, hint=hint)]
+    return []
 
 
 def _placed(experiment: Experiment, problem: Problem) -> Problem:

@@ -11,6 +11,7 @@ from pettingzoo import ParallelEnv
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
 from safe_inspect.environments.facades.by_agent import checked_actions, places_of
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
@@ -33,7 +34,7 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
     Args:
         spec: The task.
         slot: Global index of the environment slot.
-        render_mode: Must be None; `safe_inspect.evaluation` draws recorded episodes.
+        render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step is shown in a window; None: neither.
 
     Attributes:
         possible_agents: Names of the agents, in their order.
@@ -42,14 +43,18 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         np_random_seed: The seed of the episodes; None before the first reset.
     """
 
-    metadata = {"render_modes": [], "name": "safe_inspect", "is_parallelizable": True}  # noqa: RUF012 - as PettingZoo does
+    metadata = {  # noqa: RUF012 - as PettingZoo does
+        "render_modes": list(RENDER_MODES),
+        "render_fps": RENDER_FPS,
+        "name": "safe_inspect",
+        "is_parallelizable": True,
+    }
 
     def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode {render_mode!r} is not supported; record an episode and plot it")
-        self.render_mode = None
+        self.render_mode = checked_mode(render_mode)
         self.np_random_seed: int | None = None
         self.core = TeamEnvironment(spec, 1, first_slot=slot)
+        self._view = None if render_mode is None else Rendering(self.core, render_mode)
         acting = self.core.acting
         self._places = places_of(self.core)
         self._groups = [self.core.groups.index(group) for group in acting]
@@ -89,6 +94,8 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
             self.np_random_seed = checked_seed(seed)
         observations = self.core.reset(seed=seed)
         self.agents = list(self.possible_agents)
+        if self._view is not None:
+            self._view.begin()
         drawn = self.core.simulation.reset_info
         group_infos = [state_info(self.core.view(index), has_filter=self._has_filter) for index in self._groups]
         infos = {}
@@ -119,6 +126,8 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
             place = self._places[agent]
             arrays[place.group][0, place.member] = action
         transition = self.core.step(arrays)
+        if self._view is not None:
+            self._view.follow()
         found = [transition.groups[index] for index in self._groups]
         group_infos = [transition_info(group, transition.filtered) for group in found]
         observations = self._by_agent([group.observation for group in found])
@@ -143,6 +152,21 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         seen = [part for component in team.world.offers.components for part in component.shared_state(team)]
         parts = (team.position, team.velocity, team.finished != 0, *seen)
         return np.concatenate([np.asarray(part, dtype=np.float32).reshape(-1) for part in parts])
+
+    def render(self) -> Any:
+        """Return the picture of the current state, uint8, shape (480, 480, 3); None where a window shows it.
+
+        Raises:
+            SafeInspectError: The environment was made without a render mode, or no episode has begun.
+        """
+        if self._view is None:
+            raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array' or 'human'")
+        return self._view.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._view is not None:
+            self._view.close()
 
     def _by_agent(self, groups: tuple[AnyArray, ...] | list[AnyArray]) -> dict[str, Observation]:
         return {

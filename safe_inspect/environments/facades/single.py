@@ -10,6 +10,7 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
@@ -27,19 +28,19 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
     Args:
         spec: The task.
         slot: Global index of the environment slot.
-        render_mode: Must be None; `safe_inspect.evaluation` draws recorded episodes.
+        render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step is shown in a window; None: neither.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium declares it so
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}  # noqa: RUF012 - Gymnasium declares it so
 
     def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode {render_mode!r} is not supported; record an episode and plot it")
+        self.render_mode = checked_mode(render_mode)
         require_one_agent(spec, "InspectionEnv", "make_parallel")
         self.core = BatchedEnvironment(spec, 1, first_slot=slot)
         self.observation_space = box(self.core.observation_layout)
         self.action_space = action_space(self.core.action_layout)
         self._seeded = self._running = False
+        self._view = None if render_mode is None else Rendering(self.core.team, render_mode)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -61,6 +62,8 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
         self._seeded = True
         observation = self.core.reset(seed=seed)[0, 0]
         self._running = True
+        if self._view is not None:
+            self._view.begin()
         return observation, info_row(state_info(self.core.view()) | self.core.simulation.reset_info, 0)
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -79,4 +82,21 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
         terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
         self._running = not (terminated or truncated)
         info = step_info(transition, transition_info(transition), 0)
+        if self._view is not None:
+            self._view.follow()
         return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info
+
+    def render(self) -> Any:
+        """Return the picture of the current state, uint8, shape (480, 480, 3); None where a window shows it.
+
+        Raises:
+            SafeInspectError: The environment was made without a render mode, or no episode has begun.
+        """
+        if self._view is None:
+            raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array' or 'human'")
+        return self._view.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._view is not None:
+            self._view.close()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.episodes import state_info, transition_info
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
@@ -24,7 +25,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
     """N environments that step together.
 
     Infos hold arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
-    the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term.
+    the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term; and for each ``_NAME``, the
+    environments that it concerns, shape (N,), bool.
 
     Args:
         spec: The task.
@@ -34,7 +36,11 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             themselves (``reset(options={"reset_mask": mask})``).
         seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn, `np_random_seed`.
         first_slot: Global index of the first environment slot.
+        render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step of the first environment is shown in
+            a window; None: neither.
     """
+
+    _view: Rendering | None = None
 
     def __init__(
         self,
@@ -44,18 +50,27 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         seed: int | None = None,
         first_slot: int = 0,
+        render_mode: str | None = None,
     ) -> None:
+        self.render_mode = checked_mode(render_mode)
         require_one_agent(spec, "InspectionVectorEnv", "make_parallel_vec or make_parallel")
         self.num_envs = num_envs
         self.core = BatchedEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self.metadata = {
+            "render_modes": list(RENDER_MODES),
+            "render_fps": RENDER_FPS,
+            "autoreset_mode": self.autoreset_mode,
+        }
         self.single_observation_space = box(self.core.observation_layout)
         self.single_action_space = action_space(self.core.action_layout)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seed = seed
         self._begun = False
+        self._everyone = np.ones(num_envs, dtype=np.bool_)
+        self._everyone.flags.writeable = False
+        self._view = None if render_mode is None else Rendering(self.core.team, render_mode)
         self._ended: BoolArray = np.ones(num_envs, dtype=np.bool_)
         self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
 
@@ -81,11 +96,14 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             self._observation = self.core.reset(seed=one)[:, 0]
             self._ended = np.zeros(self.num_envs, dtype=np.bool_)
             self._begun = True
+            if self._view is not None:
+                self._view.begin()
         elif not self._begun:
             raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(rows)
-        return self._observation.copy(), state_info(self.core.view()) | self._drawn()
+        began = self._everyone if rows is None else np.isin(np.arange(self.num_envs), rows)
+        return self._observation.copy(), self._masked(state_info(self.core.view())) | self._drawn(began)
 
     def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
         """Hold the actions over one step; ended environments begin again as `autoreset_mode` says.
@@ -109,8 +127,10 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         if ended.any():
             actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
         transition = self.core.step(actions[:, None])
-        infos: dict[str, Any] = transition_info(transition)
+        infos: dict[str, Any] = self._masked(transition_info(transition))
         self._observation = transition.observation[:, 0]
+        if self._view is not None:
+            self._view.follow()
         reward = transition.reward[:, 0]
         terminated, truncated = transition.terminated[:, 0].copy(), transition.truncated[:, 0].copy()
         if ended.any():  # NEXT_STEP: this step is their reset
@@ -118,8 +138,10 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             reward[ended], terminated[ended], truncated[ended] = 0.0, False, False
             fresh = state_info(self.core.view())
             for name, array in infos.items():
+                if name.startswith("_"):
+                    continue
                 array[ended] = fresh[name][ended] if name in fresh else (np.inf if name == "rta/phi_min" else 0.0)
-            infos |= self._drawn()
+            infos |= self._drawn(ended)
         self._ended = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             rows, mask = np.flatnonzero(self._ended), self._ended.copy()
@@ -128,16 +150,41 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
                 final[index] = self._observation[index].copy()
             infos = {"final_obs": final, "final_info": dict(infos), "_final_obs": mask, "_final_info": mask} | infos
             self._begin(rows)
-            infos |= state_info(self.core.view()) | self._drawn()
+            infos |= state_info(self.core.view()) | self._drawn(mask)
         return self._observation.copy(), reward, terminated, truncated, infos
 
-    def _drawn(self) -> dict[str, AnyArray]:
-        """Return the statistics of the draws that began the current episodes, each of shape (N,)."""
-        return {name: array.copy() for name, array in self.core.simulation.reset_info.items()}
+    def render(self) -> Any:
+        """Return a picture of each environment, uint8, shape (480, 480, 3); None where a window shows the first.
+
+        Raises:
+            SafeInspectError: The batch was made without a render mode, or no episode has begun.
+        """
+        if self._view is None:
+            raise SafeInspectError("nothing is rendered: make the batch with render_mode='rgb_array' or 'human'")
+        if self.render_mode == "human":
+            return self._view.render()
+        return tuple(self._view.picture(row) for row in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the window, if there is one."""
+        if self._view is not None:
+            self._view.close()
+
+    def _masked(self, infos: dict[str, Any], rows: BoolArray | None = None) -> dict[str, Any]:
+        """Return infos with the mask of the environments that each concerns, ``_NAME``, as Gymnasium has it."""
+        mask = self._everyone if rows is None else rows.copy()
+        return infos | {f"_{name}": mask for name in infos}
+
+    def _drawn(self, rows: BoolArray) -> dict[str, AnyArray]:
+        """Return the statistics of the draws that began the episodes of some environments, each of shape (N,)."""
+        drawn = {name: array.copy() for name, array in self.core.simulation.reset_info.items()}
+        return self._masked(drawn, rows)
 
     def _begin(self, rows: NDArray[np.int64]) -> None:
         if len(rows):
             self._observation[rows] = self.core.reset(rows)[:, 0]
+            if self._view is not None:
+                self._view.begin(rows)
             self._ended[rows] = False
 
 

@@ -118,6 +118,18 @@ class OnnxPolicy:
         found = [_nearest(levels, thrust[:, column]) for column, levels in enumerate(self._levels)]
         return np.stack(found, axis=1)
 
+    def in_task_units(self, observation: NDArray[np.float32]) -> FloatArray:
+        """Return the actions (R, A) of the task itself, normalised or indices of levels, for its observations (R, O).
+
+        This serves environments that `prepare` has not changed. Readings are rounded to float32 once more.
+        """
+        centre, width = (element_columns(self.info.observation, name) for name in ("centre", "width"))
+        values = self((observation * width + centre).astype(np.float32))
+        if self.info.distribution == "gaussian":
+            return (values - self._offset) / self._gain
+        found = [np.abs(values[:, column, None] - levels).argmin(axis=1) for column, levels in enumerate(self._levels)]
+        return np.stack(found, axis=1).astype(np.float64)
+
     def outputs(self, observation: NDArray[np.float32]) -> tuple[AnyArray, AnyArray]:
         """Return both outputs of the file: `thrust` (R, A) and `action_dist_inputs` (R, I), float32.
 

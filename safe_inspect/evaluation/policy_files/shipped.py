@@ -95,8 +95,7 @@ def shipped_policy(name: str, root: Path | None = None) -> ShippedPolicy:
     root = _ROOT if root is None else root
     names = shipped_policies(root)
     if name not in names:
-        known = did_you_mean(name, names) or "this package holds none"
-        raise SafeInspectError(f"no shipped policy {name!r}; {known}")
+        raise SafeInspectError(f"no shipped policy {name!r}; {did_you_mean(name, names)}")
     record = root / name / RECORD
     try:
         agents = json.loads(record.read_text(encoding="utf-8"))["agents"]

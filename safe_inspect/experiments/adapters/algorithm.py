@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
-from safe_inspect.errors import ConfigError, Problem, did_you_mean
+from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
 from safe_inspect.experiments.adapters.registration import ENVIRONMENT
 from safe_inspect.experiments.modules.policy_info import policy_texts
 from safe_inspect.experiments.runs.checkpoints import SINGLE
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.policies import PolicySettings
+from safe_inspect.plugins.registry import import_user_module
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
@@ -28,6 +29,7 @@ _OWN = (
     "learner",
     "learner_threads",
     "evaluation_config",
+    "callbacks",
 )
 _UNSET = -1  # RLlib's mark of a removed attribute
 
@@ -70,7 +72,7 @@ def build_config(
     config.environment(ENVIRONMENT, env_config={**env_config, "several": bool(policies)}, disable_env_checking=True)
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
-    config.callbacks(callbacks_class=RunCallbacks)
+    config.callbacks(callbacks_class=[RunCallbacks, *_own_callbacks(settings.get("callbacks") or ())])
     _set_policies(config, settings, policies or {}, policy_texts(env_config, policies or {}))
     if settings["env_runner"] == "batched":
         from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
@@ -89,6 +91,30 @@ def build_config(
     except ValueError as error:
         raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
     return config
+
+
+def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:
+    """Return the classes of callbacks that an experiment names.
+
+    Raises:
+        ConfigError: There is no such class, or it is no `RLlibCallback`.
+    """
+    from ray.rllib.callbacks.callbacks import RLlibCallback
+
+    found, problems = [], []
+    for name in names:
+        module, _, attribute = name.rpartition(".")
+        try:
+            kind = getattr(import_user_module(module), attribute, None)
+            if isinstance(kind, type) and issubclass(kind, RLlibCallback):
+                found.append(kind)
+            else:
+                problems.append(f"{name!r} is no class of callbacks; derive it from ray.rllib's RLlibCallback")
+        except RegistryError as error:
+            problems.append(str(error))
+    if problems:
+        raise ConfigError([Problem(problem, "rllib_configs.callbacks") for problem in problems])
+    return found
 
 
 def claimed_processors(config: AlgorithmConfig) -> float:

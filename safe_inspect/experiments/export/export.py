@@ -23,7 +23,7 @@ from safe_inspect.experiments.export.export_check import (
     worst,
 )
 from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
-from safe_inspect.experiments.modules.policy import load_policy
+from safe_inspect.experiments.modules.policy import trained_policy
 from safe_inspect.experiments.modules.policy_info import policy_info
 from safe_inspect.experiments.runs.checkpoint_folders import configuration_of
 from safe_inspect.experiments.runs.checkpoints import MODULES, SINGLE, policy_folder, read_checkpoint
@@ -85,7 +85,7 @@ def export_policy(
         experiment = load_experiment(own)
     title = f"{checkpoint}, policy {folder.name}"
     agents = _agents(experiment, folder.name, title)
-    loaded = load_policy(checkpoint, folder.name)
+    loaded = trained_policy(checkpoint, folder.name)
     module = loaded.module
     check_module(module, title)
     if loaded.info is None:

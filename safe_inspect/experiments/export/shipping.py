@@ -121,7 +121,7 @@ def _copy_configuration(source: Path, target: Path) -> None:
 
 
 def _copy_weights(source: Path, target: Path) -> None:
-    """Copy of a checkpoint what `load_policy` reads, and seal it."""
+    """Copy of a checkpoint what `trained_policy` reads, and seal it."""
     for policy in policies_in(source):
         folder = target / MODULES / policy
         folder.mkdir(parents=True)

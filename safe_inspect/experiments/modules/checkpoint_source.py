@@ -61,9 +61,9 @@ def _chosen(path: Path, agent: AgentSpec) -> str:
 
 
 def _load(path: Path, name: str, sampled: bool | None, seed: int) -> Any:
-    from safe_inspect.experiments.modules.policy import load_policy  # loads Ray and Torch
+    from safe_inspect.experiments.modules.policy import trained_policy  # loads Ray and Torch
 
-    policy = load_policy(path, name, sampled=sampled, seed=seed)
+    policy = trained_policy(path, name, sampled=sampled, seed=seed)
     if policy.info is None:
         raise CheckpointError(
             f"{path}: the checkpoint does not say what its policy sees and does, so it is not flown; train again"

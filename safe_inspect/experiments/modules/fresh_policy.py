@@ -14,12 +14,11 @@ from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPP
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
+from safe_inspect.config.keys.rllib_keys import FRESH_KEYS
 from safe_inspect.errors import CheckpointError
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.evaluation.policy_files.shipped import shipped_policies
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
-from safe_inspect.experiments.modules.weights_file import INFO, Weights, read_weights
-from safe_inspect.experiments.runs.checkpoints import policy_folder
-from safe_inspect.experiments.settings.keys import FRESH_KEYS
+from safe_inspect.experiments.modules.weights_file import INFO, Weights, initial_weights
 
 _HIDDEN_GAIN = math.sqrt(2.0)
 _POLICY_GAIN = 0.01
@@ -78,19 +77,6 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
 
 def _last(head: torch.nn.Module) -> torch.nn.Linear:
     return [layer for layer in head.modules() if isinstance(layer, torch.nn.Linear)][-1]
-
-
-def initial_weights(source: str) -> Weights:
-    """Return the weights with which a policy begins.
-
-    Args:
-        source: Folder of a checkpoint with one policy, or the name of a policy that the package ships.
-
-    Raises:
-        CheckpointError: The checkpoint is missing or damaged, or its weights cannot be read without running code.
-    """
-    folder = shipped_policy(source).checkpoint if source in shipped_policies() else source
-    return read_weights(policy_folder(folder))
 
 
 def build_module(weights: Weights, title: str) -> FreshPolicy:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,9 @@ class TrainedPolicy:
             raise CheckpointError("the policy's actions are neither Gaussian nor categorical; only such can be flown")
         self._distribution = distribution
         self._categorical = isinstance(distribution, Categorical)
+        self.recurrent = bool(module.is_stateful())
+        self._memory: Any = None
+        self._rows = 0
         self._flight: Flight | None = None
         self._steps = 0
 
@@ -54,14 +58,25 @@ class TrainedPolicy:
         return info_of(self.module.model_config)
 
     def begin(self, flight: Flight) -> None:
-        """Take note of the slots of the rows of the next steps, for the draws."""
-        self._flight, self._steps = flight, 0
+        """Take note of the slots of the rows of the next steps, for the draws; a recurrent policy forgets."""
+        self._flight, self._steps, self._memory = flight, 0, None
 
     def inputs(self, observation: NDArray[np.float32]) -> AnyArray:
-        """Return the inputs of the action distributions, float32, shape (R, I), for observations (R, O)."""
+        """Return the inputs of the action distributions, float32, shape (R, I), for observations (R, O).
+
+        A recurrent policy remembers the rows of earlier steps, until `begin` is called or their number changes.
+        """
+        seen = torch.from_numpy(np.ascontiguousarray(observation))
         with torch.no_grad():
-            outputs = self.module.forward_inference({Columns.OBS: torch.from_numpy(np.ascontiguousarray(observation))})
-        return np.asarray(outputs[Columns.ACTION_DIST_INPUTS].numpy())
+            if not self.recurrent:
+                outputs = self.module.forward_inference({Columns.OBS: seen})
+                return np.asarray(outputs[Columns.ACTION_DIST_INPUTS].numpy())
+            if self._memory is None or self._rows != len(seen):
+                self._rows, self._memory = len(seen), _for_rows(self.module.get_initial_state(), len(seen))
+            batch = {Columns.OBS: seen[:, None], Columns.STATE_IN: self._memory}  # one step of time
+            outputs = self.module.forward_inference(batch)
+            self._memory = outputs[Columns.STATE_OUT]
+        return np.asarray(outputs[Columns.ACTION_DIST_INPUTS][:, 0].numpy())
 
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
         """Return the actions (R, A) for observations (R, O)."""
@@ -75,7 +90,15 @@ class TrainedPolicy:
         return actions
 
 
-def load_policy(
+def _for_rows(state: Any, count: int) -> Any:
+    """Return the state in which a recurrent module begins, nested as it is, once for each row."""
+    if isinstance(state, Mapping):
+        return {name: _for_rows(value, count) for name, value in state.items()}
+    row = torch.as_tensor(state)
+    return row.expand(count, *row.shape)
+
+
+def trained_policy(
     checkpoint: str | os.PathLike[str], policy: str | None = None, *, sampled: bool | None = None, seed: int = 0
 ) -> TrainedPolicy:
     """Return a policy of a checkpoint.

@@ -6,6 +6,7 @@ Ray and Torch are loaded for a checkpoint only, onnxruntime for an ONNX file onl
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import Experiment, build_experiment, load_experiment
 from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.loading.overrides import apply_overrides
@@ -28,10 +28,9 @@ from safe_inspect.experiments.runs.checkpoint_folders import configuration_of, n
 from safe_inspect.experiments.runs.checkpoints import read_checkpoint
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
-from safe_inspect.task_ids import TASKS, TEAM_TASKS
 
 #: The task of a source that has none of its own, when none is given.
-DEFAULT_TASK = "safe_inspect/TranslationalInspection-v0"
+DEFAULT_TASK = "safe_inspect/TranslationalInspection-v1"
 #: Starts a source that is a policy of the package, as a user writes it.
 SHIPPED = "--policy "
 
@@ -78,9 +77,7 @@ class Wanted:
 
     def load(self, cfg: str | os.PathLike[str]) -> Experiment:
         """Return an experiment with the overrides."""
-        tasks = TASKS | TEAM_TASKS
-        path = configs_root() / tasks[str(cfg)] if str(cfg) in tasks else cfg
-        return load_experiment(path, self.overrides, compute_platform=self.compute_platform)
+        return load_experiment(cfg, self.overrides, compute_platform=self.compute_platform)
 
     def build(self, resolved: Mapping[str, Any], source: str) -> Experiment:
         """Return the experiment of a resolved configuration with the overrides."""
@@ -152,6 +149,11 @@ def _open_scripted(text: str, wanted: Wanted, experiment: Experiment) -> Candida
 def _open_shipped(text: str, wanted: Wanted) -> Candidate:
     shipped = shipped_policy(text.removeprefix(SHIPPED))
     experiment = wanted.load(shipped.experiment if wanted.cfg is None else wanted.cfg)
+    if importlib.util.find_spec("onnxruntime") is None:  # the package holds the weights for Torch too
+        flying = checkpoint_policies(shipped.checkpoint, experiment.spec, wanted.sampled, wanted.seed)
+        digest = checkpoint_hash(shipped.checkpoint)
+        source = {"text": text, "kind": "shipped", "path": str(shipped.folder), "sha256": digest}
+        return Candidate(shipped.name, source, experiment, experiment.spec, flying)
     policies = shipped.load(wanted.sampled, wanted.seed)
     outside = [agent.name for agent in experiment.spec.agents if agent.scripted_policy is None]
     if len({id(policy) for policy in policies.values()}) == 1:  # it may fly agents of other names too

@@ -20,7 +20,8 @@ from safetensors import SafetensorError, safe_open
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo
-from safe_inspect.experiments.runs.checkpoints import weights_path
+from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.experiments.runs.checkpoints import policy_folder, weights_path
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
 
@@ -101,6 +102,19 @@ def read_weights(folder: Path) -> Weights:
         return Weights(arrays, _space(net["observation_space"]), _space(net["action_space"]), model)
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError, AssertionError) as error:
         raise CheckpointError(f"{path}: the weights are damaged ({error})") from None
+
+
+def initial_weights(source: str) -> Weights:
+    """Return the weights with which a policy begins.
+
+    Args:
+        source: Folder of a checkpoint with one policy, or the name of a policy that the package ships.
+
+    Raises:
+        CheckpointError: The checkpoint is missing or damaged, or its weights cannot be read without running code.
+    """
+    folder = shipped_policy(source).checkpoint if source in shipped_policies() else source
+    return read_weights(policy_folder(folder))
 
 
 def _plain(space: Space[Any]) -> dict[str, Any]:

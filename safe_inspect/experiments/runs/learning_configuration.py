@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from safe_inspect.experiments.settings.keys import PLACE_KEYS
+from safe_inspect.config.keys.rllib_keys import PLACE_KEYS
 from safe_inspect.experiments.settings.policies import PolicySettings
 
 _MISSING = "nothing"

@@ -96,8 +96,10 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
             raise
         except SafeInspectError:
             raise
-        except Exception:  # of Ray, Tune and PyArrow, which name a full disk by many errors or by none
+        except Exception as error:  # of Ray, Tune and PyArrow, which name a full disk by many errors or by none
             if not is_full(folder.path):
+                if _has_checkpoint(folder):
+                    error.add_note(f"the checkpoints are whole; go on with --resume {folder.path}")
                 raise
             hint = f"go on with --resume {folder.path}"
             hint = hint if _has_checkpoint(folder) else "start again, as there is no checkpoint yet"

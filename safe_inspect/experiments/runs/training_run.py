@@ -10,6 +10,7 @@ from typing import Any
 from safe_inspect import errors
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
+from safe_inspect.experiments.modules.weights_file import initial_weights
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.policies import PolicySettings, read_policies
 from safe_inspect.experiments.settings.search import Trial, trials_of
@@ -102,8 +103,22 @@ def read_settings(
     algorithm = tuned.settings.get("algorithm")
     translated = translate_rllib(rllib, algorithm)
     found, notes, problems = read_policies(policies, translated.settings["algorithm"])
+    problems += _unreadable_weights("rllib_configs", translated.settings)
+    for name, policy in found.items():
+        problems += _unreadable_weights(f"policies.{name}", policy.settings)
     trials: tuple[Trial, ...] = ()
     wrong: list[errors.Problem] = []
     if not translated.problems and not tuned.problems:
         trials, wrong = trials_of(rllib, translated, algorithm, tuned.settings["num_samples"])
     return Settings(translated, tuned, translate_ray(ray), found, tuple(notes), tuple(problems), trials, tuple(wrong))
+
+
+def _unreadable_weights(path: str, settings: Mapping[str, Any]) -> list[errors.Problem]:
+    """Return what is wrong with the weights with which a policy is to begin."""
+    source = settings.get("model_config", {}).get("initial_weights")
+    try:
+        if source is not None:
+            initial_weights(source)
+    except errors.CheckpointError as error:
+        return [errors.Problem(str(error), f"{path}.model_config.initial_weights")]
+    return []

@@ -193,11 +193,7 @@ class Sampler:
     def _act_at_random(self, rollout: Rollout, time: int) -> None:
         rollout.random = True
         for group, track, actions in zip(self.environment.acting, rollout.tracks, self._actions, strict=True):
-            layout = group.action_layout
-            if layout.choices:
-                actions[...] = self._generator.integers(0, layout.choices, actions.shape)
-            else:
-                actions[...] = self._generator.uniform(layout.low, layout.high, actions.shape)
+            actions[...] = group.action_layout.draw(self._generator, actions.shape[:-1])
             track.actions[:, :, time] = actions.transpose(1, 0, 2)
 
     def _begin_again(self, rollout: Rollout, time: int, transition: TeamTransition) -> None:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings.keys import Key
 from safe_inspect.experiments.settings.values import check_value, is_searched
 
 
@@ -90,7 +90,8 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             continue
         source[name] = str(given)
         if value is None and not tables.known[target].optional:
-            continue  # null asks for the default
+            notes.append(f"`{given}` is null, so its default holds")
+            continue
         if "." in name:
             settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
             continue

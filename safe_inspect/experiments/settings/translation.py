@@ -5,13 +5,15 @@ Nothing here imports Ray: `safe-inspect validate` answers in a fraction of a sec
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+from safe_inspect.config.keys import old_keys, run_keys
+from safe_inspect.config.keys import rllib_keys as keys
+from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings import keys, old_keys, run_keys
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
-from safe_inspect.experiments.settings.keys import Key
 from safe_inspect.experiments.settings.learner_choice import choose_learner
 from safe_inspect.experiments.settings.runner_choice import choose_runner
 from safe_inspect.experiments.settings.values import EVAL, GRID, check_value, is_searched, resolved_by_tune
@@ -20,6 +22,7 @@ _MODEL = KeyTables(
     keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
 )
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
+_LIMIT = Key("number", low=1, high=math.inf)
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, run_keys.RAY_ONLY_AT)
 
 
@@ -180,7 +183,7 @@ def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str
             continue
         if name != given and "/" not in str(given) and str(given) not in name:
             notes.append(f"`stop.{given}` is now `{name}`")
-        limit, mistake = check_value(Key("number"), value)
+        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else Key("number"), value)
         if mistake:
             problems.append(Problem(mistake, where))
         elif name in settings:

@@ -6,10 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import did_you_mean
-from safe_inspect.experiments.settings.keys import Key
 
 GRID = "grid_search"
+#: What a key without a limit of its own may be: less than what C's integers and floats take.
+_GREATEST = {"integer": 2**31 - 1, "integers": 2**31 - 1, "number": 1e300, "schedule": 1e300}
 EVAL = "eval"
 
 
@@ -61,8 +63,9 @@ def _number(key: Key, value: Any) -> tuple[Any, str]:
         return value, _expected(key, value)
     if key.low is not None and value < key.low:
         return value, f"{value} is too small; the least is {key.low:g}"
-    if key.high is not None and value > key.high:
-        return value, f"{value} is too large; the greatest is {key.high:g}"
+    high = _GREATEST[key.kind] if key.high is None else key.high
+    if value > high:
+        return value, f"{value} is too large; the greatest is {high:.10g}"
     return value, ""
 
 
@@ -105,7 +108,7 @@ def _schedule(key: Key, value: Any) -> tuple[Any, str]:
     for pair in value:
         if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
             return value, "a schedule is a list of pairs [step, value]"
-        step, late = _integer(Key("integer", low=0), pair[0])
+        step, late = _integer(Key("integer", low=0, high=2**63 - 1), pair[0])
         number, wrong = _number(key, pair[1])
         if late or wrong:
             return value, late or wrong
@@ -113,6 +116,13 @@ def _schedule(key: Key, value: Any) -> tuple[Any, str]:
     if not pairs or pairs[0][0] != 0:
         return value, "a schedule begins with step 0"
     return pairs, ""
+
+
+def _names(key: Key, value: Any) -> tuple[Any, str]:
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) and "." in name for name in names):
+        return value, _expected(key, value)
+    return list(names), ""
 
 
 _CHECKS = {
@@ -123,6 +133,7 @@ _CHECKS = {
     "mapping": _mapping,
     "integers": _integers,
     "schedule": _schedule,
+    "names": _names,
 }
 
 _NAMES = {
@@ -133,6 +144,7 @@ _NAMES = {
     "mapping": "a mapping",
     "integers": "a list of whole numbers",
     "schedule": "a number, or a list of pairs [step, value]",
+    "names": "a dotted path `module.Class`, or a list of them,",
 }
 
 

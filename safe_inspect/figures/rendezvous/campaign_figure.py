@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_inspect.figures.drawing import BLACK, BLUE, GREY, VERMILION, style
+from safe_inspect.figures.drawing import style
+from safe_inspect.geometry.picture import BLACK, BLUE, GREY, VERMILION
 from safe_inspect.rendezvous.campaign.tables import rate_of_success
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.figures.drawing import BLACK, GREY, style
+from safe_inspect.figures.drawing import style
 from safe_inspect.figures.rendezvous.mission_panels import draw_mission_times, outcome_of
 from safe_inspect.figures.rendezvous.mission_scene import (
     CAMERA,
@@ -23,6 +23,7 @@ from safe_inspect.figures.rendezvous.mission_scene import (
 )
 from safe_inspect.figures.rendezvous.polhode import draw_polhode
 from safe_inspect.figures.rendezvous.solid import Projection, best_view
+from safe_inspect.geometry.picture import BLACK, GREY
 from safe_inspect.rendezvous.record import MissionRecord
 from safe_inspect.rendezvous.summary import nominal_path
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
-from safe_inspect.figures.drawing import BLACK, GREY, ORANGE, PALE, style
+from safe_inspect.figures.drawing import style
 from safe_inspect.figures.rendezvous.mission_panels import LEAD
 from safe_inspect.figures.rendezvous.mission_scene import (
     FLIGHT,
@@ -19,6 +19,7 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     target_solid,
 )
 from safe_inspect.figures.rendezvous.solid import Projection, best_view
+from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.record import MissionRecord
 from safe_inspect.rendezvous.summary import nominal_path

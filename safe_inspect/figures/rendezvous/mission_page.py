@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.figures.drawing import BLACK, GREY
 from safe_inspect.figures.page import chart, page_of, rounded
 from safe_inspect.figures.rendezvous.mission_panels import AXIS_COLOURS, outcome_of, tracking_error
 from safe_inspect.figures.rendezvous.mission_scene import (
@@ -22,6 +21,7 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     target_solid,
 )
 from safe_inspect.figures.rendezvous.solid import Solid, best_view
+from safe_inspect.geometry.picture import BLACK, GREY
 from safe_inspect.rendezvous.record import MissionRecord
 from safe_inspect.rendezvous.summary import nominal_path
 from safe_inspect.types import AnyArray

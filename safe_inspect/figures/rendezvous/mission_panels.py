@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, PALE, VERMILION
 from safe_inspect.figures.rendezvous.mission_scene import FLIGHT, PHASE_COLOURS, PLANNED
+from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.record import FlownPlan, MissionRecord
 from safe_inspect.rendezvous.summary import nominal_path

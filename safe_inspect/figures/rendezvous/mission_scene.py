@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.figures.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION
 from safe_inspect.figures.rendezvous.solid import Projection, Solid
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.record import MissionRecord

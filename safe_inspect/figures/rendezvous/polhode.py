@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.figures.drawing import GREY
 from safe_inspect.figures.rendezvous.mission_scene import FLIGHT
 from safe_inspect.figures.rendezvous.solid import Projection
+from safe_inspect.geometry.picture import GREY
 from safe_inspect.types import FloatArray
 
 _CURVE_INK = "#C4C4C4"

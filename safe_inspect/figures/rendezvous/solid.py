@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.figures.chief_figure import picture_axes
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.geometry.picture import picture_axes
 from safe_inspect.types import BoolArray, FloatArray
 
 #: Most patches along an edge of a face.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from safe_inspect.experiments.settings.keys import Key
+from safe_inspect.config.keys.rllib_keys import Key
 
 TUNE_KEYS: dict[str, Key] = {
     "algorithm": Key("text"),
@@ -47,7 +47,12 @@ TUNE_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "resume": ((None, "", False), "use `--resume RUN_FOLDER` on the command line"),
     "search_alg": ((None,), _SEARCH),
     "scheduler": ((None,), _SEARCH),
-    "callbacks": ((None, [], ()), _SEARCH),
+    "callbacks": ((None, [], ()), "name RLlib's callbacks as `callbacks` among the RLlib keys"),
+    "loggers": (
+        (None, [], (), ["csv", "json", "tensorboard"]),
+        "the run folder holds progress.csv, result.json and the TensorBoard log; send them on from a class that "
+        "`callbacks` names, or synchronise the folder",
+    ),
     "resources_per_trial": ((None,), "give `num_env_runners`, `num_cpus_for_main_process`, ... in `rllib_configs`"),
 }
 
@@ -55,7 +60,6 @@ TUNE_DROPPED: dict[str, str] = {
     "verbose": "safe_inspect prints one line for each iteration",
     "progress_reporter": "safe_inspect prints one line for each iteration",
     "log_to_file": "Ray's logs are copied into the run folder when a run fails",
-    "loggers": "the run folder holds progress.csv and the TensorBoard log",
     "sync_config": "the run folder is on a disk that every node sees",
     "upload_dir": "the run folder is on a disk that every node sees",
     "raise_on_failed_trial": "a failed training is always an error",
@@ -69,12 +73,15 @@ TUNE_DROPPED: dict[str, str] = {
     "mode": "it ranks trials for a search algorithm, and there is none",
 }
 
-#: What a training may stop on, and the names of RLlib's old API stack.
-STOP_KEYS = (
+#: What a training may stop on, and the names of RLlib's old API stack. What only grows has a limit above 0.
+STOP_COUNTS = (
     "training_iteration",
     "num_env_steps_sampled_lifetime",
     "time_total_s",
     "env_runners/num_episodes_lifetime",
+)
+STOP_KEYS = (
+    *STOP_COUNTS,
     "env_runners/episode_return_mean",
     "env_runners/episode_return_max",
     "env_runners/episode_return_min",
@@ -108,7 +115,7 @@ RAY_KEYS: dict[str, Key] = {
     "num_cpus": Key("integer", low=1, optional=True),
     "num_gpus": Key("integer", low=0, optional=True),
     "resources": Key("mapping", optional=True),
-    "object_store_memory": Key("integer", low=78_643_200, optional=True),
+    "object_store_memory": Key("integer", low=78_643_200, high=2**63 - 1, optional=True),
     "include_dashboard": Key("boolean", optional=True),
     "dashboard_host": Key("text"),
     "dashboard_port": Key("integer", low=0, optional=True),

@@ -8,6 +8,7 @@ test compares them with the installed release of Ray.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +18,10 @@ class Key:
     """What a key takes.
 
     Attributes:
-        kind: ``integer``, ``number``, ``boolean``, ``text``, ``mapping``, ``integers`` (a list of them) or
-            ``schedule`` (a number, or pairs of step and number).
+        kind: ``integer``, ``number``, ``boolean``, ``text``, ``mapping``, ``integers`` (a list of them),
+            ``schedule`` (a number, or pairs of step and number) or ``names`` (a dotted path of a class, or a list).
         low: Least value of a number.
-        high: Greatest value of a number.
+        high: Greatest value of a number; infinity is a value only where it is the greatest.
         choices: The words that a text may be; for a number, words that it may be as well.
         optional: Whether null is a value.
     """
@@ -34,7 +35,7 @@ class Key:
 
 _COUNT = Key("integer", low=0)
 _POSITIVE = Key("integer", low=1)
-_SECONDS = Key("number", low=0)
+_SECONDS = Key("number", low=0, high=math.inf)
 _SHARE = Key("number", low=0, high=1)
 _AMOUNT = Key("number", low=0)
 _SWITCH = Key("boolean")
@@ -46,7 +47,7 @@ COMMON_KEYS: dict[str, Key] = {
     # training
     "gamma": _SHARE,
     "lr": Key("schedule", low=0),
-    "grad_clip": Key("number", low=0, optional=True),
+    "grad_clip": Key("number", low=0, high=math.inf, optional=True),
     "grad_clip_by": Key("text", choices=("value", "norm", "global_norm")),
     "train_batch_size_per_learner": _POSITIVE,
     "num_epochs": _POSITIVE,
@@ -62,7 +63,7 @@ COMMON_KEYS: dict[str, Key] = {
     "rollout_fragment_length": Key("integer", low=1, choices=("auto",)),
     "batch_mode": Key("text", choices=("truncate_episodes", "complete_episodes")),
     "explore": _SWITCH,
-    "sample_timeout_s": Key("number", low=0, optional=True),
+    "sample_timeout_s": Key("number", low=0, high=math.inf, optional=True),
     "validate_env_runners_after_construction": _SWITCH,
     "max_requests_in_flight_per_env_runner": _POSITIVE,
     "create_env_on_local_worker": _SWITCH,
@@ -115,7 +116,7 @@ COMMON_KEYS: dict[str, Key] = {
     "log_gradients": _SWITCH,
     "log_level": Key("text", choices=("DEBUG", "INFO", "WARN", "ERROR")),
     "log_sys_usage": _SWITCH,
-    "seed": Key("integer", low=0, optional=True),
+    "seed": Key("integer", low=0, high=2**32 - 1, optional=True),  # NumPy's generators, which RLlib seeds, take no more
     # failures
     "restart_failed_env_runners": _SWITCH,
     "ignore_env_runner_failures": _SWITCH,
@@ -137,8 +138,8 @@ PPO_KEYS: dict[str, Key] = {
     "kl_target": _AMOUNT,
     "vf_loss_coeff": _AMOUNT,
     "entropy_coeff": Key("schedule", low=0),
-    "clip_param": Key("number", low=0),
-    "vf_clip_param": Key("number", low=0),
+    "clip_param": Key("number", low=0, high=math.inf),
+    "vf_clip_param": Key("number", low=0, high=math.inf),
 }
 
 #: Algorithms whose own keys are in a table here; those of the others are checked when Ray is loaded.
@@ -146,6 +147,9 @@ ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS}
 
 #: Names of RLlib's algorithms for environments (the offline ones need data and are refused).
 ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
+
+#: Those whose policies can be flown and exported: their actions are Gaussian or categorical.
+FLOWN_ALGORITHMS = ("PPO", "APPO", "IMPALA")
 
 #: Keys of ours among RLlib's.
 OWN_KEYS: dict[str, Key] = {
@@ -155,6 +159,7 @@ OWN_KEYS: dict[str, Key] = {
     "env_runner": Key("text", choices=("batched", "stock")),
     "learner": Key("text", choices=("fast", "stock")),
     "learner_threads": _POSITIVE,
+    "callbacks": Key("names", optional=True),
 }
 
 #: What policies that learn together may have of their own.
@@ -200,7 +205,7 @@ MODEL_KEYS: dict[str, Key] = {
     "head_fcnet_bias_initializer_kwargs": Key("mapping", optional=True),
     "head_fcnet_use_layernorm": _SWITCH,
     "free_log_std": _SWITCH,
-    "log_std_clip_param": Key("number", low=0),
+    "log_std_clip_param": Key("number", low=0, high=math.inf),
     "vf_share_layers": _SWITCH,
     "use_lstm": _SWITCH,
     "max_seq_len": _POSITIVE,

@@ -26,6 +26,14 @@ RENAMED: dict[str, str] = {
     "num_sgd_iter": "num_epochs",
     "shuffle_sequences": "shuffle_batch_per_epoch",
     "lr_schedule": "lr",
+    # as other libraries of reinforcement learning call them
+    "learning_rate": "lr",
+    "n_epochs": "num_epochs",
+    "gae_lambda": "lambda",
+    "clip_range": "clip_param",
+    "ent_coef": "entropy_coeff",
+    "vf_coef": "vf_loss_coeff",
+    "max_grad_norm": "grad_clip",
     "entropy_coeff_schedule": "entropy_coeff",
     "vf_share_layers": "model_config.vf_share_layers",
     "model": "model_config",
@@ -99,7 +107,6 @@ DROPPED: dict[str, str] = {
     "policy_map_capacity": "it has no effect on the current API stack",
     "policy_map_cache": "it has no effect on the current API stack",
     "policy_states_are_swappable": "it has no effect on the current API stack",
-    "callbacks": "the callbacks of the run are set by safe_inspect",
 }
 
 #: Old keys that are harmless at one value and cannot be honoured at another.
@@ -127,7 +134,7 @@ RESERVED: dict[str, str] = {
     "observation_fn": "an agent's observation follows from its glues",
     "count_steps_by": "steps are counted as environment steps",
     "algorithm_config_overrides_per_module": "give an agent's own settings in its `policy` file",
-    "callbacks_class": "safe_inspect sets the callbacks of the run",
+    "callbacks_class": "name the class of your own as `callbacks`",
     "custom_evaluation_function": "use `safe-inspect evaluate`",
     "custom_eval_function": "use `safe-inspect evaluate`",
     "stats_cls_lookup": "it takes Python classes",
@@ -139,7 +146,7 @@ RESERVED: dict[str, str] = {
 
 #: Beginnings of names that are refused alike.
 RESERVED_PREFIXES: dict[str, str] = {
-    "callbacks_on_": "safe_inspect sets the callbacks of the run",
+    "callbacks_on_": "name a class with these methods as `callbacks`",
     "input_": "offline data is not supported",
     "output": "offline data is not supported",
     "offline_": "offline data is not supported",

@@ -1,0 +1,86 @@
+"""Where a key may stand that no file has: by the models of the files, the fields of plugins and RLlib's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
+from safe_inspect.config.loading.located import LocatedDict
+from safe_inspect.config.models.experiment import ExperimentConfig
+from safe_inspect.config.models.fields import known_keys
+
+_TASK = ("config", "config")
+_MODEL = {**rllib_keys.MODEL_KEYS, **rllib_keys.FRESH_KEYS}
+_RLLIB = {**rllib_keys.COMMON_KEYS, **rllib_keys.PPO_KEYS, **rllib_keys.OWN_KEYS}
+_STOP = (*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED)
+
+
+def with_empty_mappings(tree: Any) -> Any:
+    """Return an experiment in which the mappings of RLlib, Tune and Ray exist, empty where no file has them.
+
+    A tree that is no experiment is returned as it is.
+    """
+    body: Any = tree
+    for key in _TASK:
+        body = body.get(key) if isinstance(body, Mapping) else None
+    if not isinstance(body, Mapping):
+        return tree
+    body = _copy(body)
+    for key in ("rllib_configs", "tune_config", "ray_config"):
+        body[key] = _copy(body.get(key) or {})
+    body["rllib_configs"] = _copy(body["rllib_configs"] or {"default": {}})
+    for name, keys in body["rllib_configs"].items():
+        body["rllib_configs"][name] = _copy(keys or {})
+        if not _has_model(tree):
+            body["rllib_configs"][name].setdefault("model_config", LocatedDict())
+    body["tune_config"]["stop"] = _copy(body["tune_config"].get("stop") or {})
+    outer = _copy(tree)
+    outer["config"] = _copy(tree["config"])
+    outer["config"]["config"] = body
+    return outer
+
+
+def may_have(tree: Any, path: tuple[Any, ...], key: str) -> bool:
+    """Return whether the mapping at a path of an experiment may have a key."""
+    if path[:2] == _TASK:
+        if path[2:3] == ("rllib_configs",) and len(path) == 4:
+            return key in _RLLIB or key in old_keys.SPELLINGS
+        if path[2:] == ("tune_config",):
+            return key in run_keys.TUNE_KEYS and key != "stop"
+        if path[2:] == ("tune_config", "stop"):
+            return key in _STOP
+        if path[2:] == ("ray_config",):
+            return key in run_keys.RAY_KEYS
+    if path[-1:] in (("model_config",), ("model",)):
+        return key in _MODEL
+    return key in known_keys(tree, path, ExperimentConfig)
+
+
+def learning_keys(tree: Any) -> set[str]:
+    """Return the keys of RLlib, Tune and Ray that an experiment may have; none for other trees."""
+    if with_empty_mappings(tree) is tree:
+        return set()
+    return {*_RLLIB, *_MODEL, *run_keys.TUNE_KEYS, *run_keys.RAY_KEYS, *_STOP}
+
+
+def spellings(key: str) -> Iterator[str]:
+    """Yield a key, and then the other names that it has among RLlib's and Tune's."""
+    yield key
+    current = old_keys.RENAMED.get(key, old_keys.SPELLINGS.get(key, key))
+    for table in (old_keys.RENAMED, old_keys.SPELLINGS, old_keys.MODEL_RENAMED, run_keys.TUNE_RENAMED):
+        if key in table and "." not in table[key]:
+            yield table[key]
+        yield from (old for old, new in table.items() if new == current and old != key)
+
+
+def _has_model(tree: Any) -> bool:
+    agents = tree.get("agent_config")
+    policies = [agent.get("policy") for agent in agents or () if isinstance(agent, Mapping)]
+    configs = [policy.get("config") for policy in policies if isinstance(policy, Mapping)]
+    configs += tree["config"]["config"].get("rllib_configs", {}).values()
+    return any("model_config" in config or "model" in config for config in configs if isinstance(config, Mapping))
+
+
+def _copy(mapping: Mapping[Any, Any]) -> LocatedDict:
+    return mapping.copy() if isinstance(mapping, LocatedDict) else LocatedDict(mapping)

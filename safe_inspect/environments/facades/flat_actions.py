@@ -1,0 +1,36 @@
+"""`FlatDiscreteActions`: one choice in place of one for each controller, for learners that know no other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Discrete, MultiDiscrete
+
+from safe_inspect.errors import SafeInspectError
+
+
+class FlatDiscreteActions(gymnasium.ActionWrapper[Any, Any, Any]):
+    """An environment whose action is one index: three controllers with three levels each make 27 choices.
+
+    Index i stands for the levels ``numpy.unravel_index(i, nvec)``, the last controller varying fastest. Learners such
+    as DQN need it.
+
+    Args:
+        env: An environment whose actions are levels (`gymnasium.spaces.MultiDiscrete`).
+
+    Raises:
+        SafeInspectError: The actions are real numbers.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        if not isinstance(env.action_space, MultiDiscrete):
+            raise SafeInspectError("the actions are real numbers; give a task with levels of thrust")
+        super().__init__(env)
+        self._counts = tuple(int(count) for count in env.action_space.nvec)
+        self.action_space = Discrete(int(np.prod(self._counts)))
+
+    def action(self, action: Any) -> Any:
+        """Return the levels that an index stands for, int64, shape (A,)."""
+        return np.array(np.unravel_index(int(action), self._counts), dtype=np.int64)

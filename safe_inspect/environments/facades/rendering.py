@@ -1,0 +1,237 @@
+"""`Rendering`: pictures of environments while they are stepped, drawn by Pillow, and the `Window` that shows them."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import MissingLibraryError, SafeInspectError
+from safe_inspect.geometry.picture import (
+    BLACK,
+    DAY,
+    DEPUTY_COLOURS,
+    GREEN,
+    GREY,
+    NIGHT,
+    ORANGE,
+    PALE,
+    VERMILION,
+    VIEW,
+    Camera,
+)
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+
+#: Pictures a second of a recording, for Gymnasium's wrappers: an episode of 400 steps is a film of 16 s.
+RENDER_FPS = 25
+RENDER_MODES = ("rgb_array", "human")
+
+_SIZE, _FINE = 480, 2  # pixels; drawn at twice the size and averaged, so that lines are smooth
+_ANGLE = np.linspace(0.0, 2.0 * np.pi, 73)
+
+
+def checked_mode(render_mode: str | None) -> str | None:
+    """Return a render mode.
+
+    Raises:
+        ValueError: It is unknown.
+        MissingLibraryError: Pillow is not installed.
+    """
+    if render_mode is not None:
+        if render_mode not in RENDER_MODES:
+            raise ValueError(f"render_mode is one of {', '.join(RENDER_MODES)} or None, not {render_mode!r}")
+        try:
+            import PIL  # noqa: F401
+        except ModuleNotFoundError:
+            raise MissingLibraryError("rendering needs Pillow; install it with: pip install pillow") from None
+    return render_mode
+
+
+class Rendering:
+    """Draws environments as they are: the chief with its points, the sun, each deputy with its way and its thrust.
+
+    Args:
+        environment: The batch; its state is read when pictures are drawn.
+        render_mode: ``human``: the first environment is shown in a window at every state.
+    """
+
+    def __init__(self, environment: TeamEnvironment, render_mode: str) -> None:
+        self._window = Window() if render_mode == "human" else None
+        world = environment.simulation.world
+        points = world.offers.world.get("points", {})
+        self._environment, self._deputies = environment, world.num_deputies
+        self._body = next(iter(points), None)
+        self._points = points[self._body].points if self._body is not None else np.zeros((0, 3))
+        self._radius = float(np.sqrt(np.square(self._points).sum(axis=-1)).max(initial=0.0))
+        self._camera = Camera.at(VIEW["elev"], VIEW["azim"])
+        self._ways: list[list[FloatArray]] = [[] for _ in range(environment.num_envs)]
+
+    def begin(self, rows: IntArray | None = None) -> None:
+        """Take note that episodes have begun: in some rows, or in all."""
+        positions = self._positions()
+        for row in range(len(self._ways)) if rows is None else rows.tolist():
+            self._ways[row] = [positions[row]]
+        self._show()
+
+    def follow(self) -> None:
+        """Take note of the state after a step."""
+        for way, position in zip(self._ways, self._positions(), strict=True):
+            way.append(position)
+        self._show()
+
+    def render(self) -> Any:
+        """Return the picture of the first environment; None where a window shows it."""
+        return self.picture() if self._window is None else None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+
+    def _show(self) -> None:
+        if self._window is not None:
+            self._window.show(self.picture())
+
+    def picture(self, row: int = 0) -> AnyArray:
+        """Return an environment as it is now: red, green and blue, uint8, shape (480, 480, 3).
+
+        Raises:
+            SafeInspectError: No episode has begun.
+        """
+        if not self._ways[row]:
+            raise SafeInspectError("no episode has begun; call reset() first")
+        from PIL import Image, ImageDraw
+
+        canvas = Image.new("RGB", (_SIZE * _FINE, _SIZE * _FINE), "white")
+        self._draw(ImageDraw.Draw(canvas), row)
+        return np.asarray(canvas.reduce(_FINE))
+
+    def _positions(self) -> FloatArray:
+        return np.array(self._environment.state["position"][:, : self._deputies])
+
+    def _draw(self, draw: Any, row: int) -> None:
+        way = np.stack(self._ways[row])
+        ring = _ring(float(np.sqrt(np.square(way).sum(axis=-1)).max()))
+        middle, scale = _SIZE * _FINE / 2.0, _SIZE * _FINE / 2.3 / ring
+
+        def flat(points: FloatArray) -> list[tuple[float, float]]:
+            return [(middle + scale * x, middle - scale * y) for x, y in self._camera.flat(points).tolist()]
+
+        def outline(corners: FloatArray) -> list[tuple[float, float]]:
+            return [(middle + scale * x, middle - scale * y) for x, y in corners.tolist()]
+
+        state = self._environment.state
+        for radius in (0.5 * ring, ring):
+            circle = radius * np.stack((np.cos(_ANGLE), np.sin(_ANGLE), 0.0 * _ANGLE), axis=-1)
+            draw.line(flat(circle), fill=PALE, width=_FINE)
+            draw.text(flat(circle)[56], f"{radius:g} m", fill=GREY, font_size=11 * _FINE, anchor="mm")
+        hidden = self._camera.hidden(way, self._radius)
+        for behind in (True, False):
+            if not behind:
+                self._draw_chief(draw, row, outline, flat, ring)
+            for deputy in range(self._deputies):
+                colour = DEPUTY_COLOURS[deputy % len(DEPUTY_COLOURS)]
+                places = flat(way[:, deputy])
+                for first, last in _runs(hidden[1:, deputy] == behind):
+                    draw.line(places[first : last + 1], fill=colour, width=2 * _FINE)
+                if hidden[-1, deputy] == behind:
+                    thrust = state["control"][row, deputy, :3] if len(way) > 1 else np.zeros(3)
+                    size = float(np.sqrt(np.square(thrust).sum()))
+                    if size:
+                        tip = way[-1, deputy] + 0.15 * ring * thrust / size
+                        draw.line([places[-1], *flat(tip[None])], fill=BLACK, width=2 * _FINE)
+                    _dot(draw, places[-1], 5.0, colour)
+        self._write(draw, row)
+
+    def _draw_chief(self, draw: Any, row: int, outline: Any, flat: Any, ring: float) -> None:
+        state = self._environment.state
+        radius = self._radius or 0.02 * ring
+        draw.polygon(outline(radius * np.stack((np.cos(_ANGLE), np.sin(_ANGLE)), axis=-1)), fill=NIGHT, outline=GREY)
+        if "sun_direction" in state.arrays:
+            sun = state["sun_direction"][row]
+            draw.polygon(outline(self._camera.day(sun, radius)), fill=DAY)
+            tail, tip = flat(ring * np.stack((0.8 * sun, sun)))
+            draw.line([tail, tip], fill=ORANGE, width=3 * _FINE)
+            _dot(draw, tip, 7.0, ORANGE)
+        if self._body is not None:
+            seen = state.points[self._body].inspector[row] >= 0
+            front = self._points @ self._camera.sight > 0.0
+            for place, inspected in zip(flat(self._points[front]), seen[front].tolist(), strict=True):
+                _dot(draw, place, 2.0, GREEN if inspected else VERMILION)
+
+    def _write(self, draw: Any, row: int) -> None:
+        state = self._environment.state
+        words = [f"{float(state['time'][row]):.0f} s"]
+        if self._body is not None:
+            seen = int(np.count_nonzero(state.points[self._body].inspector[row] >= 0))
+            words.append(f"{seen} of {len(self._points)} points")
+        words.append(f"delta-v {float(state['delta_v'][row].sum()):.3f} m/s")
+        outcome = DoneStatus(int(self._environment.outcome()[row]))
+        if outcome is not DoneStatus.RUNNING:
+            words.append(outcome.name.lower())
+        draw.text((10 * _FINE, 8 * _FINE), "    ".join(words), fill=BLACK, font_size=13 * _FINE)
+
+
+class Window:
+    """Shows pictures on a display, by Tk. It is opened by the first picture."""
+
+    def __init__(self) -> None:
+        self._missing = False
+        self._root: Any = None
+        self._label: Any = None
+        self._image: Any = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Window, ()  # a copy opens one of its own
+
+    def show(self, picture: AnyArray) -> None:
+        """Show a picture; without a display, or without Tk, warn once."""
+        if self._missing:
+            return
+        from PIL import Image
+
+        try:
+            import tkinter
+
+            from PIL import ImageTk
+
+            if self._root is None:
+                self._root = tkinter.Tk()
+                self._root.title("safe_inspect")
+                self._label = tkinter.Label(self._root)
+                self._label.pack()
+            self._image = ImageTk.PhotoImage(Image.fromarray(picture), master=self._root)
+            self._label.configure(image=self._image)
+            self._root.update()
+        except (ImportError, tkinter.TclError) as error:
+            self._missing = True
+            text = f"nothing is shown: render_mode 'human' needs Tk and a display ({error}); use 'rgb_array'"
+            warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._root is not None:
+            self._root.destroy()
+            self._root = None
+
+
+def _ring(reach: float) -> float:
+    """Return a round radius of at least 1.1 times the reach [m]; it grows by a quarter, so that the scale stays."""
+    power = 10.0 ** np.floor(np.log10(max(1.1 * reach, 1e-3)))
+    sizes = power * np.array([1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0])
+    return float(sizes[np.searchsorted(sizes, 1.1 * reach)])
+
+
+def _runs(shown: BoolArray) -> list[tuple[int, int]]:
+    """Return first and last + 1 of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], shown, [False])).astype(np.int8)))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _dot(draw: Any, place: tuple[float, float], radius: float, colour: str) -> None:
+    x, y = place
+    size = radius * _FINE
+    draw.ellipse((x - size, y - size, x + size, y + size), fill=colour, outline="white")
