@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,6 +15,7 @@ from safe_inspect.errors import ConfigError, SafeInspectError
 from safe_inspect.evaluation.baselines.task import coverage_task
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.policies import NaturalMotionInspector
+from safe_inspect.simulators.simulator import ComposedSimulator
 from safe_inspect.tasks import InspectionSimulator
 
 SIMULATOR = "config.config.env_config.simulator.config"
@@ -125,5 +128,10 @@ def test_a_chief_that_rests_has_no_rotation():
     assert "ChiefRotation" not in names
     turning = InspectionSimulator(chief_angular_velocity=(0.0, 0.0, -0.001))
     assert [component.registered_name for component in turning.compose()[1]][1] == "ChiefRotation"
+    sun, rotation, points, _ = turning.compose()[1]
+    for order in ((sun, points, rotation), (rotation, sun, points)):
+        wrong = replace(environment(TASKS[0]).spec, simulator=ComposedSimulator(components=order))
+        with pytest.raises(ValueError, match="after Sun and before InspectionPoints"):
+            TeamEnvironment(wrong, 1)
     with pytest.raises(ConfigError, match="chief_angular_velocity"):
         environment(TASKS[0], f"{SIMULATOR}.chief_angular_velocity=[0, 0, 1 m]")

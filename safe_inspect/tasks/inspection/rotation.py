@@ -152,7 +152,15 @@ class ChiefRotation(Component):
         return (self.entity_name,)
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
-        """Return the running rotation."""
+        """Return the running rotation.
+
+        Raises:
+            ValueError: Another component stands where it must not.
+        """
+        if "sun_direction" not in world.offers.view or "points" in world.offers.world:
+            raise ValueError(
+                "ChiefRotation stands after Sun and before InspectionPoints; change the order of `components`"
+            )
         rate = math.hypot(*self.angular_velocity)
         x, y, z = (component / rate for component in self.angular_velocity)
         return _RunningRotation(self.entity_name, rate * world.step_size, (x, y, z), world)
