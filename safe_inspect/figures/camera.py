@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from safe_inspect.dynamics.quaternion import continuous, normalise, rotate
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.types import BoolArray, FloatArray
 
@@ -21,6 +22,7 @@ class Moment:
         sun: Unit vector to the sun, shape (3,); None in a task without a sun.
         seen: Points that are inspected, shape (P,).
         lit: Points on the sun's side, shape (P,); none without a sun.
+        points: Where the points are about the chief's centre [m], shape (P, 3).
         row: The last recorded state that is not later.
     """
 
@@ -30,6 +32,7 @@ class Moment:
     sun: FloatArray | None
     seen: BoolArray
     lit: BoolArray
+    points: FloatArray
     row: int
 
 
@@ -50,10 +53,15 @@ def moment(episode: Trajectory, time: float) -> Moment:
         + (3.0 * u**2 - 2.0 * u**3) * there
         + (u**3 - u**2) * arriving
     )
-    sun, lit = None, np.zeros(len(episode.points), dtype=np.bool_)
+    points, sun, lit = episode.points, None, np.zeros(len(episode.points), dtype=np.bool_)
+    if "chief_orientation" in episode.arrays:
+        first, second = continuous(
+            episode.chief_orientation[None, row : row + 2], episode.chief_orientation[None, row]
+        )[0]
+        points = rotate(normalise((1.0 - u) * first + u * second), points)
     if "sun_angle" in episode.arrays:
         angle = float((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
         sun = np.array([np.cos(angle), -np.sin(angle), 0.0])
-        lit = episode.points @ sun > 0.0
+        lit = points @ sun > 0.0
     last = row + 1 if u >= 1.0 else row
-    return Moment(time, position, episode.delta_v[last], sun, episode.inspected_at <= time, lit, last)
+    return Moment(time, position, episode.delta_v[last], sun, episode.inspected_at <= time, lit, points, last)

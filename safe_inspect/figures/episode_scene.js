@@ -1,6 +1,22 @@
 // The scene of an episode: deputies, their ways and burns; the chief and the sun, or the docking region.
-const { position, sun, points, radius, rings, deputies } = episode;
+const { position, sun, points, radius, rings, deputies, orientation, cone } = episode;
+const BODY = [[[1, 0, 0], "#D55E00"], [[0, 1, 0], "#0072B2"], [[0, 0, 1], "#009E73"]];
 const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
+
+const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const unit = (a) => scaled(a, 1 / (Math.hypot(...a) || 1));
+
+/** R(q) v of a unit quaternion, scalar last. */
+function turned(q, v) {
+  const t = scaled(cross3(q, v), 2), s = cross3(q, t);
+  return v.map((x, i) => x + q[3] * t[i] + s[i]);
+}
+
+/** The attitude between two recorded ones. */
+function attitudeAt(rows, row, next, u) {
+  const a = rows[row], b = rows[next], sign = a.reduce((sum, x, i) => sum + x * b[i], 0) < 0 ? -1 : 1;
+  return unit(a.map((x, i) => (1 - u) * x + u * sign * b[i]));
+}
 
 /** The state at a time, between two recorded ones by a straight line. */
 function stateAt(t) {
@@ -11,12 +27,14 @@ function stateAt(t) {
     row,
     places: position.map((way) => mixed(way[row], way[next], u)),
     light: sun && [Math.cos(angle), -Math.sin(angle), 0],
+    attitudes: orientation && orientation.map((rows) => attitudeAt(rows, row, next, u)),
+    dots: episode.chief ? points.map((p) => turned(attitudeAt(episode.chief, row, next, u), p)) : points,
     count: episode.inspected_at.filter((when) => when !== null && when <= t).length,
   };
 }
 
 /** Draw the chief with its day side and the points on the reader's side; r in pixels. */
-function drawChief(pen, x, y, r, view, light, t) {
+function drawChief(pen, x, y, r, view, { light, dots }, t) {
   if (!points.length || !light) {
     if (episode.docking_radius) disc(pen, x, y, r, null, "#222");
     for (const [dx, dy] of [[5, 0], [0, 5]]) polyline(pen, [[x - dx, y - dy], [x + dx, y + dy]], "#222", 1);
@@ -36,7 +54,7 @@ function drawChief(pen, x, y, r, view, light, t) {
   disc(pen, x, y, r, null, GREY);
   if (r < 12) return;  // too small for its points
   const size = Math.max(1.2, Math.min(6, r / 20));
-  points.forEach((point, i) => {
+  dots.forEach((point, i) => {
     if (dot3(point, view.sight) <= 0) return;
     const px = x + dot3(point, view.right) / radius * r, py = y - dot3(point, view.up) / radius * r;
     const when = episode.inspected_at[i];
@@ -105,15 +123,16 @@ function drawScene(t) {
   }
   drawWays(true);
   drawDeputies(true);
-  drawChief(pen, x0, y0, r, view, state.light, now);
+  drawChief(pen, x0, y0, r, view, state, now);
   drawWays(false);
   drawBurns(pen, flat, hidden, state.row, outer);
+  if (orientation) drawAttitudes(pen, flat, view, state, outer);
   drawDeputies(false);
   const inset = Math.min(0.13 * width, 0.17 * height);
   if (points.length && r < 0.6 * inset) {
     const x = width - inset - 18, y = inset + 18;
     disc(pen, x, y, inset + 8, "#fff");
-    drawChief(pen, x, y, inset, view, state.light, now);
+    drawChief(pen, x, y, inset, view, state, now);
     pen.fillStyle = GREY;
     pen.fillText("the chief from here", x, y + inset + 13);
   }
@@ -126,6 +145,37 @@ function drawSun(pen, flat, light, outer) {
   polyline(pen, [tail, tip, barbs[0], tip, barbs[1]], ORANGE, 2.5);
   pen.fillStyle = "#B87A00";
   pen.fillText("sun", ...flat(scaled(light, 1.1 * outer)));
+}
+
+/** The axes of each deputy's body, and the cone that its camera sees. */
+function drawAttitudes(pen, flat, view, { places, attitudes }, outer) {
+  places.forEach((p, index) => {
+    const along = (direction, length) => p.map((x, i) => x + length * outer * direction[i]);
+    BODY.forEach(([axis, colour]) => {
+      polyline(pen, [flat(p), flat(along(turned(attitudes[index], axis), 0.09))], colour, 2);
+    });
+    if (!cone) return;
+    const look = turned(attitudes[index], cone.axis), half = Math.min(cone.half, 0.5 * Math.PI);
+    let across = cross3(look, view.sight);
+    across = Math.hypot(...across) > 1e-6 ? unit(across) : view.right;
+    const other = cross3(look, across);
+    const rim = Array.from({ length: 37 }, (_, i) => {
+      const [c, s] = [Math.cos(i * Math.PI / 18), Math.sin(i * Math.PI / 18)];
+      const edge = look.map((x, k) => Math.cos(half) * x + Math.sin(half) * (c * across[k] + s * other[k]));
+      return flat(along(edge, 0.25));
+    });
+    const colour = deputies[index].colour;
+    pen.globalAlpha = 0.12;
+    pen.fillStyle = colour;
+    for (const places of [rim, [flat(p), rim[0], rim[18]]]) {
+      pen.beginPath();
+      places.forEach(([x, y], i) => (i ? pen.lineTo(x, y) : pen.moveTo(x, y)));
+      pen.fill();
+    }
+    pen.globalAlpha = 0.7;
+    for (const line of [rim, [rim[0], flat(p), rim[18]]]) polyline(pen, line, colour, 1);
+    pen.globalAlpha = 1;
+  });
 }
 
 /** A stroke in the direction of the thrust at each burn so far. */
@@ -157,6 +207,8 @@ if (points.length) {
 }
 if (episode.docking_radius) keyEntry("docking region", "#222", "#fff");
 keyEntry("burn", "#222");
+if (orientation) ["x", "y", "z"].forEach((name, i) => keyEntry(`${name} axis of the body`, BODY[i][1]));
+if (cone) keyEntry("camera's cone", deputies[0].colour);
 
 element("near").addEventListener("click", () => { camera.zoom = 0.45 * episode.reach / radius; show(now); });
 begin();

@@ -73,7 +73,7 @@ class ChiefView:
         for camera, (day, waiting, lit, owners) in zip((front, Camera(-front.sight)), self._sides, strict=True):
             if now.sun is not None:
                 day.set_xy(camera.day(now.sun, self._radius))
-            flat, near = camera.flat(self._episode.points), self._episode.points @ camera.sight > 0.0
+            flat, near = camera.flat(now.points), now.points @ camera.sight > 0.0
             waiting.set_data(*flat[near & ~now.seen & ~now.lit].T)
             lit.set_data(*flat[near & ~now.seen & now.lit].T)
             for index, dots in enumerate(owners):

@@ -85,6 +85,7 @@ def episode_data(episode: Trajectory) -> dict[str, Any]:
     deputies = range(len(episode.deputies))
     lines = [deputy_line(index) for index in deputies]
     reach = max(reach_of(episode), 1.1 * rings[-1])
+    turns = "orientation" in episode.arrays
     radius = radius_of(episode) or episode.docking_radius or 1.0
     return {
         "view": {"azimuth": VIEW["azim"], "elevation": VIEW["elev"]},
@@ -100,6 +101,9 @@ def episode_data(episode: Trajectory) -> dict[str, Any]:
         "delta_v": [rounded(episode.delta_v[:, index], 5) for index in deputies],
         "sun": rounded(episode.sun_angle, 5) if "sun_angle" in episode.arrays else None,
         "points": rounded(episode.points, 3),
+        "chief": rounded(episode.chief_orientation, 5) if "chief_orientation" in episode.arrays else None,
+        "orientation": [rounded(episode.orientation[:, index], 5) for index in deputies] if turns else None,
+        "cone": {"axis": list(episode.camera[0]), "half": episode.camera[1]} if episode.camera and turns else None,
         "inspected_at": [round(when, 3) if np.isfinite(when) else None for when in episode.inspected_at.tolist()],
         "inspector": [int(index) for index in episode.inspector],
         "docking_radius": episode.docking_radius,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from safe_inspect.compiling import njit
+from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import FloatArray
 
 
@@ -18,6 +19,14 @@ def copy_difference(one: FloatArray, other: FloatArray, reading: FloatArray) -> 
     """Write the difference of two vectors, shape (size,)."""
     for k in range(len(reading)):
         reading[k] = one[k] - other[k]
+
+
+@njit
+def copy_turned(orientation: FloatArray, vector: FloatArray, reading: FloatArray) -> None:
+    """Write ``R(q) v`` of an attitude q, shape (4,), and a vector v, shape (3,)."""
+    turned = rotated(orientation, vector[0], vector[1], vector[2])
+    for k in range(3):
+        reading[k] = min(max(turned[k], -1.0), 1.0)
 
 
 @njit

@@ -12,7 +12,7 @@ from safe_inspect.geometry.clusters import Clusters, KMeansRule, RowDraws, clust
 from safe_inspect.geometry.inspection_kernels import cluster_candidates
 from safe_inspect.geometry.nearest import direction_to_nearest
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.platforms.copies import copy_number, copy_vector
+from safe_inspect.platforms.copies import copy_number, copy_turned, copy_vector
 from safe_inspect.plugins.plugin import PlatformName, PointsName
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.row_terms.inputs import BodyArray, EnvironmentArray, OwnArray, SensorMemory
@@ -20,6 +20,7 @@ from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.rotation import array_in_axes_of, rotating_body, turned_direction_to_nearest
 
 #: The arrays that an `UninspectedPointsSensor` remembers, in the order of `Clusters`.
 _MEMORY = ("centres", "count", "candidates", "settled")
@@ -66,14 +67,17 @@ class InspectedPointsScoreSensor(Sensor, name="Sensor_InspectedPointsScore"):
 
 
 class PriorityVectorSensor(Sensor, name="Sensor_PriorityVector"):
-    """Direction in which points weigh most [-], fixed to the body, shape (R, 3); zeros where points weigh the same."""
+    """Direction in which points weigh most [-], fixed to the body, Hill frame, shape (R, 3); zeros: all weigh alike."""
 
     elements: ClassVar[tuple[str, ...]] = ("x_priority", "y_priority", "z_priority")
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the priority vector [-]."""
-        return RowTerm(copy_vector, (EnvironmentArray("priority_vector"),))
+        vector = EnvironmentArray("priority_vector")
+        if rotating_body(world) is None:
+            return RowTerm(copy_vector, (vector,))
+        return RowTerm(copy_turned, (EnvironmentArray("chief_orientation"), vector))
 
 
 class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
@@ -128,10 +132,10 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
         found = state.bound[group.name, name] = (
             cluster_candidates.dispatcher,
             (
-                state.position,
+                state[array_in_axes_of(model.entity, view.world, "position")],
                 model.body,
                 (group.first, group.size),
-                state.sun_direction,
+                state[array_in_axes_of(model.entity, view.world, "sun_direction")],
                 model.surface,
                 state.points[self.inspection_entity_name].inspector,
                 *(state.memory[group.name, name, array] for array in _MEMORY),
@@ -153,7 +157,11 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the direction [-], Hill frame."""
-        inspector = self.inspector_entity_name
-        viewer = OwnArray("position") if inspector is None else BodyArray("position", inspector)
+        inspector, entity = self.inspector_entity_name, self.inspection_entity_name
+        position = array_in_axes_of(entity, world, "position")
+        viewer = OwnArray(position) if inspector is None else BodyArray(position, inspector)
         memory = (SensorMemory(self.part_name, name) for name in ("centres", "count"))
-        return RowTerm(direction_to_nearest, (viewer, BodyArray("position", self.inspection_entity_name), *memory))
+        inputs = viewer, BodyArray(position, entity), *memory
+        if entity != rotating_body(world):
+            return RowTerm(direction_to_nearest, inputs)
+        return RowTerm(turned_direction_to_nearest, (EnvironmentArray("chief_orientation"), *inputs))

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.dynamics.step_maps import step_maps
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.planning.burns.following import DeputyRows, PlanRows, follow_plans, rows_to_plan
 from safe_inspect.planning.burns.others import coast_others
 from safe_inspect.planning.burns.problem import BurnProblem, FlightLimits
@@ -22,6 +23,7 @@ from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.rotation import rotating_body
 from safe_inspect.types import FloatArray
 from safe_inspect.units import AngularRate, NonNegativeSpeed, PositiveLength
 
@@ -141,8 +143,10 @@ class NaturalMotionInspector(ScriptedPolicy):
 
     def _problem(self, view: View, row: int, now: int, reach: FloatArray) -> BurnProblem:
         """Return what one row plans for."""
-        world, state = view.world, view.state
-        points = view.points(self.inspection_entity_name)
+        world, state, entity = view.world, view.state, self.inspection_entity_name
+        if rotating_body(world) == entity:
+            raise SafeInspectError(f"NaturalMotionInspector plans for a body at rest, and {entity!r} rotates")
+        points = view.points(entity)
         model, body = points.model, points.model.body
         env, deputy, deputies = row // view.group.size, int(view.own_index[row]), world.num_deputies
         steps = self.horizon - now

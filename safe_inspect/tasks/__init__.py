@@ -5,6 +5,7 @@ from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
 from safe_inspect.tasks.docking.simulator import CWHSimulator
 from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule
 from safe_inspect.tasks.inspection.points import InspectionPoints
+from safe_inspect.tasks.inspection.rotation import ChiefRotation
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
@@ -12,6 +13,7 @@ from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
 
 __all__ = [
     "CWHSimulator",
+    "ChiefRotation",
     "Docking3DRadialInitializer",
     "FuelPriceSchedule",
     "InspectionPoints",

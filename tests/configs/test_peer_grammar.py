@@ -11,7 +11,8 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.loading.loader import load
-from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
+from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.train import read_settings
 
@@ -54,6 +55,33 @@ def test_six_dof_inspection_in_the_peers_grammar_is_six_dof_inspection():
         for name in one.terms:
             np.testing.assert_allclose(one.terms[name], other.terms[name], rtol=1e-12, atol=1e-15)
         np.testing.assert_array_equal(one.status, other.status)
+
+
+def test_three_deputies_that_turn_in_the_peers_grammar_see_22_numbers():
+    spec = load_experiment(FILES / "six_dof_team" / "experiment.yml").spec
+    env = TeamEnvironment(spec, 4, seed=4)
+    first = env.reset()[0]
+    assert first.shape == (4, 3, 22)
+    assert action_layout(spec.agents[0]).high.tolist() == [1.0, 1.0, 1.0, 0.001, 0.001, 0.001]  # moments as they are
+    generator = np.random.default_rng(2)
+    for _ in range(10):
+        action = generator.uniform(-1.0, 1.0, (4, 3, 6)) * np.repeat([0.05, 1e-4], 3)
+        found = env.step([action]).groups[0]
+    state, points = env.state, env.state.points["chief"]
+    of_blue0 = [array[:, :1].repeat(3, axis=1)[..., None] for array in (points.own_count / 100, points.own_score)]
+    of_all = [array[:, None].repeat(3, axis=1) for array in (state.sun_angle[:, None], state.priority_vector)]
+    uninspected = found.observation[..., 7:10]
+    expected = [
+        state.position[:, :3] / 100, state.velocity[:, :3] / 0.5, of_blue0[0], uninspected, *of_all, of_blue0[1],
+        state.orientation[:, :3], state.angular_velocity[:, :3] / 0.05,
+    ]  # fmt: skip
+    np.testing.assert_allclose(found.observation, np.concatenate(expected, axis=-1), rtol=1e-6, atol=1e-7)
+    assert (uninspected == uninspected[:, :1]).all()  # all are told where blue0 should look
+    assert list(found.terms) == [
+        "ObservedPointsReward", "SafeInspectionSuccessReward", "InspectionCrashReward", "InspectionDeltaVReward",
+    ]  # fmt: skip
+    shared = [type(item.functor).__name__ for item in spec.shared_dones]
+    assert shared == ["CollisionDoneFunction", "MultiagentSuccessDoneFunction", "SetAllDoneFunction"]
 
 
 def test_the_environments_horizon_holds_and_the_other_is_noted(experiment):

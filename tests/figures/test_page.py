@@ -7,8 +7,13 @@ import re
 import numpy as np
 import pytest
 
+from safe_inspect.environments import load_spec
 from safe_inspect.errors import OutputError
+from safe_inspect.evaluation.policies import with_scripted
+from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.figures.camera import moment
 from safe_inspect.figures.page import episode_page, save_page
+from safe_inspect.policies import RandomThrust
 
 
 def data_of(page):
@@ -99,3 +104,25 @@ def test_a_page_that_cannot_be_written_is_one_message(page, tmp_path):
         save_page(page, tmp_path / "a.pdf")
     save_page(page, tmp_path / "new" / "a.html")
     assert (tmp_path / "new" / "a.html").read_text(encoding="utf-8") == page
+
+
+def test_a_deputy_that_turns_has_its_attitude_and_its_camera():
+    spec = load_spec("safe_inspect/MultiagentWeightedSixDofInspection-v0", ["horizon=5"])
+    flown = rollout(with_scripted(spec, RandomThrust()), {}, episodes=1, seed=0, record=1).trajectories[0]
+    data = data_of(episode_page(flown))
+    np.testing.assert_allclose(np.array(data["orientation"]).transpose(1, 0, 2), flown.orientation, atol=6e-6)
+    assert data["cone"] == {"axis": [1, 0, 0], "half": pytest.approx(np.radians(30.0))}
+    assert data["chief"] is None
+
+
+def test_the_points_of_a_chief_that_turns_turn(flown):
+    angle = 1e-3 * flown.time
+    attitude = np.stack([0 * angle, 0 * angle, np.sin(angle / 2), np.cos(angle / 2)], axis=-1)
+    turning = dataclasses.replace(flown, arrays={**flown.arrays, "chief_orientation": attitude})
+    np.testing.assert_allclose(data_of(episode_page(turning))["chief"], attitude, atol=6e-6)
+    half = 0.5 * (flown.time[2] + flown.time[3])
+    c, s = np.cos(1e-3 * half), np.sin(1e-3 * half)
+    expected = flown.points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    now = moment(turning, half)
+    np.testing.assert_allclose(now.points, expected, atol=1e-7)
+    np.testing.assert_array_equal(now.lit, expected @ now.sun > 0.0)

@@ -66,6 +66,8 @@ def coverage_task(spec: EnvironmentSpec) -> CoverageTask:
         raise stop("the InspectionSimulator", f"this task has the simulator {simulator.registered_name}")
     if simulator.turns:
         raise stop("deputies whose thrust stands in Hill's frame", "these turn; fly the baseline SixDofInspector")
+    if any(simulator.chief_angular_velocity):
+        raise stop("a chief at rest", "this one rotates; leave out `chief_angular_velocity`")
     wins = [item.functor for item in agent.dones if isinstance(item.functor, SuccessfulInspectionDoneFunction)]
     if len(wins) != 1 or list(simulator.inspection_points_map) != [wins[0].inspection_entity_name]:
         raise stop(

@@ -22,6 +22,7 @@ from safe_inspect.tasks.inspection.camera import ConeCamera, inspect_by_camera
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points_model import PointsModel
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsOf
+from safe_inspect.tasks.inspection.rotation import array_in_axes_of
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray
 from safe_inspect.units import Angle, ConeOfView, PositiveLength
 
@@ -53,7 +54,8 @@ class InspectionPoints(Component):
     Arrays: ``state.points[body]``, see `PointsModel.arrays`, and ``priority_vector`` [-], shape (N, 3), zeros where
     there is none. Views offer ``points(body)``, a `PointsView`.
     The component ``Sun`` stands before it. Where a reset gives a priority vector, the points are weighted by their
-    angle from the direction opposite to it.
+    angle from the direction opposite to it. Points and priority vector are in the axes of their body, which are Hill's
+    unless `ChiefRotation` turns it.
 
     Attributes:
         inspection_points_map: Points by the body that carries them.
@@ -104,7 +106,7 @@ class InspectionPoints(Component):
             size = math.hypot(*self.initial_sensor_unit_vec)
             x, y, z = (component / size for component in self.initial_sensor_unit_vec)
             camera = ConeCamera((x, y, z), 0.5 * self.sensor_fov)
-        return _RunningPoints(models, world.num_deputies, camera or self.field_of_view, self.report_score)
+        return _RunningPoints(models, world, camera or self.field_of_view, self.report_score)
 
 
 def check_field_of_view(angle: float) -> float:
@@ -128,9 +130,10 @@ class _RunningPoints(RunningComponent):
     }
 
     def __init__(
-        self, models: Mapping[str, PointsModel], num_deputies: int, view: float | ConeCamera, report_score: bool
+        self, models: Mapping[str, PointsModel], world: World, view: float | ConeCamera, report_score: bool
     ) -> None:
-        self._models, self._num_deputies, self._report_score = models, num_deputies, report_score
+        self._models, self._world, self._report_score = models, world, report_score
+        num_deputies = self._num_deputies = world.num_deputies
         self._camera = view if isinstance(view, ConeCamera) else None
         self._cos_half_fov = -1.0 if isinstance(view, ConeCamera) or view >= math.pi else math.cos(view / 2.0)
         self._active = np.ones((0, num_deputies), dtype=np.bool_)
@@ -194,14 +197,17 @@ class _RunningPoints(RunningComponent):
         credit = Credit(points.inspector, points.team_count, points.own_count)
         scores = Scores(points.weights, points.team_score, points.own_score)
         active = self._active[: state.num_envs]
-        sun = state["sun_direction"]
+        position, sun, orientation = (
+            state.arrays.get(array_in_axes_of(model.entity, self._world, name))
+            for name in ("position", "sun_direction", "orientation")
+        )
         seen = sun, model.surface
         call: Any
         fixed: tuple[Any, ...]
         if self._camera is None:
-            call, fixed = inspect_body, (state.position, model.body, *seen, self._cos_half_fov)
+            call, fixed = inspect_body, (position, model.body, *seen, self._cos_half_fov)
         else:
-            call, fixed = inspect_by_camera, (state.position, state["orientation"], model.body, self._camera, *seen)
+            call, fixed = inspect_by_camera, (position, orientation, model.body, self._camera, *seen)
         found = state.bound["inspect", model.entity] = call.dispatcher, (*fixed, active, credit, scores)
         return found
 

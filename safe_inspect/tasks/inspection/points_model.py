@@ -20,7 +20,7 @@ class PointsModel:
     Attributes:
         entity: Name of the body.
         body: Index of the body in the state's body axis.
-        points: Positions relative to the body's centre [m], Hill frame, shape (P, 3).
+        points: Positions relative to the body's centre [m], in its axes, shape (P, 3).
         radius: Radius of the sphere that carries them [m].
         light: The rule of light, for the compiled kernels.
     """
@@ -66,8 +66,8 @@ class PointsModel:
         """Return which points are lit well enough to be inspected, shape (R, P).
 
         Args:
-            viewer: Position of the viewer relative to the centre [m], Hill frame, shape (R, 3).
-            sun: Unit vector to the sun, Hill frame, shape (R, 3).
+            viewer: Position of the viewer relative to the centre [m], axes of the body, shape (R, 3).
+            sun: Unit vector to the sun, axes of the body, shape (R, 3).
         """
         return lit(np.ascontiguousarray(viewer), sun, self.points, self.radius, self.light)
 
@@ -75,8 +75,8 @@ class PointsModel:
         """Return which points are lit well enough and not inspected, shape (R, P).
 
         Args:
-            viewer: Position of the viewer relative to the centre [m], Hill frame, shape (R, 3).
-            sun: Unit vector to the sun, Hill frame, shape (R, 3).
+            viewer: Position of the viewer relative to the centre [m], axes of the body, shape (R, 3).
+            sun: Unit vector to the sun, axes of the body, shape (R, 3).
             inspector: Index of the deputy that inspected each point, -1 for none, shape (R, P).
         """
         return lit_and_uninspected(np.ascontiguousarray(viewer), sun, self.points, self.radius, self.light, inspector)

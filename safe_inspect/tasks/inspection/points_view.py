@@ -11,6 +11,7 @@ import numpy as np
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.tasks.inspection.points_model import PointsModel
+from safe_inspect.tasks.inspection.rotation import array_in_axes_of
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
@@ -82,11 +83,15 @@ class PointsView:
 
     @property
     def _sun(self) -> FloatArray:
-        return self._view.per_environment(self._view.writable["sun_direction"])
+        return self._view.per_environment(self._view.writable[self._array("sun_direction")])
 
     @property
     def _viewer(self) -> FloatArray:
-        return self._view.position - self._view.entity_position(self.model.entity)
+        position = self._view.writable[self._array("position")]
+        return self._view.per_agent(position) - self._view.per_environment(position[:, self.model.body])
+
+    def _array(self, name: str) -> str:
+        return array_in_axes_of(self.model.entity, self._view.world, name)
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,16 @@ from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule, check_interval
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points import InspectionPoints, SpherePoints, check_field_of_view
+from safe_inspect.tasks.inspection.rotation import ChiefRotation
 from safe_inspect.tasks.inspection.sun import Sun
-from safe_inspect.units import Angle, ConeOfView, PositiveAngularRate
+from safe_inspect.units import Angle, AngularRate, ConeOfView, PositiveAngularRate
 
 
 class InspectionSimulator(Simulator):
     """One chief, its points, the sun, and deputies that look at the chief.
 
-    It composes `ClohessyWiltshire`, `Sun`, `InspectionPoints` and `FuelPriceSchedule`. With platforms that turn
+    It composes `ClohessyWiltshire`, `Sun`, `InspectionPoints` and `FuelPriceSchedule`, for a chief that turns also
+    `ChiefRotation`. With platforms that turn
     (``platform: six-dof``) the dynamics are `ClohessyWiltshireAttitude`, and the camera turns with the deputy.
 
     Attributes:
@@ -36,6 +38,8 @@ class InspectionSimulator(Simulator):
         sensor_fov: Full angle of the cone of a camera that turns with the deputy [rad], 2 pi unless given; it goes with
             platforms that turn.
         initial_sensor_unit_vec: Axis of that camera in body axes.
+        chief_angular_velocity: Constant angular velocity of the body ``chief`` against Hill's frame, along Hill's axes
+            [rad/s], see `ChiefRotation`; it rests unless given.
         steps_until_update: Steps of a slot between two updates of its delta-v scale.
         delta_v_scale_bounds: Smallest and largest scale of the delta-v reward [1/(m/s)]; it starts at the largest.
         delta_v_scale_step: Change of the scale at an update.
@@ -52,6 +56,7 @@ class InspectionSimulator(Simulator):
     field_of_view: Angle = math.pi
     sensor_fov: ConeOfView | None = None
     initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    chief_angular_velocity: tuple[AngularRate, AngularRate, AngularRate] = (0.0, 0.0, 0.0)
     steps_until_update: int = Field(default=1500, ge=1)
     delta_v_scale_bounds: tuple[float, float] = (-0.1, -0.001)
     delta_v_scale_step: float = -0.00005
@@ -78,10 +83,12 @@ class InspectionSimulator(Simulator):
         return self.model_copy(update={"dynamics": dynamics, "sensor_fov": view})
 
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
-        """Return the dynamics, the sun, the points and the price of fuel."""
+        """Return the dynamics, the sun, the rotation of a chief that turns, the points and the price of fuel."""
         light, dynamics = self.illumination_params, self.dynamics or ClohessyWiltshire(mean_motion=self.mean_motion)
+        spin = self.chief_angular_velocity
         return dynamics, (
             Sun(rate=self.mean_motion if light is None else light.mean_motion),
+            *((ChiefRotation(angular_velocity=spin),) if any(spin) else ()),
             InspectionPoints(
                 inspection_points_map=self.inspection_points_map,
                 illumination_params=light,

@@ -1,0 +1,202 @@
+"""`ChiefRotation`: a body with inspection points that turns at a constant rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import field_validator
+
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.rotation_row import Components, rotated, rotated_back
+from safe_inspect.geometry.nearest import direction_to_nearest
+from safe_inspect.plugins.plugin import EntityName
+from safe_inspect.simulators.component import Component, RunningComponent
+from safe_inspect.simulators.offers import OfTeam, OfView
+from safe_inspect.simulators.resets.attitudes import require_length
+from safe_inspect.simulators.state import State
+from safe_inspect.simulators.world import World
+from safe_inspect.types import ArraySpec, BoolArray, FloatArray
+from safe_inspect.units import AngularRate
+
+_ANGLE, _ORIENTATION = "chief_angle", "chief_orientation"
+
+
+class BodyAxes(NamedTuple):
+    """What N environments hold about a rotating body, and what its axes see of bodies and sun.
+
+    Attributes:
+        angle: Angle turned since the reset, not wrapped [rad], shape (N,).
+        orientation: Attitude of the body, from its axes to Hill's frame, shape (N, 4).
+        position: Positions of the bodies relative to it, in its axes [m], shape (N, B, 3).
+        sun: Unit vectors to the sun in its axes [-], shape (N, 3).
+        attitude: Attitudes of the bodies from their axes to its own, shape (N, B, 4); of points, shape (N, 0, 4).
+    """
+
+    angle: FloatArray
+    orientation: FloatArray
+    position: FloatArray
+    sun: FloatArray
+    attitude: FloatArray
+
+
+@njit
+def turn_body(
+    turn: float,
+    axis: Components,
+    body: int,
+    position: FloatArray,
+    sun: FloatArray,
+    attitude: FloatArray,
+    axes: BodyAxes,
+) -> None:
+    """Turn a body about an axis of Hill's frame, and write what its axes see.
+
+    Args:
+        turn: Angle that is added [rad].
+        axis: Unit vector of the axis.
+        body: Index of the body.
+        position: Positions of the bodies, Hill frame [m], shape (N, B, 3).
+        sun: Unit vectors to the sun, Hill frame [-], shape (N, 3).
+        attitude: Attitudes of the bodies to Hill's frame, shape (N, B, 4); of points, shape (N, 0, 4).
+        axes: Read and written.
+    """
+    for n in range(axes.angle.shape[0]):
+        axes.angle[n] += turn
+        sine, w = math.sin(0.5 * axes.angle[n]), math.cos(0.5 * axes.angle[n])
+        x, y, z = sine * axis[0], sine * axis[1], sine * axis[2]
+        q = (x, y, z, w)
+        for k in range(4):
+            axes.orientation[n, k] = q[k]
+        for b in range(position.shape[1]):
+            p, origin = position[n, b], position[n, body]
+            seen = rotated_back(q, p[0] - origin[0], p[1] - origin[1], p[2] - origin[2])
+            for k in range(3):
+                axes.position[n, b, k] = seen[k]
+        seen = rotated_back(q, sun[n, 0], sun[n, 1], sun[n, 2])
+        for k in range(3):
+            axes.sun[n, k] = seen[k]
+        for b in range(attitude.shape[1]):  # conjugate of q times the attitude
+            a = attitude[n, b]
+            axes.attitude[n, b, 0] = w * a[0] - x * a[3] - y * a[2] + z * a[1]
+            axes.attitude[n, b, 1] = w * a[1] + x * a[2] - y * a[3] - z * a[0]
+            axes.attitude[n, b, 2] = w * a[2] - x * a[1] + y * a[0] - z * a[3]
+            axes.attitude[n, b, 3] = w * a[3] + x * a[0] + y * a[1] + z * a[2]
+
+
+@njit
+def turned_direction_to_nearest(
+    orientation: FloatArray,
+    viewer: FloatArray,
+    body: FloatArray,
+    centres: FloatArray,
+    count: int,
+    direction: FloatArray,
+) -> None:
+    """Do `direction_to_nearest` in the axes of a body that rotates, and write the direction in Hill's frame.
+
+    Args:
+        orientation: Attitude of the body, from its axes to Hill's frame, shape (4,).
+        viewer: As in `direction_to_nearest`, like the others, in the body's axes.
+        body: As there.
+        centres: As there.
+        count: As there.
+        direction: Takes the direction [-], Hill frame, shape (3,).
+    """
+    direction_to_nearest(viewer, body, centres, count, direction)
+    turned = rotated(orientation, direction[0], direction[1], direction[2])
+    for k in range(3):
+        direction[k] = turned[k]
+
+
+def array_in_axes_of(entity: str, world: World, name: str) -> str:
+    """Return the array that holds ``position``, ``sun_direction`` or ``orientation`` as the axes of a body see it.
+
+    Args:
+        entity: Name of the body; the axes of one that does not rotate are Hill's.
+        world: What does not change.
+        name: Name of the array in Hill's frame.
+    """
+    return f"axes/{entity}/{name}" if entity == rotating_body(world) else name
+
+
+def rotating_body(world: World) -> str | None:
+    """Return the name of the body that rotates, None where there is none."""
+    found: str | None = world.offers.world.get("rotating_body")
+    return found
+
+
+class ChiefRotation(Component):
+    """A body that rotates at a constant angular velocity; its points, normals and priority vector turn with it.
+
+    Its axes are Hill's at the reset. The peer's chief outside of CoRL rests in inertial space: ``[0, 0, -n]`` with the
+    mean motion n. Arrays: ``chief_angle``, not wrapped [rad], shape (N,), ``chief_orientation``, the attitude from the
+    body's axes to Hill's frame [x, y, z, w], shape (N, 4), and what the body's axes see of all bodies and of the sun.
+    The component ``Sun`` stands before it, `InspectionPoints` after it.
+
+    Attributes:
+        entity_name: The body.
+        angular_velocity: Angular velocity against Hill's frame, along Hill's axes [rad/s]; not zero.
+    """
+
+    entity_name: EntityName = "chief"
+    angular_velocity: tuple[AngularRate, AngularRate, AngularRate] = (0.0, 0.0, -0.001027)
+
+    _has_length = field_validator("angular_velocity")(require_length)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The body that rotates."""
+        return (self.entity_name,)
+
+    def __call__(self, world: World, num_envs: int) -> RunningComponent:
+        """Return the running rotation.
+
+        Raises:
+            ValueError: Another component stands where it must not.
+        """
+        if "sun_direction" not in world.offers.view or "points" in world.offers.world:
+            raise ValueError(
+                "ChiefRotation stands after Sun and before InspectionPoints; change the order of `components`"
+            )
+        rate = math.hypot(*self.angular_velocity)
+        x, y, z = (component / rate for component in self.angular_velocity)
+        return _RunningRotation(self.entity_name, rate * world.step_size, (x, y, z), world)
+
+
+class _RunningRotation(RunningComponent):
+    recorded = (_ORIENTATION,)
+
+    def __init__(self, entity: str, turn: float, axis: Components, world: World) -> None:
+        self._entity, self._turn, self._axis, self._body = entity, turn, axis, world.bodies[entity]
+        bodies, turning = len(world.bodies), "turning_body" in world.offers.world
+        self._names = tuple(f"axes/{entity}/{name}" for name in ("position", "sun_direction", "orientation"))
+        sizes = ((bodies, 3), (3,), (bodies if turning else 0, 4))
+        self.arrays = {_ANGLE: ArraySpec(()), _ORIENTATION: ArraySpec((4,))}
+        self.arrays |= {name: ArraySpec(size) for name, size in zip(self._names, sizes, strict=True)}
+
+    def reset(self, state: State, values: Mapping[str, Any]) -> None:
+        self._follow(state, 0.0)
+
+    def step(self, state: State, running: BoolArray) -> None:
+        self._follow(state, self._turn)
+
+    def of_world(self) -> Mapping[str, Any]:
+        return {"rotating_body": self._entity}
+
+    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
+        return {_ORIENTATION: OfView(_ORIENTATION)}
+
+    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
+        return {_ORIENTATION: OfTeam(_ORIENTATION)}
+
+    def shared_state(self, team: Any) -> tuple[Any, ...]:
+        return (team.chief_orientation,)
+
+    def _follow(self, state: State, turn: float) -> None:
+        arrays = state.arrays
+        attitude = arrays.get("orientation", np.zeros((state.num_envs, 0, 4)))
+        axes = BodyAxes(arrays[_ANGLE], arrays[_ORIENTATION], *(arrays[name] for name in self._names))
+        turn_body(turn, self._axis, self._body, state.position, arrays["sun_direction"], attitude, axes)
