@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -28,6 +28,7 @@ class Cloud:
         silhouette: Row and column of the nearest pixel that sees anything, shape (2, height, width).
         outwards: Direction along rows and columns out of the silhouette at each pixel, a unit vector near its border,
             shape (2, height, width).
+        nearest: Least depth at a pixel and its neighbours, infinite where they see nothing [m], shape (height, width).
     """
 
     points: FloatArray
@@ -35,6 +36,7 @@ class Cloud:
     ranges: FloatArray
     silhouette: IntArray
     outwards: FloatArray
+    nearest: FloatArray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -44,7 +46,7 @@ class Cloud:
         if len(self) <= count:
             return self
         kept = np.linspace(0, len(self) - 1, count).astype(int)
-        return Cloud(self.points[kept], self.rays[kept], self.ranges[kept], self.silhouette, self.outwards)
+        return replace(self, points=self.points[kept], rays=self.rays[kept], ranges=self.ranges[kept])
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ class Cleaning:
             ranges,
             silhouette.astype(np.int64, copy=False),
             outwards,
+            _least_depth(frame.depth, used),
         )
 
 
@@ -106,8 +109,12 @@ def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
     """Return the pixels with a used neighbour whose depth differs by more than `edge` [m]."""
     # What is not used never differs: the largest and the least of the neighbours are taken over the used ones alone.
     largest = ndimage.maximum_filter(np.where(used, depth, -np.inf), size=3)
-    least = ndimage.minimum_filter(np.where(used, depth, np.inf), size=3)
-    return np.asarray((largest - depth > edge) | (depth - least > edge))
+    return np.asarray((largest - depth > edge) | (depth - _least_depth(depth, used) > edge))
+
+
+def _least_depth(depth: FloatArray, used: BoolArray) -> FloatArray:
+    """Return the least depth of the used ones of a pixel and its neighbours, infinite without any [m]."""
+    return np.asarray(ndimage.minimum_filter(np.where(used, depth, np.inf), size=3))
 
 
 def _largest_cluster(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:

@@ -151,12 +151,14 @@ class ModelRegistration:
             origin=mount[:3, 3].copy(),
             silhouette=cloud.silhouette,
             outwards=cloud.outwards,
+            measured=cloud.nearest,
             intrinsics=self._camera.intrinsics,
             sigma=1.5,
             cut=0.02,
             least_cosine=0.25,
             nearest=self._camera.least_range + FAR,
             farthest=self._camera.largest_range - FAR,
+            noise=self._noise,
         )
         noise = self._noise._replace(cut=self._noise.cut * widening)
         visible = self.faces.looks_to((pose @ mount)[:3, 3])
