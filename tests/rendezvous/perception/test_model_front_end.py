@@ -187,6 +187,21 @@ def test_close_to_the_target_the_shape_does_not_slide(target: Target, shoot: Sho
         assert offset @ np.linalg.solve(found.covariance(3.0), offset) / 6.0 < 8.0
 
 
+def test_the_errors_of_attitude_hold_at_the_mating_point(target: Target, shoot: Shoot) -> None:
+    """What the model leaves out turns a small patch more than the whole target."""
+    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
+    random, nees = np.random.default_rng(2), []
+    mating_point, corner = target.R_MT @ target.mating_point, target.R_MT @ target.landmark
+    for number in range(12):
+        position = mating_point + 0.01 * random.normal(size=3)
+        camera = point_camera(rotation_exp(0.3 * random.normal(size=3)), position, corner)
+        truth = pose(camera @ T_BC[:3, :3].T, position)
+        found = registration(cleaning(shoot(truth, number), T_BC), truth, Prior(truth, _PRIOR))
+        turn = difference(truth, found.pose)[:3]
+        nees.append(turn @ np.linalg.solve(found.covariance(3.0)[:3, :3], turn) / 3.0)
+    assert 0.1 < np.mean(nees) < 2.0
+
+
 def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Target, shoot: Shoot) -> None:
     """A strip of the bus is seen, its ends out of the image: what is expected holds, and the errors say so."""
     cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
