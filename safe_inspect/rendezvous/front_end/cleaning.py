@@ -13,6 +13,8 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Edge of the voxels whose neighbours are taken as one cluster [m].
 _LINK = 0.08
+#: Least size of a cluster relative to the largest: parts of one body may seem apart, what flies is small.
+_LEAST_CLUSTER = 0.25
 #: Width over which the border of a silhouette is averaged for its direction [px], and its least slope [1/px].
 _BLUR, _LEAST_SLOPE = 3.0, 1e-3
 
@@ -68,7 +70,7 @@ class Cleaning:
     def __call__(self, frame: DepthFrame, T_BC: FloatArray) -> Cloud:  # noqa: N803
         """Return the cleaned points of a frame.
 
-        A pixel is dropped when it is not within the range of depths, when it does not belong to the largest cluster,
+        A pixel is dropped when it is not within the range of depths, when it does not belong to a large cluster,
         or when one of its eight neighbours that see something differs by more than `edge`: there pixels fly.
 
         Args:
@@ -79,7 +81,7 @@ class Cleaning:
         used = frame.valid & (frame.depth >= self.nearest) & (frame.depth <= self.farthest)
         # A part that seems apart from the rest, behind an edge for instance, is no place where nothing is seen.
         seen = used | ndimage.binary_closing(used)
-        used = _largest_cluster(directions, frame.depth, used)
+        used = _large_clusters(directions, frame.depth, used)
         inner = used & ~_depth_edges(frame.depth, used, self.edge)
         rays = directions[inner]
         ranges = frame.depth[inner] / rays[:, 2]
@@ -117,8 +119,8 @@ def _least_depth(depth: FloatArray, used: BoolArray) -> FloatArray:
     return np.asarray(ndimage.minimum_filter(np.where(used, depth, np.inf), size=3))
 
 
-def _largest_cluster(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:
-    """Return the used pixels of the largest group of voxels that touch each other."""
+def _large_clusters(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:
+    """Return the used pixels of the largest groups of voxels that touch each other."""
     rays = directions[used]
     if len(rays) == 0:
         return used
@@ -131,5 +133,6 @@ def _largest_cluster(directions: FloatArray, depth: FloatArray, used: BoolArray)
         return used
     label = labels[tuple(cells.T)]
     kept = used.copy()
-    kept[used] = label == np.bincount(label).argmax()
+    size = np.bincount(label)
+    kept[used] = (size >= _LEAST_CLUSTER * size.max())[label]
     return kept

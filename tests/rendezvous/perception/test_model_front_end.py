@@ -202,6 +202,19 @@ def test_the_errors_of_attitude_hold_at_the_mating_point(target: Target, shoot: 
     assert 0.1 < np.mean(nees) < 2.0
 
 
+def test_parts_that_seem_apart_are_used_together(target: Target, shoot: Shoot) -> None:
+    """From beyond the array's tip its edge and the bus behind it are seen, and nothing between them."""
+    position = np.array([1.36, -0.21, -0.08])
+    truth = pose(point_camera(np.eye(3), position, np.zeros(3)) @ T_BC[:3, :3].T, position)
+    truth[:3, 3] -= truth[:3, :3] @ T_BC[:3, 3]  # it is the camera that is there
+    frame = shoot(truth)
+    cloud = Cleaning(CAMERA, edge=np.inf)(frame, T_BC)
+    assert len(cloud) > 0.95 * frame.valid.sum()
+    found = ModelRegistration(target, CAMERA, T_BC)(cloud, truth, Prior(truth, _PRIOR))
+    assert np.linalg.norm(difference(truth, found.pose)[3:]) < 0.01
+    assert found.score < 0.01
+
+
 def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Target, shoot: Shoot) -> None:
     """A strip of the bus is seen, its ends out of the image: what is expected holds, and the errors say so."""
     cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
