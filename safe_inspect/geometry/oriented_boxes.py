@@ -37,6 +37,13 @@ class OrientedBoxes:
     def __len__(self) -> int:
         return len(self.centre)
 
+    @property
+    def corners(self) -> FloatArray:
+        """The corners of each box [m], shape (B, 8, 3)."""
+        signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
+        offsets = np.einsum("bij,kj,bj->bki", self.rotation, signs, self.half_size)
+        return np.asarray(self.centre[:, None, :] + offsets)
+
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the signed distance to each box and its gradient.
 

@@ -224,12 +224,12 @@ class Mission:
         return context.hold.step(x, reference, 0), np.concatenate([reference.position[0], reference.velocity[0]])
 
     def _point(self) -> FloatArray:
-        """Return the torque that turns the camera to the target's centre [N m], shape (3,).
+        """Return the torque that turns the camera to where it shall look [N m], shape (3,).
 
         It is zero while the inertial unit is silent: a free rotation goes on as it was, which the estimate counts on.
         """
         context, chaser = self._flight, self._flight.estimate.chaser
-        command = self._pointing.step(chaser.position, context.estimate.target.position, self._config.mission.step)
+        command = self._pointing.step(chaser.position, context.aim(), self._config.mission.step)
         error = quaternion.multiply(quaternion.conjugate(command.orientation), chaser.orientation)
         context.pointing_error = float(np.linalg.norm(quaternion.log(error)))
         if context.imu_time < context.time:

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from safe_inspect.dynamics.inertia import principal_axes
+from safe_inspect.dynamics.quaternion import exp, rotate
 from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.target.box import aligned_boxes, inertia_of_boxes, mesh_of_boxes
 from safe_inspect.rendezvous.target.envisat import envisat, envisat_boxes
@@ -23,6 +26,24 @@ def test_envisat_has_the_published_principal_moments_and_tilt() -> None:
     np.testing.assert_allclose(tilt, [1.1, 4.4, 4.6], atol=0.05)
     assert target.swept_radius == pytest.approx(20.06, abs=0.01)
     assert envisat(0.05, _MATING_POINT).swept_radius == pytest.approx(1.003, abs=1e-3)
+
+
+def test_the_camera_looks_at_a_corner_near_the_mating_point_and_at_the_centre_from_afar() -> None:
+    target = envisat(0.05, _MATING_POINT)
+    corner = target.R_MT @ target.landmark
+    np.testing.assert_allclose(corner, [0.193, np.copysign(0.06875, corner[1]), 0.0525], atol=1e-9)
+    q = exp(np.array([0.3, -1.0, 0.7]))
+    centre, along = np.array([0.1, 0.2, 0.3]), rotate(q, target.mating_point)
+
+    def aim(share: float) -> np.ndarray:
+        chaser = SimpleNamespace(position=centre + share * along)
+        estimate = SimpleNamespace(chaser=chaser, target=SimpleNamespace(position=centre, orientation=q))
+        return MissionContext.aim(SimpleNamespace(estimate=estimate, target=target))
+
+    np.testing.assert_allclose(aim(3.0), centre)
+    np.testing.assert_allclose(aim(1.0), centre + rotate(q, target.landmark), atol=1e-12)
+    np.testing.assert_allclose(aim(0.9), aim(1.0), atol=1e-12)
+    np.testing.assert_allclose(aim(1.5), 0.5 * (aim(1.0) + centre), atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -137,6 +137,18 @@ class MissionContext:
             for fault in self.config.mission.faults
         )
 
+    def aim(self) -> FloatArray:
+        """Return where the camera looks, in W [m], shape (3,).
+
+        It is the centre of mass from afar, and the corner nearest to the mating point from there; between twice that
+        distance from the centre and the mating point it moves from one to the other. Near the target one face may fill
+        the image, which does not show where the chaser is along it; a corner does.
+        """
+        target, chaser = self.estimate.target, self.estimate.chaser
+        distance = np.linalg.norm(chaser.position - target.position) / np.linalg.norm(self.target.mating_point)
+        share = min(max(2.0 - float(distance), 0.0), 1.0)
+        return target.position + share * rotate(target.orientation, self.target.landmark)
+
     def clearance(self) -> float:
         """Return the estimated distance from the chaser's sphere to the target's boxes [m]."""
         return clearance(self.target, self.estimate.chaser.position, self.estimate.target, self.limits.radius)

@@ -40,8 +40,10 @@ def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, s
         known: The motion.
         times: Times of the newest frames [s], ascending, shape (n,).
         orientation: Measured q_WT of the frames, shape (n, 4).
-        sigma: Standard deviation of their errors about each axis [rad].
+        sigma: Standard deviation of their errors about each axis as it is stated [rad]; it counts by the misfit of all
+            edges or of the newest, whichever is larger. Near the target what the model leaves out turns a few views.
     """
+    sigma = sigma * max(known.misfit, known.recent_misfit, 1.0)
     if len(times) < OFF_FRAMES:
         return False
     error = log(multiply(conjugate(known.predict(times)[0]), orientation))

@@ -193,7 +193,7 @@ class EstimationPipeline:
             return
         times, orientation = self._newest_attitudes(known)
         sigma = np.sqrt(np.mean([np.trace(edge.covariance[:3, :3]) for edge in edges]) / 3.0)
-        if departs(known, times, orientation, float(sigma) * max(known.misfit, 1.0)):
+        if departs(known, times, orientation, float(sigma)):
             # The frames that are off are after the change; those before them may not be.
             self._forget_before(float(times[-OFF_FRAMES]), time)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -13,6 +13,8 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Edge of the voxels whose neighbours are taken as one cluster [m].
 _LINK = 0.08
+#: Least size of a cluster relative to the largest: parts of one body may seem apart, what flies is small.
+_LEAST_CLUSTER = 0.25
 #: Width over which the border of a silhouette is averaged for its direction [px], and its least slope [1/px].
 _BLUR, _LEAST_SLOPE = 3.0, 1e-3
 
@@ -28,6 +30,7 @@ class Cloud:
         silhouette: Row and column of the nearest pixel that sees anything, shape (2, height, width).
         outwards: Direction along rows and columns out of the silhouette at each pixel, a unit vector near its border,
             shape (2, height, width).
+        nearest: Least depth at a pixel and its neighbours, infinite where they see nothing [m], shape (height, width).
     """
 
     points: FloatArray
@@ -35,6 +38,7 @@ class Cloud:
     ranges: FloatArray
     silhouette: IntArray
     outwards: FloatArray
+    nearest: FloatArray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -44,7 +48,7 @@ class Cloud:
         if len(self) <= count:
             return self
         kept = np.linspace(0, len(self) - 1, count).astype(int)
-        return Cloud(self.points[kept], self.rays[kept], self.ranges[kept], self.silhouette, self.outwards)
+        return replace(self, points=self.points[kept], rays=self.rays[kept], ranges=self.ranges[kept])
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ class Cleaning:
     def __call__(self, frame: DepthFrame, T_BC: FloatArray) -> Cloud:  # noqa: N803
         """Return the cleaned points of a frame.
 
-        A pixel is dropped when it is not within the range of depths, when it does not belong to the largest cluster,
+        A pixel is dropped when it is not within the range of depths, when it does not belong to a large cluster,
         or when one of its eight neighbours that see something differs by more than `edge`: there pixels fly.
 
         Args:
@@ -77,7 +81,7 @@ class Cleaning:
         used = frame.valid & (frame.depth >= self.nearest) & (frame.depth <= self.farthest)
         # A part that seems apart from the rest, behind an edge for instance, is no place where nothing is seen.
         seen = used | ndimage.binary_closing(used)
-        used = _largest_cluster(directions, frame.depth, used)
+        used = _large_clusters(directions, frame.depth, used)
         inner = used & ~_depth_edges(frame.depth, used, self.edge)
         rays = directions[inner]
         ranges = frame.depth[inner] / rays[:, 2]
@@ -91,6 +95,7 @@ class Cleaning:
             ranges,
             silhouette.astype(np.int64, copy=False),
             outwards,
+            _least_depth(frame.depth, used),
         )
 
 
@@ -106,12 +111,16 @@ def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
     """Return the pixels with a used neighbour whose depth differs by more than `edge` [m]."""
     # What is not used never differs: the largest and the least of the neighbours are taken over the used ones alone.
     largest = ndimage.maximum_filter(np.where(used, depth, -np.inf), size=3)
-    least = ndimage.minimum_filter(np.where(used, depth, np.inf), size=3)
-    return np.asarray((largest - depth > edge) | (depth - least > edge))
+    return np.asarray((largest - depth > edge) | (depth - _least_depth(depth, used) > edge))
 
 
-def _largest_cluster(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:
-    """Return the used pixels of the largest group of voxels that touch each other."""
+def _least_depth(depth: FloatArray, used: BoolArray) -> FloatArray:
+    """Return the least depth of the used ones of a pixel and its neighbours, infinite without any [m]."""
+    return np.asarray(ndimage.minimum_filter(np.where(used, depth, np.inf), size=3))
+
+
+def _large_clusters(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:
+    """Return the used pixels of the largest groups of voxels that touch each other."""
     rays = directions[used]
     if len(rays) == 0:
         return used
@@ -124,5 +133,6 @@ def _largest_cluster(directions: FloatArray, depth: FloatArray, used: BoolArray)
         return used
     label = labels[tuple(cells.T)]
     kept = used.copy()
-    kept[used] = label == np.bincount(label).argmax()
+    size = np.bincount(label)
+    kept[used] = (size >= _LEAST_CLUSTER * size.max())[label]
     return kept

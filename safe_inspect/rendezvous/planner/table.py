@@ -184,8 +184,7 @@ def table_queries(query: PlanQuery, count: int, rates: tuple[float, float] = (1.
 def _key_points(query: PlanQuery) -> FloatArray:
     """Return the mating point and the corners farthest from the centre of mass, of different boxes, in T."""
     boxes = query.boxes
-    signs = np.array(np.meshgrid(*3 * [[-1.0, 1.0]])).reshape(3, 8).T
-    corners = boxes.centre[:, None] + np.einsum("bij,bcj->bci", boxes.rotation, signs * boxes.half_size[:, None])
+    corners = boxes.corners
     farthest = np.argsort(-(corners**2).sum(axis=2), axis=1)[:, 0]
     tips = corners[np.arange(len(boxes)), farthest]
     tips = tips[np.argsort(-(tips**2).sum(axis=1), kind="stable")[:_CORNERS]]

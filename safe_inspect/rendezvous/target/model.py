@@ -65,6 +65,11 @@ class Target:
     @cached_property
     def swept_radius(self) -> float:
         """Radius of the sphere about the centre of mass that holds all boxes [m]."""
-        signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
-        offsets = np.einsum("bij,kj,bj->bki", self.boxes.rotation, signs, self.boxes.half_size)
-        return float(np.linalg.norm(self.boxes.centre[:, None, :] + offsets, axis=2).max())
+        return float(np.linalg.norm(self.boxes.corners, axis=2).max())
+
+    @cached_property
+    def landmark(self) -> FloatArray:
+        """The corner of the boxes nearest to the mating point, in T [m], shape (3,)."""
+        corners = self.boxes.corners.reshape(-1, 3) @ self.R_MT
+        nearest: FloatArray = corners[np.linalg.norm(corners - self.mating_point, axis=1).argmin()]
+        return nearest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -110,3 +111,18 @@ def test_a_departure_is_told_from_frames_in_which_the_front_end_errs() -> None:
     early, late = times - 6.0, times + 10.0
     assert not departs(known, early, tumble(inertia, _LEVEL[None], slow, early)[0][0], sigma)
     assert departs(known, late, tumble(inertia, _LEVEL[None], slow, late)[0][0], sigma)
+
+
+def test_views_that_the_model_explains_badly_are_no_change() -> None:
+    """Errors of a flight 0.5 m from the target, whose details turn the pose for three frames."""
+    known = _known(np.array([0.2, 0.9, 1.0]), np.deg2rad([3.0, 2.0, 2.0]))
+    times, turns = np.arange(6.0, 12.0), np.deg2rad([0.3, 0.8, 1.4, 2.7, 1.1, 0.3])
+    seen = multiply(known.predict(times)[0], exp(turns[:, None] * np.array([1.0, 0.0, 0.0])))
+
+    def alarms(recent_misfit: float) -> bool:
+        now = replace(known, recent_misfit=recent_misfit, covariance=0.1 * known.covariance)
+        newest = [slice(max(k - 5, 0), k) for k in range(2, 7)]
+        return any(departs(now, times[one], seen[one], np.deg2rad(0.18)) for one in newest)
+
+    assert alarms(1.0)
+    assert not alarms(1.4)

@@ -78,6 +78,17 @@ def test_a_search_finds_the_pose_without_a_prediction(target: Target, shoot: Sho
         assert [one.score for one in found] == sorted(one.score for one in found)
 
 
+def test_a_shape_that_would_hide_what_is_seen_does_not_fit(target: Target, shoot: Shoot) -> None:
+    """From above the bus, Envisat and its half turn differ in a plate alone, which the camera would not see through."""
+    registration, half = ModelRegistration(target, CAMERA, T_BC), pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    for number, position in enumerate(np.array([[-0.4, -0.4, 1.4], [0.1, -0.9, 1.2], [0.2, -1.2, 0.9]])):
+        truth = pose(point_camera(np.eye(3), position, np.zeros(3)) @ T_BC[:3, :3].T, position)
+        cloud = Cleaning(CAMERA, edge=np.inf)(shoot(truth, number), T_BC)
+        right, wrong = (registration(cloud, one @ truth, iterations=25, widening=2.5) for one in (np.eye(4), half))
+        assert right.score < 7e-3
+        assert wrong.score > right.score + 7e-4
+
+
 def test_spread_rotations_leave_no_gap() -> None:
     grid, random = spread_rotations(600), np.random.default_rng(0)
     for _ in range(30):
@@ -87,7 +98,7 @@ def test_spread_rotations_leave_no_gap() -> None:
 
 
 def test_the_front_end_gives_poses_that_do_not_drift(target: Target, streams: Streams, shoot: Shoot) -> None:
-    truth = spin(45)
+    truth = spin(25, first=(1.3, 0.0, 0.2))  # half a turn of the shape looks alike at first
     edges = _run(target, streams, [shoot(one, k, time=float(k)) for k, one in enumerate(truth)])
     assert edges[0] == []
     model = [edge for step in edges for edge in step if edge.first == MODEL]
@@ -174,6 +185,34 @@ def test_close_to_the_target_the_shape_does_not_slide(target: Target, shoot: Sho
         assert np.linalg.norm(offset[3:]) < 0.015
         assert np.rad2deg(np.linalg.norm(offset[:3])) < 1.0
         assert offset @ np.linalg.solve(found.covariance(3.0), offset) / 6.0 < 8.0
+
+
+def test_the_errors_of_attitude_hold_at_the_mating_point(target: Target, shoot: Shoot) -> None:
+    """What the model leaves out turns a small patch more than the whole target."""
+    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
+    random, nees = np.random.default_rng(2), []
+    mating_point, corner = target.R_MT @ target.mating_point, target.R_MT @ target.landmark
+    for number in range(12):
+        position = mating_point + 0.01 * random.normal(size=3)
+        camera = point_camera(rotation_exp(0.3 * random.normal(size=3)), position, corner)
+        truth = pose(camera @ T_BC[:3, :3].T, position)
+        found = registration(cleaning(shoot(truth, number), T_BC), truth, Prior(truth, _PRIOR))
+        turn = difference(truth, found.pose)[:3]
+        nees.append(turn @ np.linalg.solve(found.covariance(3.0)[:3, :3], turn) / 3.0)
+    assert 0.1 < np.mean(nees) < 2.0
+
+
+def test_parts_that_seem_apart_are_used_together(target: Target, shoot: Shoot) -> None:
+    """From beyond the array's tip its edge and the bus behind it are seen, and nothing between them."""
+    position = np.array([1.36, -0.21, -0.08])
+    truth = pose(point_camera(np.eye(3), position, np.zeros(3)) @ T_BC[:3, :3].T, position)
+    truth[:3, 3] -= truth[:3, :3] @ T_BC[:3, 3]  # it is the camera that is there
+    frame = shoot(truth)
+    cloud = Cleaning(CAMERA, edge=np.inf)(frame, T_BC)
+    assert len(cloud) > 0.95 * frame.valid.sum()
+    found = ModelRegistration(target, CAMERA, T_BC)(cloud, truth, Prior(truth, _PRIOR))
+    assert np.linalg.norm(difference(truth, found.pose)[3:]) < 0.01
+    assert found.score < 0.01
 
 
 def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Target, shoot: Shoot) -> None:

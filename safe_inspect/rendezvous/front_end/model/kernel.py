@@ -25,6 +25,9 @@ _LEAST_SHARE = 0.005
 #: Pixels at the border of an image that are not compared with the silhouette, and edge of the cells in which parts that
 #: are too near hide others [px].
 _BORDER, _CELL = 2.0, 16
+#: Standard deviations of the range by which a point must lie in front of all that is measured there and at the pixels
+#: about it to be seen through.
+_SEEN_THROUGH = 1.0
 
 
 class RangeNoise(NamedTuple):
@@ -51,24 +54,28 @@ class FrameView(NamedTuple):
         origin: Position of the camera in B [m], shape (3,).
         silhouette: Row and column of the nearest pixel that sees the target, shape (2, height, width).
         outwards: Direction along rows and columns out of the silhouette, shape (2, height, width).
+        measured: Least depth at a pixel and its neighbours, infinite for none [m], shape (height, width).
         intrinsics: Focal lengths along rows and columns and the principal point [px].
         sigma: Standard deviation of the silhouette [px].
         cut: Distance to the silhouette from which Huber's weights fall [m].
         least_cosine: Least cosine of incidence at which a point of the shape should be seen.
         nearest: Range below which the camera may see nothing [m].
         farthest: Range above which it may see nothing [m].
+        noise: The camera's errors.
     """
 
     axes: FloatArray
     origin: FloatArray
     silhouette: IntArray
     outwards: FloatArray
+    measured: FloatArray
     intrinsics: tuple[float, float, float, float]
     sigma: float
     cut: float
     least_cosine: float
     nearest: float
     farthest: float
+    noise: RangeNoise
 
 
 class Sums(NamedTuple):
@@ -212,8 +219,8 @@ def face_equations(
 @njit
 def _seen_at(
     samples: SurfacePoints, i: int, transform: FloatArray, view: FrameView
-) -> tuple[float, float, float, float, float, float]:
-    """Return where a point of the shape is seen: depth [m], column, row, and its position in B [m].
+) -> tuple[float, float, float, float, float, float, float]:
+    """Return where a point of the shape is seen: depth [m], column, row, position in B [m], cosine of incidence.
 
     The depth is 0 where the point is not in the image or its face is seen at too flat an angle, and negative where the
     point is too near or too far to be measured; column and row are half-integer at the centre of a pixel.
@@ -234,15 +241,16 @@ def _seen_at(
     dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
     depth = axes[0, 2] * dx + axes[1, 2] * dy + axes[2, 2] * dz
-    if -(dx * nx + dy * ny + dz * nz) < view.least_cosine * distance or depth <= 0.0:
-        return 0.0, 0.0, 0.0, x, y, z
+    cosine = -(dx * nx + dy * ny + dz * nz) / distance
+    if cosine < view.least_cosine or depth <= 0.0:
+        return 0.0, 0.0, 0.0, x, y, z, cosine
     column = fx * (axes[0, 0] * dx + axes[1, 0] * dy + axes[2, 0] * dz) / depth + cx + 0.5
     row = fy * (axes[0, 1] * dx + axes[1, 1] * dy + axes[2, 1] * dz) / depth + cy + 0.5
     # At the border of the image half of what is near a pixel cannot be seen.
     if not (_BORDER <= column < width - _BORDER and _BORDER <= row < height - _BORDER):
-        return 0.0, 0.0, 0.0, x, y, z
+        return 0.0, 0.0, 0.0, x, y, z, cosine
     measured = view.nearest <= distance <= view.farthest
-    return (depth if measured else -depth), column, row, x, y, z
+    return (depth if measured else -depth), column, row, x, y, z, cosine
 
 
 @njit
@@ -253,7 +261,8 @@ def add_silhouette_equations(
 
     The residual of such a point is its distance, across the ray, to the silhouette's border, along the normal of the
     border: where a border leads through the image to both sides, the shape may slide along it. What is too near to be
-    measured, and what is next to it in the image and may be behind it, takes no part.
+    measured, and what is next to it in the image and may be behind it, takes no part. A point in front of what the
+    camera has measured there has no equation, but its distance counts: a pose is wrong where the camera sees through.
 
     Args:
         samples: Points on the faces in M.
@@ -268,12 +277,12 @@ def add_silhouette_equations(
     fx, fy, cx, cy = view.intrinsics
     hidden = np.zeros((height // _CELL + 3, width // _CELL + 3), np.bool_)
     for i in range(samples.points.shape[0]):
-        depth, column, row, x, y, z = _seen_at(samples, i, transform, view)
+        depth, column, row, x, y, z, cosine = _seen_at(samples, i, transform, view)
         if depth < 0.0:
             first, second = int(row) // _CELL, int(column) // _CELL
             hidden[first : first + 3, second : second + 3] = True
     for i in range(samples.points.shape[0]):
-        depth, column, row, x, y, z = _seen_at(samples, i, transform, view)
+        depth, column, row, x, y, z, cosine = _seen_at(samples, i, transform, view)
         if depth <= 0.0 or hidden[int(row) // _CELL + 1, int(column) // _CELL + 1]:
             continue
         right, down = (column - cx - 0.5) / fx, (row - cy - 0.5) / fy
@@ -286,6 +295,10 @@ def add_silhouette_equations(
         across, up = view.outwards[1, near_row, near_column], view.outwards[0, near_row, near_column]
         residual = across * u + up * v
         if residual <= 0.0:
+            sigma = view.noise.sigma0 + view.noise.k * depth * depth / cosine
+            through = view.measured[int(row), int(column)] - depth - _SEEN_THROUGH * sigma
+            if through < math.inf:
+                total += min(max(through, 0.0), FAR)
             continue
         beyond += 1
         total += min(residual, FAR)

@@ -29,8 +29,9 @@ _CONVERGED = 2e-5
 _SPACING, _COARSE_SPACING = 0.02, 0.08
 #: Least mean weighted square of the residuals: what the boxes leave out stays without noise.
 _LEAST_EXCESS = 0.05
-#: Standard deviations of the errors that come from what the boxes leave out, about the model's origin [rad, m].
-_DETAIL_TURN, _DETAIL_SHIFT = np.deg2rad(0.1), 3e-3
+#: Standard deviations of the errors that come from what the boxes leave out, about the model's origin [rad, m], and the
+#: spread of the points from which the first is so small, relative to the swept radius: details turn a small patch more.
+_DETAIL_TURN, _DETAIL_SHIFT, _WHOLE = np.deg2rad(0.1), 3e-3, 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,7 @@ class ModelRegistration:
         self.samples = surface_points(self.faces, _SPACING * target.swept_radius)
         self.coarse_samples = surface_points(self.faces, _COARSE_SPACING * target.swept_radius)
         self._noise = RangeNoise(sigma0, k, 0.5 / camera.focal_length, cut)
-        self._T_BC, self._camera = T_BC, camera
+        self._T_BC, self._camera, self._whole = T_BC, camera, _WHOLE * target.swept_radius
 
     def __call__(
         self,
@@ -132,7 +133,9 @@ class ModelRegistration:
             pose = perturbed(pose, limited(np.asarray(move, dtype=np.float64)))
         # What the boxes leave out moves the shape in its own frame, whatever the distance.
         carry = adjoint(inverse(pose))
-        systematic = carry @ np.diag(np.repeat([_DETAIL_TURN, _DETAIL_SHIFT], 3) ** 2) @ carry.T
+        spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
+        turn = _DETAIL_TURN * max(self._whole / max(spread, 1e-3 * self._whole), 1.0)
+        systematic = carry @ np.diag(np.repeat([turn, _DETAIL_SHIFT], 3) ** 2) @ carry.T
         return Registration(pose, found.hessian, found.score, found.inliers, found.excess, systematic)
 
     def linearise(self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False) -> Linearised:
@@ -151,12 +154,14 @@ class ModelRegistration:
             origin=mount[:3, 3].copy(),
             silhouette=cloud.silhouette,
             outwards=cloud.outwards,
+            measured=cloud.nearest,
             intrinsics=self._camera.intrinsics,
             sigma=1.5,
             cut=0.02,
             least_cosine=0.25,
             nearest=self._camera.least_range + FAR,
             farthest=self._camera.largest_range - FAR,
+            noise=self._noise,
         )
         noise = self._noise._replace(cut=self._noise.cut * widening)
         visible = self.faces.looks_to((pose @ mount)[:3, 3])

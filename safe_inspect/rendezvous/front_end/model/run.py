@@ -47,7 +47,7 @@ class ModelTracking:
     least_points: int = 150
     search_points: int = 300
     least_inliers: float = 0.6
-    largest_score: float = 0.008
+    largest_score: float = 0.01
     largest_turn: float = np.deg2rad(25.0)
     largest_shift: float = 0.25
     turn_sigma: float = np.deg2rad(2.0)
