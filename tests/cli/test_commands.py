@@ -376,6 +376,7 @@ def test_a_dry_run_prints_the_layout(typed, through):
     assert [line.split()[0] for line in names] == list(OBSERVATION)
     assert "action, 3 elements:" in out
     assert "one action for 10 s" in out
+    assert "safety filter: none" in out
     assert not os.path.exists("runs")
 
 
@@ -393,3 +394,22 @@ def test_training_with_an_unknown_option_or_experiment(typed):
     code, _, err = typed("--cfg", "configs/translational-inspection/experimnt.yml", "--dry-run", command=train_rl.main)
     assert code == 2
     assert "did you mean `configs/translational-inspection/experiment.yml`?" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ("configs/docking/experiment.yml", "RTAGlueCWHDocking3d.config.enabled=True"),
+            "safety filter: RTAGlueCWHDocking3d",
+        ),
+        (
+            ("configs/multiagent-translational-inspection/experiment.yml", "env_config.rta.config.enabled=True"),
+            "safety filter of all agents: RTACWHInspectionTeam, keeps chief_collision, rel_vel, sun",
+        ),
+    ],
+)
+def test_a_dry_run_says_which_filter_guards_whom(typed, words, told):
+    code, out, _ = typed("train", *words, "--dry-run", "horizon=30")
+    assert code == 0
+    assert told in out

@@ -21,6 +21,9 @@ from safe_inspect.experiments.runs.trials import trial_table
 from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.learning_curve import learning_curve_figure
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.constraints.sets import name_of
+from safe_inspect.rta.team import TeamSafety
 
 
 def run_train(arguments: argparse.Namespace) -> int:
@@ -80,6 +83,9 @@ def dry_run(experiment: Experiment, steps: int = 20) -> str:
     shared = ", ".join(named.name for named in experiment.spec.shared_dones)
     if shared:
         lines.append(f"dones of all agents: {shared}")
+    team = experiment.spec.team_safety
+    if team is not None and team.enabled:
+        lines.append(f"safety filter of all agents: {_named(team)}")
     for policy in experiment.policies.values():
         how = f"trained by {policy.algorithm}" if policy.trains else f"not trained, from {policy.checkpoint}"
         lines.append(f"policy {policy.name} of {', '.join(policy.agents)}: {how}")
@@ -98,7 +104,15 @@ def _describe(group: AgentGroup) -> list[str]:
         observation, action = group.observation_layout, group.action_layout
         lines = [head, f"observation, {observation.size} elements:", str(observation)]
         lines += [f"action, {action.size} elements:", str(action)]
-    return [*lines, f"rewards: {terms}", f"dones: {ends}"]
+    filters = [_named(glue) for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
+    return [*lines, f"rewards: {terms}", f"dones: {ends}", f"safety filter: {filters[0] if filters else 'none'}"]
+
+
+def _named(safety: SafetyGlue | TeamSafety) -> str:
+    """Return the name of a safety filter, its method, and the constraints that it keeps."""
+    method, constraints = getattr(safety, "method", None), getattr(safety, "constraints", ())
+    named = safety.registered_name + (f", {method}" if method else "")
+    return f"{named}, keeps {', '.join(map(name_of, constraints))}" if constraints else named
 
 
 def _closing(result: Any) -> str:
