@@ -85,6 +85,18 @@ class Gaussian:
         draw_gaussian(inputs, explore, rows, *out)
 
 
+class SquashedGaussian(Gaussian):
+    """The hyperbolic tangents of `Gaussian` numbers, as SAC draws them; without exploration, of the means.
+
+    The probability is that of the Gaussian numbers.
+    """
+
+    def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
+        """Draw actions; see `Distribution.draw`."""
+        super().draw(inputs, explore, rows, *out)
+        np.tanh(out[0], out=out[0])
+
+
 class Categorical:
     """Independent choices of A indices; the most likely action has the largest logits, the first of them.
 

@@ -14,9 +14,10 @@ from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPP
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
-from safe_inspect.config.keys.rllib_keys import FRESH_KEYS
+from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies
+from safe_inspect.experiments.modules.sac_policy import TWIN_Q, SacPolicy
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
 from safe_inspect.experiments.modules.weights_file import INFO, Weights, initial_weights
 
@@ -79,7 +80,7 @@ def _last(head: torch.nn.Module) -> torch.nn.Linear:
     return [layer for layer in head.modules() if isinstance(layer, torch.nn.Linear)][-1]
 
 
-def build_module(weights: Weights, title: str) -> FreshPolicy:
+def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy:
     """Return the module of the weights in a file.
 
     Args:
@@ -89,15 +90,17 @@ def build_module(weights: Weights, title: str) -> FreshPolicy:
     Raises:
         CheckpointError: The file describes no module, or its weights do not fit it.
     """
-    known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys() | {INFO}
+    known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys() | {INFO, TWIN_Q}
     unknown = sorted(weights.model.keys() - known)
     if unknown:
         raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}`; another version wrote it")
     try:
-        module = FreshPolicy(  # type: ignore[no-untyped-call]
+        squashed = TWIN_Q in weights.model
+        module = (SacPolicy if squashed else FreshPolicy)(
             observation_space=weights.observation_space,
             action_space=weights.action_space,
             model_config={**weights.model, "initial_weights": None},
+            inference_only=squashed,
         )
     except Exception as error:  # RLlib has many for settings that make no net
         raise CheckpointError(f"{title}: the policy's settings are damaged ({error})") from None
@@ -120,13 +123,15 @@ def policy_spec(
     """
     own = {key: value for key, value in model.items() if key in FRESH_KEYS}
     known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
-    if algorithm not in ("PPO", "IMPALA", "APPO"):  # of these no policy can be flown
+    if algorithm not in FLOWN_ALGORITHMS:
         return RLModuleSpec(model_config=known)
     if own.get("initial_weights"):
         initial_weights(own["initial_weights"])  # a mistake is found now, not in RLlib's processes
         if own["initial_weights"] not in shipped_policies():  # which work in other folders
             own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
     settings = {**dataclasses.asdict(known), **own, INFO: dict(info or {})}
+    if algorithm == "SAC":
+        return RLModuleSpec(module_class=SacPolicy, model_config={**dataclasses.asdict(known), INFO: dict(info or {})})
     if algorithm == "APPO":
         from safe_inspect.experiments.modules.appo_policy import AppoPolicy
 

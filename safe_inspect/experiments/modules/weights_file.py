@@ -28,7 +28,7 @@ from safe_inspect.version import __version__
 #: Key of `model_config` for the texts of `PolicyInfo`.
 INFO = "policy_info"
 
-_PARTS = ("encoder.", "pi.", "vf.")  # not the target networks of APPO
+_PARTS = ("encoder.", "pi_encoder.", "pi.", "vf.")  # not the target networks of APPO, nor the Q-functions of SAC
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,14 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box, MultiDiscrete
-from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussian, TorchMultiCategorical
+from ray.rllib.core.distribution.torch.torch_distribution import (
+    TorchDiagGaussian,
+    TorchMultiCategorical,
+    TorchSquashedGaussian,
+)
 
 from safe_inspect.environments.layout import Layout
-from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian
+from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, SquashedGaussian
 
 
 def distribution_of(layout: Layout) -> Distribution:
@@ -26,6 +30,8 @@ def distribution_of_module(module: Any) -> Distribution | None:
     space = module.action_space
     if isinstance(space, Box) and kinds == {TorchDiagGaussian}:
         return Gaussian(int(np.prod(space.shape)))
+    if isinstance(space, Box) and kinds == {TorchSquashedGaussian}:
+        return SquashedGaussian(int(np.prod(space.shape)))
     # RLlib derives a class of its own for each number of choices.
     if isinstance(space, MultiDiscrete) and all(kind.__bases__ == (TorchMultiCategorical,) for kind in kinds):
         return Categorical(tuple(int(count) for count in space.nvec))
