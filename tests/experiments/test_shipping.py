@@ -49,7 +49,7 @@ def test_it_is_found_by_its_name(shelf):
     assert found.onnx == {"blue0_ctrl": shelf / "one-deputy" / "policy.onnx"}
     with pytest.raises(SafeInspectError, match="no shipped policy 'one_deputy'; did you mean `one-deputy`"):
         shipped_policy("one_deputy", shelf)
-    with pytest.raises(SafeInspectError, match="no shipped policy 'x'; this package holds none"):
+    with pytest.raises(SafeInspectError, match="no shipped policy 'x'; there is none"):
         shipped_policy("x", shelf / "one-deputy")
 
 

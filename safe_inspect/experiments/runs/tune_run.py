@@ -77,10 +77,8 @@ def run_tune(
     where = f"goes on after iteration {start.iteration}" if start else "starts"
     if run.resume is not None and not settings.single:
         where = "goes on with the trials that have not ended"
-    print(f"{folder.path}: the training {where}; Ray takes some seconds to begin", file=stream, flush=True)
-    if start is not None:
-        text = "its episodes begin anew: the first rows hold those that end early, as crashes do, and look worse"
-        print(text, file=stream, flush=True)
+    anew = "; its episodes begin anew, and the first rows hold those that end early, as crashes do" if start else ""
+    print(f"{folder.path}: the training {where}{anew}; Ray takes some seconds to begin", file=stream, flush=True)
     processors = max(map(claimed_processors, configs))
     with cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor):
         _quiet()  # starting Ray sets its logs anew
