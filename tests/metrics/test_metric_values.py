@@ -269,7 +269,7 @@ def test_metrics_that_do_not_fit_the_task_are_told():
             "{functor: TimeToCoverage, config: {fraction: 2}}",
             "config.fraction: Input should be less than or equal to 1",
         ),
-        ("{functor: TimeToCoverage", "no mapping of YAML"),
+        ("{functor: TimeToCoverage", "not valid YAML"),
         ("{functor: TimeToCoverage, config: {fractoin: 1}}", "did you mean `fraction`"),
     ],
 )
