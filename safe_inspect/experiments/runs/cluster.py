@@ -30,6 +30,7 @@ _ENVIRONMENT = {
     "RAY_CHDIR_TO_TRIAL_DIR": "0",  # relative paths of a configuration mean the same in every process
     "RAY_AIR_NEW_OUTPUT": "0",
     "RAY_agent_register_timeout_ms": "120000",  # of the processes that a node starts; see `patient_start`
+    "RAY_worker_niceness": "0",  # Ray's 15 leaves a training a thirtieth of a core that somebody shares
     "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes better logs, see training_log
     "TUNE_DISABLE_SIGINT_HANDLER": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
