@@ -68,6 +68,8 @@ ALIASES: dict[str, str] = {
     f"{_INITIALIZERS}.docking_initializer.Docking3DRadialInitializer": "Docking3DRadialInitializer",
     f"{_SAS}.simulators.inspection_simulator.InspectionSimulator": "InspectionSimulator",
     f"{_SAS}.simulators.inspection_simulator.InspectionCallbacks": "InspectionCallbacks",
-    # safe-autonomy-simulation
+    # safe-autonomy-simulation, and safe-autonomy-dynamics before it
     "safe_autonomy_simulation.sims.inspection.sun.Sun": "Sun",
+    "safe_autonomy_simulation.sims.inspection.sun_model.SunEntity": "Sun",
+    "safe_autonomy_dynamics.cwh.sun_model.SunEntity": "Sun",
 }

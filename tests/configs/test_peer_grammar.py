@@ -57,6 +57,38 @@ def test_six_dof_inspection_in_the_peers_grammar_is_six_dof_inspection():
         np.testing.assert_array_equal(one.status, other.status)
 
 
+POSITION = "initializer: {functor: safe_autonomy_sims.simulators.initializers.cwh.PositionVelocityInitializer}\n"
+OLDER = {
+    "the sun of safe-autonomy-simulation": ("inspection.sun.Sun", "inspection.sun_model.SunEntity"),
+    "the sun of safe-autonomy-dynamics": (
+        "safe_autonomy_simulation.sims.inspection.sun.Sun", "safe_autonomy_dynamics.cwh.sun_model.SunEntity",
+    ),
+    "a chief without an initialiser": (f"      {POSITION}", ""),
+}  # fmt: skip
+
+
+def changed(path: Path, new: str, older: str) -> Path:
+    text = path.read_text()
+    assert text.count(new) == 1
+    path.write_text(text.replace(new, older))
+    return path.parent / "experiment.yml"
+
+
+@pytest.mark.parametrize(("new", "older"), OLDER.values(), ids=OLDER)
+def test_older_files_say_the_same(tmp_path, new, older):
+    shutil.copytree(FILES / "six_dof", tmp_path / "six_dof")
+    experiment = changed(tmp_path / "six_dof" / "environment.yml", new, older)
+    assert load_experiment(experiment).spec == load_experiment(FILES / "six_dof" / "experiment.yml").spec
+
+
+def test_a_body_of_no_kind_is_named(experiment):
+    environment = experiment.parent / "environment.yml"
+    changed(environment, "      platform: cwh\n", "")
+    changed(environment, f"      {POSITION}", "")
+    with pytest.raises(ConfigError, match="a body needs a `platform` or an `initializer`"):
+        load_experiment(experiment)
+
+
 def test_three_deputies_that_turn_in_the_peers_grammar_see_22_numbers():
     spec = load_experiment(FILES / "six_dof_team" / "experiment.yml").spec
     env = TeamEnvironment(spec, 4, seed=4)

@@ -10,7 +10,7 @@ from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import EntityConfig, ExperimentConfig
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.rejection_sampler import RejectionSampler, check_parameters
-from safe_inspect.simulators.resets.initializers import RejectionSamplerInitializer
+from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer, RejectionSamplerInitializer
 from safe_inspect.simulators.resets.parameters import Parameter, ScalarParameter, SimAttributeAccessor
 from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw, ResetPlan
 
@@ -39,12 +39,12 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
             if sun is not None:
                 report(where, "there is a sun already; remove one")
             sun = _sun(entity, parameters, where, report)
-        elif entity.initializer is None:
-            report(where, "a body needs an `initializer`, and the sun `entity_class: Sun`")
+        elif entity.initializer is None and entity.platform is None:
+            report(where, "a body needs a `platform` or an `initializer`, and the sun `entity_class: Sun`")
         else:
             if name in platforms:
                 report(where, f"a platform is named {name!r} too; give the body another name")
-            entities[name] = BodyReset(entity.initializer, entity.config)
+            entities[name] = BodyReset(entity.initializer or PositionVelocityInitializer(), entity.config)
             _check_body(entities[name], parameters, where, report)
     deputies: dict[str, BodyReset] = {}
     for index, agent in enumerate(config.agent_config):

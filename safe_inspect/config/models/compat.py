@@ -78,6 +78,7 @@ class TaskBodyKeys(BaseModel):
 
 
 class TaskKeys(BaseModel):
-    """Keys of ``task.yml``: the experiment's class."""
+    """Keys of ``task.yml``: the experiment's class, and the choice of a computer."""
 
+    auto_system_detect_class: Any = None
     experiment_class: one_of("RllibExperiment") = "RllibExperiment"  # type: ignore[valid-type]

@@ -37,7 +37,7 @@ class EntityConfig(Model):
     Attributes:
         platform: ``cwh``: a body that coasts in Clohessy-Wiltshire dynamics.
         entity_class: ``Sun``.
-        initializer: Initialiser of a body.
+        initializer: Initialiser of a body; a `platform` without one takes `PositionVelocityInitializer`.
         config: Parameters of the initialiser; ``theta`` of the sun [rad].
     """
 
