@@ -103,21 +103,24 @@ def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environme
     watches = [
         partial(_warn_of_starts, (agents[index].platform,), glue.for_starts())
         for index, glue in filters.items()
-        if not _tested(reset, agents[index].platform, index)
+        if not _tested(reset, agents[index].platform, by_own=index == 0)
     ]
     if environment.rta is not None and environment.rta.enabled:
         names = tuple(agent.platform for agent in agents)
-        if not all(_tested(reset, name, 1) for name in names):
+        if not all(_tested(reset, name, by_own=False) for name in names):
             watches.append(partial(_warn_of_starts, names, environment.rta))
     return replace(
         reset, separation=max(collisions, default=0.0), tests=tuple(tests), watches=tuple(watches)
     )  # fmt: skip
 
 
-def _tested(reset: ResetPlan, platform: str, index: int) -> bool:
-    """Return whether a rejection sampler tests the initial states of a deputy; the first one's needs an `rta`."""
+def _tested(reset: ResetPlan, platform: str, *, by_own: bool) -> bool:
+    """Return whether a rejection sampler tests the initial states of a deputy by the filters.
+
+    Samplers take the further tests of the plan; the filter of the first deputy is a part of their own `rta`.
+    """
     samplers = [reset.parameters[name] for name in reset.deputies[platform].sources if name in reset.parameters]
-    return any(isinstance(item, RejectionSampler) and (index > 0 or item.rta is not None) for item in samplers)
+    return any(isinstance(item, RejectionSampler) and (not by_own or item.rta is not None) for item in samplers)
 
 
 def _warn_of_starts(

@@ -11,7 +11,7 @@ from pettingzoo import ParallelEnv
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
 from safe_inspect.environments.facades.by_agent import checked_actions, places_of
-from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendering, checked_mode
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
@@ -22,7 +22,7 @@ from safe_inspect.types import AnyArray, Observation
 Infos: TypeAlias = dict[str, dict[str, Any]]
 
 
-class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]
+class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]
     """One environment of one or more agents.
 
     The agents are those that act from outside; deputies that scripted policies fly are part of the world. An agent that
@@ -152,21 +152,6 @@ class InspectionParallelEnv(ParallelEnv[str, Observation, Observation]):  # type
         seen = [part for component in team.world.offers.components for part in component.shared_state(team)]
         parts = (team.position, team.velocity, team.finished != 0, *seen)
         return np.concatenate([np.asarray(part, dtype=np.float32).reshape(-1) for part in parts])
-
-    def render(self) -> Any:
-        """Return the picture of the current state, uint8, shape (480, 480, 3); None where a window shows it.
-
-        Raises:
-            SafeInspectError: The environment was made without a render mode, or no episode has begun.
-        """
-        if self._view is None:
-            raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array' or 'human'")
-        return self._view.render()
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._view is not None:
-            self._view.close()
 
     def _by_agent(self, groups: tuple[AnyArray, ...] | list[AnyArray]) -> dict[str, Observation]:
         return {

@@ -175,6 +175,36 @@ class Rendering:
         draw.text((10 * _FINE, 8 * _FINE), "    ".join(words), fill=BLACK, font_size=13 * _FINE)
 
 
+class Rendered:
+    """What environments of one slot offer of `Rendering`, for Gymnasium and for PettingZoo."""
+
+    _view: Rendering | None = None
+
+    def render(self) -> Any:
+        """Return the picture of the current state, uint8, shape (480, 480, 3); None where a window shows it.
+
+        Raises:
+            SafeInspectError: The environment was made without a render mode, or no episode has begun.
+        """
+        return require_rendering(self._view).render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._view is not None:
+            self._view.close()
+
+
+def require_rendering(view: Rendering | None) -> Rendering:
+    """Return a rendering.
+
+    Raises:
+        SafeInspectError: There is none.
+    """
+    if view is None:
+        raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array' or 'human'")
+    return view
+
+
 class Window:
     """Shows pictures on a display, by Tk. It is opened by the first picture."""
 
@@ -197,7 +227,10 @@ class Window:
             import tkinter
 
             from PIL import ImageTk
-
+        except ImportError as error:
+            self._miss(error)
+            return
+        try:
             if self._root is None:
                 self._root = tkinter.Tk()
                 self._root.title("safe_inspect")
@@ -206,10 +239,13 @@ class Window:
             self._image = ImageTk.PhotoImage(Image.fromarray(picture), master=self._root)
             self._label.configure(image=self._image)
             self._root.update()
-        except (ImportError, tkinter.TclError) as error:
-            self._missing = True
-            text = f"nothing is shown: render_mode 'human' needs Tk and a display ({error}); use 'rgb_array'"
-            warnings.warn(text, RuntimeWarning, stacklevel=2)
+        except tkinter.TclError as error:
+            self._miss(error)
+
+    def _miss(self, error: Exception) -> None:
+        self._missing = True
+        text = f"nothing is shown: render_mode 'human' needs Tk and a display ({error}); use 'rgb_array'"
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
 
     def close(self) -> None:
         """Close the window."""

@@ -10,14 +10,14 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
-from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendering, checked_mode
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.types import Observation
 
 
-class InspectionEnv(gymnasium.Env[Observation, Any]):
+class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
     """One environment.
 
     The info of every step holds ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
@@ -85,18 +85,3 @@ class InspectionEnv(gymnasium.Env[Observation, Any]):
         if self._view is not None:
             self._view.follow()
         return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info
-
-    def render(self) -> Any:
-        """Return the picture of the current state, uint8, shape (480, 480, 3); None where a window shows it.
-
-        Raises:
-            SafeInspectError: The environment was made without a render mode, or no episode has begun.
-        """
-        if self._view is None:
-            raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array' or 'human'")
-        return self._view.render()
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._view is not None:
-            self._view.close()

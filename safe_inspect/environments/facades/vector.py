@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.episodes import state_info, transition_info
-from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendering, checked_mode
+from safe_inspect.environments.facades.rendering import (
+    RENDER_FPS,
+    RENDER_MODES,
+    Rendering,
+    checked_mode,
+    require_rendering,
+)
 from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
@@ -159,11 +165,10 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         Raises:
             SafeInspectError: The batch was made without a render mode, or no episode has begun.
         """
-        if self._view is None:
-            raise SafeInspectError("nothing is rendered: make the batch with render_mode='rgb_array' or 'human'")
+        view = require_rendering(self._view)
         if self.render_mode == "human":
-            return self._view.render()
-        return tuple(self._view.picture(row) for row in range(self.num_envs))
+            return view.render()
+        return tuple(view.picture(row) for row in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the window, if there is one."""
