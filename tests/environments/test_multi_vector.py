@@ -210,7 +210,7 @@ def test_the_teams_facts():
 
 def test_what_a_filter_of_the_team_tells():
     env = MultiAgentVectorEnv(variant("filtered together"), 2)
-    _, infos = env.reset()
+    _, infos = env.reset(seed=SEED)
     assert not infos["interventions"]["blue0_ctrl"].any()
     actions = {agent: np.zeros((2, 3)) for agent in env.agents}
     actions["blue0_ctrl"][:, 0] = 0.5
