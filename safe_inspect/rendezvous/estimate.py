@@ -62,11 +62,14 @@ class InertialTruth(NamedTuple):
         history: The chaser after each tick, one row, shape (1, ticks, ...).
         silent: Whether the unit gives nothing.
         bias: What a fault adds to its measurements [m/s^2, rad/s], shape (6,).
+        commanded: Acceleration and angular acceleration in B that the actuators were asked for [m/s^2, rad/s^2],
+            shape (6,); None where they are not known.
     """
 
     history: ChaserState
     silent: bool
     bias: FloatArray
+    commanded: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from safe_inspect.rendezvous.coordination.coordinator import Coordinator, Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.table import TABLE
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth
+from safe_inspect.rendezvous.estimation.bias_jump import commanded_motion
 from safe_inspect.rendezvous.estimation.consistency import normalised_error
 from safe_inspect.rendezvous.log import MissionLog
 from safe_inspect.rendezvous.models import ChaserConfig, RendezvousConfig
@@ -156,7 +157,8 @@ class Mission:
             torque = self._point()
             force = self._in_inertial(output.force)
             done = self._truth.advance(force, torque)
-            self._felt = InertialTruth(done.chaser, context.fails("imu"), self._bias_step())
+            commanded = commanded_motion(self._config.chaser, context.estimate.chaser, output.force, torque)
+            self._felt = InertialTruth(done.chaser, context.fails("imu"), self._bias_step(), commanded)
             self._record(output, reference, (force, torque), done)
         summary = summarise_mission(
             self._config, context.target, self._log, coordinator.state is Phase.DONE, context.cause

@@ -14,6 +14,7 @@ from safe_inspect.rendezvous.back_end.run import BackEndRun
 from safe_inspect.rendezvous.characterise.fit import Motion
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
 from safe_inspect.rendezvous.estimation.change import OFF_FRAMES, departs, motion_of
 from safe_inspect.rendezvous.estimation.innovation import centre_innovation
 from safe_inspect.rendezvous.front_end.context import FrontEndRun
@@ -85,11 +86,20 @@ class EstimationPipeline:
         self._fitted_at = -np.inf
         self._jumps = self._refused = 0
         self._has_coasted = False
+        self._bias_jumps = BiasJumps()
         self._mismatches: deque[float] = deque([np.inf] * _COMPARED, _COMPARED)
         self.graph: GraphEstimate | None = None
         self.target: TargetEstimate | None = None
         self.updated = 0.0
         self.changed = False
+
+    def corrected(
+        self, samples: list[tuple[FloatArray, FloatArray]], commanded: FloatArray | None, duration: float
+    ) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the samples of a step without jumps of the biases; see `BiasJumps.corrected`."""
+        if commanded is None or self.graph is None:
+            return samples
+        return self._bias_jumps.corrected(samples, commanded, self.graph.bias, duration)
 
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
         """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s].
@@ -102,6 +112,7 @@ class EstimationPipeline:
     def coast(self, period: float) -> None:
         """Take a period [s] without a sample as free flight at the last angular velocity."""
         self._has_coasted = True
+        self._bias_jumps.interrupt()
         if self._back_end is not None:
             self._back_end.coast(period)
 
@@ -247,6 +258,7 @@ class EstimationPipeline:
         if self._refused <= _MOST_REFUSED:
             return [edge for edge, value in zip(edges, innovations, strict=True) if value <= _JUMP]
         self._jumps = _JUMP_FRAMES
+        self._bias_jumps.distrust()
         return edges
 
     def _mismatch(self, time: float, edges: list[Edge]) -> float:

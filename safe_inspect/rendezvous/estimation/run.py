@@ -87,7 +87,10 @@ class PipelineEstimatorRun:
             self.pipeline = EstimationPipeline(self._parts, ChaserStart(at_start, chaser.velocity.copy()))
         pipeline, sensors = self.pipeline, self._sensors
         if inertial is not None:
-            for acceleration, rate in sensors.samples(inertial):
+            samples = sensors.samples(inertial)
+            if samples:
+                samples = pipeline.corrected(samples, inertial.commanded, self._context.step)
+            for acceleration, rate in samples:
                 pipeline.measure(acceleration, rate, sensors.period)
             if inertial.silent:
                 pipeline.coast(self._context.step)
