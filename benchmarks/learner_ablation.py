@@ -20,7 +20,6 @@ import argparse
 import json
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -160,31 +159,15 @@ def main(argv: list[str] | None = None) -> int:
     except SafeInspectError as error:
         print(error, file=sys.stderr)
         return 2
-    from safe_inspect.experiments.runs import cluster
+    from local_ray import local_ray
 
-    cluster.set_environment()
-    import ray
-    from ray.tune.trainable import trainable
-
-    with tempfile.TemporaryDirectory(prefix="si-") as folder:
-        trainable.DEFAULT_STORAGE_PATH = folder
-        ray.init(
-            address="local",
-            include_dashboard=False,
-            log_to_driver=False,
-            logging_level="ERROR",
-            object_store_memory=128 * 2**20,
-            _temp_dir=folder,
-        )
-        try:
-            contestants = {
-                f"{variant}, {threads} thread{'s'[: threads - 1]}": Contestant(experiment, variant, threads)
-                for variant in arguments.variants
-                for threads in ((1,) if variant == "stock" else (1, 2))
-            }
-            found = compete(contestants, arguments.iterations)
-        finally:
-            ray.shutdown()
+    with local_ray():
+        contestants = {
+            f"{variant}, {threads} thread{'s'[: threads - 1]}": Contestant(experiment, variant, threads)
+            for variant in arguments.variants
+            for threads in ((1,) if variant == "stock" else (1, 2))
+        }
+        found = compete(contestants, arguments.iterations)
     print(f"{machine()}\n{arguments.iterations} iterations of each, medians; ratios to `{YARDSTICK}`, turn by turn\n")
     print(table(found))
     if arguments.json:

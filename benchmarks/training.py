@@ -17,7 +17,6 @@ import os
 import platform
 import statistics
 import sys
-import tempfile
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -297,29 +296,13 @@ def main(argv: list[str] | None = None) -> int:
     except SafeInspectError as error:
         print(error, file=sys.stderr)
         return 2
-    from safe_inspect.experiments.runs import cluster
+    from local_ray import local_ray
 
-    cluster.set_environment()
-    import ray
-    from ray.tune.trainable import trainable
-
-    with tempfile.TemporaryDirectory(prefix="si-") as folder:
-        trainable.DEFAULT_STORAGE_PATH = folder
-        ray.init(
-            address="local",
-            include_dashboard=False,
-            log_to_driver=False,
-            logging_level="ERROR",
-            object_store_memory=128 * 2**20,
-            _temp_dir=folder,
-        )
-        try:
-            runs = contestants(experiment, everybody=not arguments.steps)
-            batch = runs["fast learner"].settings["train_batch_size_per_learner"]
-            iterations = -(-arguments.steps // batch) if arguments.steps else arguments.iterations
-            found = race(runs, iterations)
-        finally:
-            ray.shutdown()
+    with local_ray():
+        runs = contestants(experiment, everybody=not arguments.steps)
+        batch = runs["fast learner"].settings["train_batch_size_per_learner"]
+        iterations = -(-arguments.steps // batch) if arguments.steps else arguments.iterations
+        found = race(runs, iterations)
     yardstick = found["plain PyTorch loop"]
     figures = {}
     for name, rates in found.items():

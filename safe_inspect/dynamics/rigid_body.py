@@ -41,7 +41,8 @@ def rotation_rates(inertia: Vector, x: RotationState, torque: Vector) -> Rotatio
 
 
 @njit(error_model="numpy")
-def _moved(x: RotationState, rates: RotationState, dt: float) -> RotationState:
+def moved_rotation(x: RotationState, rates: RotationState, dt: float) -> RotationState:
+    """Return ``x + dt rates``."""
     return (
         x[0] + dt * rates[0],
         x[1] + dt * rates[1],
@@ -64,10 +65,12 @@ def rotation_row(inertia: Vector, x: RotationState, torque: Vector, dt: float) -
         dt: The step [s].
     """
     k1 = rotation_rates(inertia, x, torque)
-    k2 = rotation_rates(inertia, _moved(x, k1, 0.5 * dt), torque)
-    k3 = rotation_rates(inertia, _moved(x, k2, 0.5 * dt), torque)
-    k4 = rotation_rates(inertia, _moved(x, k3, dt), torque)
-    y = _moved(_moved(_moved(_moved(x, k1, dt / 6.0), k2, dt / 3.0), k3, dt / 3.0), k4, dt / 6.0)
+    k2 = rotation_rates(inertia, moved_rotation(x, k1, 0.5 * dt), torque)
+    k3 = rotation_rates(inertia, moved_rotation(x, k2, 0.5 * dt), torque)
+    k4 = rotation_rates(inertia, moved_rotation(x, k3, dt), torque)
+    y = moved_rotation(
+        moved_rotation(moved_rotation(moved_rotation(x, k1, dt / 6.0), k2, dt / 3.0), k3, dt / 3.0), k4, dt / 6.0
+    )
     scale = 1.0 / math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
     return scale * y[0], scale * y[1], scale * y[2], scale * y[3], y[4], y[5], y[6]
 

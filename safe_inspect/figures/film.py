@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,14 +11,15 @@ from safe_inspect.figures.camera import Moment, moment
 from safe_inspect.figures.chief_figure import clock, radius_of, reach_of
 from safe_inspect.figures.drawing import deputy_line, style
 from safe_inspect.figures.film_views import ApproachView, ChiefView, SideView, circle
+from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.scene import ring_radii
 from safe_inspect.geometry.picture import BLACK, DAY, GREY, NIGHT, ORANGE, PALE, VIEW, Camera
-from safe_inspect.types import AnyArray, FloatArray
+from safe_inspect.types import FloatArray
 
 _DPI = 100
 
 
-class Film:
+class Film(Pictures):
     """Draws the pictures of an episode: the way so far and counters, and what the task is about.
 
     Of an inspection that is the chief from two sides, the sun and coverage; of a task without points, speed over range
@@ -37,37 +37,13 @@ class Film:
     """
 
     def __init__(self, episode: Trajectory, frames: int = 150, width: int = 800, turn: float = 0.0) -> None:
-        if frames < 2 or not 320 <= width <= 3840:
-            raise ValueError(f"a film has at least 2 frames and 320 to 3840 pixels of width, not {frames} and {width}")
+        super().__init__(frames, width)
         self.episode = episode
-        self.frames = frames
         self._turn = turn
         self._inspects = bool(len(episode.points)) and "sun_angle" in episode.arrays
         self._radius = radius_of(episode) or episode.docking_radius
-        self._size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs want even numbers
         with style():
             self._build()
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of a picture [pixels]."""
-        return self._size
-
-    def __len__(self) -> int:
-        return self.frames
-
-    def __iter__(self) -> Iterator[AnyArray]:
-        """Yield the pictures, red, green and blue, uint8, shape (height, width, 3)."""
-        for index in range(self.frames):
-            yield self.picture(index)
-
-    def picture(self, index: int) -> AnyArray:
-        """Return a picture by its index from 0, uint8, shape (height, width, 3)."""
-        share = index / (self.frames - 1)
-        with style():
-            self._show(moment(self.episode, share * float(self.episode.time[-1])), share * self._turn)
-            self._canvas.draw()
-            return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _build(self) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -76,7 +52,7 @@ class Film:
         width, height = self._size
         # type and lines keep their share of the picture
         figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
-        self._canvas: Any = FigureCanvasAgg(figure)
+        self._canvas = FigureCanvasAgg(figure)
         self._build_scene(figure)
         self._side: SideView = (ChiefView if self._inspects else ApproachView)(figure, self.episode)
         self._build_panels(figure)
@@ -146,7 +122,8 @@ class Film:
         self._panels[0][0].axes.tick_params(labelbottom=False)
         self._panels[1][0].axes.set_xlabel(f"time [{unit}]")
 
-    def _show(self, now: Moment, turned: float) -> None:
+    def _show(self, share: float) -> None:
+        now, turned = moment(self.episode, share * float(self.episode.time[-1])), share * self._turn
         episode, radius = self.episode, self._radius
         front = Camera.at(VIEW["elev"], VIEW["azim"] + turned)
         angle = np.linspace(0.0, 2.0 * np.pi, 181)

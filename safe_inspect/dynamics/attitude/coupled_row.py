@@ -13,7 +13,7 @@ import math
 from typing import NamedTuple
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.rigid_body import RotationState, Vector, rotation_rates
+from safe_inspect.dynamics.rigid_body import RotationState, Vector, moved_rotation, rotation_rates
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import FloatArray
 
@@ -101,19 +101,6 @@ def _sum3(x: Vector, rate: Vector, dt: float) -> Vector:
 
 
 @njit(error_model="numpy")
-def _sum7(x: RotationState, rate: RotationState, dt: float) -> RotationState:
-    return (
-        x[0] + dt * rate[0],
-        x[1] + dt * rate[1],
-        x[2] + dt * rate[2],
-        x[3] + dt * rate[3],
-        x[4] + dt * rate[4],
-        x[5] + dt * rate[5],
-        x[6] + dt * rate[6],
-    )
-
-
-@njit(error_model="numpy")
 def _stage(body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held) -> CoupledState:
     """Return the time derivatives of the whole state."""
     return turning_rates(body, x[0], moment, held), x[2], _acceleration(body, x, force)
@@ -121,7 +108,7 @@ def _stage(body: TurningBody, x: CoupledState, force: Vector, moment: Vector, he
 
 @njit(error_model="numpy")
 def _moved(x: CoupledState, rate: CoupledState, dt: float) -> CoupledState:
-    return _sum7(x[0], rate[0], dt), _sum3(x[1], rate[1], dt), _sum3(x[2], rate[2], dt)
+    return moved_rotation(x[0], rate[0], dt), _sum3(x[1], rate[1], dt), _sum3(x[2], rate[2], dt)
 
 
 @njit(error_model="numpy")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
 from safe_inspect.figures.drawing import style
+from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.rendezvous.mission_panels import LEAD
 from safe_inspect.figures.rendezvous.mission_scene import (
     FLIGHT,
@@ -38,7 +38,7 @@ class _Moment(NamedTuple):
     target: FloatArray
 
 
-class MissionFilm:
+class MissionFilm(Pictures):
     """Draws the pictures of a mission: the flight in W and in the target's axes, phases, clearance.
 
     The first picture is shortly before the approach.
@@ -55,15 +55,13 @@ class MissionFilm:
     """
 
     def __init__(self, record: MissionRecord, frames: int = 200, width: int = 800, turn: float = 0.0) -> None:
-        if frames < 2 or not 320 <= width <= 3840:
-            raise ValueError(f"a film has at least 2 frames and 320 to 3840 pixels of width, not {frames} and {width}")
+        super().__init__(frames, width)
         time = record.arrays["t"]
-        self.record, self.frames = record, frames
+        self.record = record
         self._turn = turn
         self._end = float(time[-1])
         self._start = max(float(time[record.approach()]) - LEAD, float(time[0]))
         self._first = int(np.searchsorted(time, self._start))
-        self._size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs want even numbers
         self._attitude = to_matrix(record.arrays["target_q"])
         self._path, self._path_in_target = record.arrays["x"][:, :3], record.position_in_target()
         self._nominal = nominal_path(record.arrays)
@@ -74,27 +72,6 @@ class MissionFilm:
         self._view_in_target = best_view(self._path_in_target[shown], solid, np.eye(3))
         with style():
             self._build()
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of a picture [pixels]."""
-        return self._size
-
-    def __len__(self) -> int:
-        return self.frames
-
-    def __iter__(self) -> Iterator[AnyArray]:
-        """Yield the pictures, red, green and blue, uint8, shape (height, width, 3)."""
-        for index in range(self.frames):
-            yield self.picture(index)
-
-    def picture(self, index: int) -> AnyArray:
-        """Return a picture by its index from 0, uint8, shape (height, width, 3)."""
-        share = index / (self.frames - 1)
-        with style():
-            self._show(self._moment(self._start + share * (self._end - self._start)), share * self._turn)
-            self._canvas.draw()
-            return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _moment(self, time: float) -> _Moment:
         arrays = self.record.arrays
@@ -116,7 +93,7 @@ class MissionFilm:
         width, height = self._size
         # type and lines keep their share of the picture
         figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
-        self._canvas: Any = FigureCanvasAgg(figure)
+        self._canvas = FigureCanvasAgg(figure)
         self._scenes = [
             self._scene(figure, place, path)
             for place, path in (
@@ -178,7 +155,8 @@ class MissionFilm:
             axes.spines[side].set_visible(False)
         self._now = axes.axvline(0.0, color=ORANGE, linewidth=2.5)
 
-    def _show(self, now: _Moment, turned: float) -> None:
+    def _show(self, share: float) -> None:
+        now, turned = self._moment(self._start + share * (self._end - self._start)), share * self._turn
         arrays, record = self.record.arrays, self.record
         plan = max((k for k, plan in enumerate(record.plans) if plan.times[0] <= now.time + LEAD), default=None)
         own = _last_run(np.isfinite(arrays["tube"][: now.row + 1]))
