@@ -72,7 +72,8 @@ class CWHSixDOFRadialInitializer(Initializer):
     position = radius [cos(az) cos(el), sin(az) cos(el), sin(el)], and the velocity likewise. Hill frame. The attitude
     is uniform over all attitudes unless ``orientation`` gives another parameter for it, see `AttitudeParameter`.
 
-    It gives ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3), ``orientation`` (R, 4) and ``angular_velocity`` [rad/s] (R, 3).
+    It gives ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3), ``orientation`` (R, 4) and
+    ``angular_velocity`` [rad/s] (R, 3).
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {
