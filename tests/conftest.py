@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.plugins.registry import registry
 
 # What starts the tests may ignore signals (`nohup`, background jobs), and every process that is started here would too.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -43,6 +44,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             return "Ray" if nodeid.startswith(_RAY) else super()._split_scope(nodeid)
 
     return Scheduling(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+@pytest.fixture
+def clean_registry() -> Iterator[None]:
+    """Forget the plugins that a test defines."""
+    kinds = registry.kinds()
+    known = {kind: dict(registry.items(kind)) for kind in kinds}
+    yield
+    for kind in list(registry._classes):
+        registry._classes[kind] = known.get(kind, {})
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from safe_inspect.platforms.attitude_sensors import (
 )
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
 from safe_inspect.platforms.controllers import MomentProp, RateController, ThrustProp
-from safe_inspect.platforms.cwh import CWHPlatform
+from safe_inspect.platforms.cwh import CWHPlatform, SixDofPlatform
 from safe_inspect.platforms.docking_sensors import ApproachVelocitySensor, SpeedLimitSensor, SpeedSensor
 from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
 from safe_inspect.platforms.neighbour_sensors import (
@@ -65,6 +65,7 @@ __all__ = [
     "RelativeVelocitySensor",
     "RotatedAxesSensor",
     "Sensor",
+    "SixDofPlatform",
     "SpeedLimitSensor",
     "SpeedSensor",
     "SunAngleSensor",

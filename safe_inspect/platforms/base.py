@@ -21,17 +21,21 @@ from safe_inspect.units import PositiveMass
 class Platform(Plugin):
     """A deputy spacecraft.
 
+    Class attributes:
+        turns: Whether it has an attitude, so that its controls and its camera turn with it.
+
     Attributes:
         mass: Mass [kg].
     """
 
     kind: ClassVar[str] = "platform"
+    turns: ClassVar[bool] = False
 
     mass: PositiveMass = 12.0
 
     @abstractmethod
     def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]:
-        """Return the names of the parts, or raise ValueError when they do not fit the platform."""
+        """Return the names of the parts, which differ, or raise ValueError when they do not fit the platform."""
 
 
 class Property(Plugin):

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from safe_inspect.platforms.base import Part, Platform
 
 
 class CWHPlatform(Platform):
-    """A point mass with thrust along each axis of Hill's frame.
+    """A point mass with thrust along each axis of Hill's frame; `cwh` in configurations. It takes any parts.
 
     Attributes:
         mass: Mass [kg].
     """
 
     def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]:
-        """Return the names of the parts.
+        """Return the names of the parts."""
+        return tuple(part.part_name for part in parts)
 
-        Raises:
-            ValueError: Two parts have one name.
-        """
-        names = tuple(part.part_name for part in parts)
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(f"two parts are named `{twice[0]}`; give one of them a `name` of its own")
-        return names
+
+class SixDofPlatform(Platform):
+    """A rigid body with thrusters and reaction wheels; `six-dof` in configurations. It takes any parts.
+
+    Attributes:
+        mass: Mass [kg].
+    """
+
+    turns: ClassVar[bool] = True
+
+    def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]:
+        """Return the names of the parts."""
+        return tuple(part.part_name for part in parts)

@@ -167,10 +167,14 @@ def _fits(plugin: Normalizer, size: int) -> bool:
 
 
 def check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None:
-    """Check a platform: it returns the names of its parts."""
+    """Check a platform: it returns the names of its parts; ValueError says that they do not fit it."""
     own = tuple(sample_spec().agents[0].parts.values())
     with report.attempt("the platform"):
-        names = plugin(own)
+        try:
+            names = plugin(own)
+        except ValueError:
+            own = ()
+            names = plugin(own)
         wanted = tuple(part.part_name for part in own)
         report.expect(names == wanted, "parts", f"the platform returned {names}", f"return the parts' names, {wanted}")
 

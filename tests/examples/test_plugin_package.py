@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import configparser
+import importlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -13,12 +15,17 @@ import numpy as np
 import pytest
 
 import safe_inspect
-from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.plugins.registry import ENTRY_POINT_GROUP
+from safe_inspect.glues import ActionGlue, ObservationGlue
+from safe_inspect.metrics import Metric, TeamMetric
+from safe_inspect.platforms import Controller, Sensor
+from safe_inspect.plugins.registry import ENTRY_POINT_GROUP, registry
+from safe_inspect.testing.rendezvous import RENDEZVOUS_KINDS as _RENDEZVOUS
 
 _PACKAGE = Path(__file__).parents[2] / "examples" / "plugin_package"
 _EXPERIMENT = _PACKAGE / "configs" / "speed-limit" / "experiment.yml"
+_FORMATION = _PACKAGE / "configs" / "formation" / "experiment.yml"
 _WALL = _PACKAGE / "configs" / "wall" / "experiment.yml"
 _BY_PATH = "config.config.env_config.plugin_paths=[safe_inspect_example]"
 
@@ -119,7 +126,38 @@ def test_the_default_filter_keeps_the_deputy_off_the_wall(steps: int) -> None:
 
 def test_its_own_tests_pass() -> None:
     told = python("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests", path=_PACKAGE / "src")
-    assert "8 passed" in told
+    assert re.search(r"\n3\d passed in ", told), told
+
+
+@pytest.mark.usefixtures("on_path")
+def test_the_examples_hold_a_plugin_of_each_kind(monkeypatch) -> None:
+    monkeypatch.syspath_prepend(str(_PACKAGE.parent / "beacon_package" / "src"))
+    packages = [importlib.import_module(name) for name in ("safe_inspect_example", "safe_inspect_beacon")]
+    plugins = [getattr(package, name) for package in packages for name in package.__all__]
+    missing = set(registry.kinds()) - set(_RENDEZVOUS) - {plugin.kind for plugin in plugins}
+    assert missing == set()
+    for base in (Sensor, Controller, ObservationGlue, ActionGlue, Metric, TeamMetric):
+        assert any(issubclass(plugin, base) for plugin in plugins), base.__name__
+    readme = (_PACKAGE / "README.md").read_text()
+    assert [plugin.registered_name for plugin in plugins[: len(packages[0].__all__)]
+            if f"`{plugin.registered_name}`" not in readme] == []  # fmt: skip
+
+
+@pytest.mark.usefixtures("on_path")
+def test_the_formation_flies_with_what_the_package_brings() -> None:
+    env = TeamEnvironment(safe_inspect.load_experiment(_FORMATION, [_BY_PATH]).spec, 64, seed=1)
+    (observation,) = env.reset()
+    state = env.state
+    radius = np.linalg.norm(state.position[:, :2], axis=-1)
+    assert ((radius >= 20.0) & (radius <= 100.0)).all()
+    assert not state.position[..., 2].any()
+    assert (np.linalg.norm(state.position[:, 0] - state.position[:, 1], axis=-1) >= 20.0).all()
+    assert observation.shape == (64, 2, 6)
+    np.testing.assert_allclose(np.linalg.norm(observation[..., 3:], axis=-1), 1.0, rtol=1e-6)
+    env.step([np.full((64, 2, 3), 2.0)])
+    np.testing.assert_allclose(env.state.velocity[:, 0], 0.1 / 8.0 * 10.0)
+    with pytest.raises(ConfigError, match="there are 3 sensors and room for 2; remove some"):
+        safe_inspect.load_experiment(_FORMATION, [_BY_PATH, "platform_config.blue#.config.config.sensors=2"])
 
 
 def test_the_reward_is_as_short_as_promised() -> None:

@@ -116,14 +116,14 @@ def _platforms(config: ExperimentConfig, report: ReportProblem) -> dict[str, Pla
         if entry.name in platforms:
             report((*where, "name"), f"two platforms are named {entry.name!r}")
         try:
-            platforms[entry.name] = CWHPlatform.model_validate(entry.config.config)
+            platforms[entry.name] = entry.config.functor.model_validate(entry.config.config)
         except ValidationError as error:
             platforms[entry.name] = CWHPlatform()  # the name is known all the same
             for problem in error.errors(include_url=False):
                 text = "; ".join(filter(None, message(problem)))
                 if problem["type"] == "extra_forbidden":
                     key = str(problem["loc"][-1])
-                    text = f"unknown key `{key}`; {did_you_mean(key, CWHPlatform.model_fields)}"
+                    text = f"unknown key `{key}`; {did_you_mean(key, entry.config.functor.model_fields)}"
                 report((*where, "config", "config", *problem["loc"]), text)
     return platforms
 
@@ -156,6 +156,11 @@ def _agent(
             message = f"two parts are named {part.part_name!r}; give one of them a `name` of its own"
             report((*base, "parts", index), message)
         parts[part.part_name] = part
+    if entry.platforms[0] in platforms:
+        try:
+            platforms[entry.platforms[0]](tuple(parts.values()))
+        except ValueError as error:
+            report((*base, "parts"), f"the platform {entry.platforms[0]!r}: {error}")
     dones = list(body.dones)
     if not any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
         dones.append(Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))

@@ -8,8 +8,6 @@ from safe_inspect.platforms.base import Controller
 from safe_inspect.simulators.simulator import Simulator
 
 _ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
-#: The kind of platform that turns.
-_TURNS = "six-dof"
 
 
 def with_attitude(config: ExperimentConfig, report: ReportProblem) -> ExperimentConfig:
@@ -19,7 +17,7 @@ def with_attitude(config: ExperimentConfig, report: ReportProblem) -> Experiment
         config: The validated models.
         report: Takes the path and the message of every mistake that is found.
     """
-    turning = [index for index, entry in enumerate(config.platform_config) if entry.config.platform == _TURNS]
+    turning = [index for index, entry in enumerate(config.platform_config) if entry.config.functor.turns]
     simulator: Simulator = config.config.config.env_config.simulator
     if not turning:
         if getattr(simulator, "sensor_fov", None) is not None and not simulator.turns:

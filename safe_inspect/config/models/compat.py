@@ -9,8 +9,10 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
-from safe_inspect.errors import did_you_mean
+from safe_inspect.errors import RegistryError, did_you_mean
+from safe_inspect.platforms.base import Platform
 from safe_inspect.plugins.aliases import ALIASES
+from safe_inspect.plugins.registry import registry
 
 
 def one_of(*names: str) -> Any:
@@ -46,11 +48,34 @@ class ResetKeys(BaseModel):
     initializer: Any = None
 
 
+def platform_class(name: str) -> type[Platform]:
+    """Return the platform of a name: `cwh`, `six-dof`, a registered name or a dotted path.
+
+    Raises:
+        RegistryError: There is none.
+    """
+    cls: type[Platform] = registry.get("platform", {"cwh": "CWHPlatform", "six-dof": "SixDofPlatform"}.get(name, name))
+    return cls
+
+
+def _known_platform(name: str) -> str:
+    try:
+        platform_class(name)
+    except RegistryError as error:
+        raise ValueError(str(error)) from error
+    return name
+
+
 class PlatformKeys(BaseModel):
     """Keys of ``platform.yml``: a label, and the kind of platform."""
 
     name: str = ""
-    platform: one_of("cwh", "CWHPlatform", "six-dof") = "cwh"  # type: ignore[valid-type]
+    platform: Annotated[str, AfterValidator(_known_platform)] = "cwh"
+
+    @property
+    def functor(self) -> type[Platform]:
+        """The class of the platform."""
+        return platform_class(self.platform)
 
 
 class AgentBodyKeys(BaseModel):

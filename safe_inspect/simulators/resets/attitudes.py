@@ -51,8 +51,7 @@ def drawn_attitude(draw: Draw, given: GivenAttitude = None) -> FloatArray:
 class AttitudeParameter(Parameter):
     """Attitude of a body at a reset, uniform over all attitudes or fixed; see `drawn_attitude`.
 
-    Returns:
-        ``orientation`` from body to Hill's frame [x, y, z, w], shape (R, 4).
+    It gives ``orientation`` from body to Hill's frame [x, y, z, w], shape (R, 4).
 
     Attributes:
         orientation: The attitude, normalised; None: uniform over all attitudes.
@@ -73,8 +72,8 @@ class CWHSixDOFRadialInitializer(Initializer):
     position = radius [cos(az) cos(el), sin(az) cos(el), sin(el)], and the velocity likewise. Hill frame. The attitude
     is uniform over all attitudes unless ``orientation`` gives another parameter for it, see `AttitudeParameter`.
 
-    Returns:
-        ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3), ``orientation`` (R, 4), ``angular_velocity`` [rad/s] (R, 3).
+    It gives ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3), ``orientation`` (R, 4) and
+    ``angular_velocity`` [rad/s] (R, 3).
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {

@@ -44,8 +44,7 @@ class CWH3DRadialWithSunInitializer(Initializer):
 
     position = radius [cos(az) cos(el), sin(az) cos(el), sin(el)], and the velocity likewise. Hill frame.
 
-    Returns:
-        ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3), ``sun_angle`` [rad] (R,).
+    It gives ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3) and ``sun_angle`` [rad] (R,).
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {
@@ -71,8 +70,7 @@ class CWH3DRadialWithSunInitializer(Initializer):
 class PositionVelocityInitializer(Initializer):
     """Position and velocity by their components, Hill frame.
 
-    Returns:
-        ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3).
+    It gives ``position`` [m] (R, 3) and ``velocity`` [m/s] (R, 3).
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {

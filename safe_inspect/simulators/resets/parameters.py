@@ -49,8 +49,7 @@ class Draw:
 class Parameter(Plugin):
     """A value drawn at every reset.
 
-    Returns:
-        SI value, shape (R,), or a mapping of named states.
+    Called, it returns the SI value, shape (R,), or a mapping of named states.
     """
 
     kind: ClassVar[str] = "parameter"
