@@ -150,8 +150,12 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold in the next step."""
-        sun_angle = view.sun_angle if "sun_angle" in view.world.offers.view else None
-        state = self._state(view.position, view.velocity, sun_angle)
+        offered = view.world.offers.view
+        sun_angle = view.sun_angle if "sun_angle" in offered else None
+        estimated = "estimated_position" in offered
+        position = view.estimated_position if estimated else view.position
+        velocity = view.estimated_velocity if estimated else view.velocity
+        state = self._state(position, velocity, sun_angle)
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
         if self.method == "backup":

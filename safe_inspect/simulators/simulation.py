@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.base import Dynamics, advance_kernel
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators.component import Component
+from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import Offers
 from safe_inspect.simulators.prefetch import MIN_PREFETCH, InitialStatePrefetcher
 from safe_inspect.simulators.protocols import DeclaresMemory
@@ -70,10 +70,13 @@ class Simulation:
         bodies = {name: index for index, name in enumerate((*masses, *reset.entities))}
         offers = Offers(world=dict(dynamics.offers()))
         self.world = World(tuple(masses), bodies, np.array(list(masses.values()), dtype=np.float64), step_size, offers)
-        self.components = {}
+        self.components: dict[str, RunningComponent] = {}
         for component in components:
             running = self.components[component.registered_name] = component(self.world, num_envs)
             offers.add(running)
+        self._actuating = [
+            running for running in self.components.values() if type(running).actuate is not RunningComponent.actuate
+        ]
         physics_step = step_size / decimation
         self._of_body = tuple(dynamics.arrays)
         self._initial, self._turns_thrust = dynamics.initial(), dynamics.turns_thrust
@@ -190,10 +193,13 @@ class Simulation:
         self.before, self.state = self.state, self.before
         after = self.state
         after.copy_from(self.before)
+        flown = control
+        for component in self._actuating:
+            flown = component.actuate(self.before, flown)
         self._advance(
             *self._parameters,
             *(after.arrays[name] for name in self._of_body),
-            control,
+            flown,
             self.world.masses,
             *self._physics,
             after.delta_v,

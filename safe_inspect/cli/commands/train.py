@@ -21,6 +21,7 @@ from safe_inspect.experiments.runs.trials import trial_table
 from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.learning_curve import learning_curve_figure
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.rta.team import TeamSafety
@@ -78,6 +79,9 @@ def dry_run(experiment: Experiment, steps: int = 20) -> str:
     lines = [
         f"{experiment.source}: built and stepped {steps} times, one action for {experiment.spec.step_size:g} s",
     ]
+    disturbance = experiment.spec.simulator.disturbance
+    if disturbance is not None:
+        lines.append(f"disturbance: {disturbance.registered_name}, {_fields(disturbance)}")
     for group in environment.groups:
         lines += _describe(group)
     shared = ", ".join(named.name for named in experiment.spec.shared_dones)
@@ -106,6 +110,11 @@ def _describe(group: AgentGroup) -> list[str]:
         lines += [f"action, {action.size} elements:", str(action)]
     filters = [_named(glue) for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
     return [*lines, f"rewards: {terms}", f"dones: {ends}", f"safety filter: {filters[0] if filters else 'none'}"]
+
+
+def _fields(plugin: Plugin) -> str:
+    """Return the fields of a plugin that differ from their defaults."""
+    return ", ".join(f"{name} {value}" for name, value in plugin.model_dump(exclude_defaults=True).items())
 
 
 def _named(safety: SafetyGlue | TeamSafety) -> str:
