@@ -94,12 +94,21 @@ class BackupFilter(SafetyFilter):
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
         """Return the controls to fly; see `SafetyFilter`."""
         desired = checked(state, desired)
-        count = len(state)
-        control, refused, stage = np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
-        rows = compiled("backup.rows")
-        rows.filter_rows(
-            self._model, state.position, state.velocity, state.sun_angle, desired, control, refused, stage
+        outputs = self._outputs(len(state))
+        compiled("backup.rows").filter_rows(
+            self._model, state.position, state.velocity, state.sun_angle, desired, *outputs
         )  # fmt: skip
+        return self._result(state, desired, *outputs)
+
+    @staticmethod
+    def _outputs(count: int) -> tuple[FloatArray, IntArray, IntArray]:
+        """Return arrays for what compiled rows write: controls, bits of constraints, and where controls come from."""
+        return np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
+
+    def _result(
+        self, state: RelativeState, desired: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray
+    ) -> FilterResult:  # fmt: skip
+        rows, count = compiled("backup.rows"), len(state)
         active: IntArray = np.zeros(count, np.int64)
         for code, j in self._codes.items():
             active |= (refused >> code & 1) << j
