@@ -93,8 +93,8 @@ def audit(
         rows: Lines of states of each of three kinds on which a setting's initial states are looked for.
         steps: Steps of each flight.
         seed: Seed of everything.
-        first: A filter that is flown before the others. Where it withstands a disturbance, the others withstand the same,
-            and all flights are disturbed as much as that allows; see `DisturbanceAdversary`.
+        first: A filter that is flown before the others. Where it withstands a disturbance, the others withstand the
+            same, and all flights are disturbed as much as that allows; see `DisturbanceAdversary`.
         progress: Called after each setting.
     """
     result = Audit()

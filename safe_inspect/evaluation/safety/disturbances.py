@@ -19,8 +19,8 @@ _TOWARDS = {"chief_collision": _INWARD, "PSM": _INWARD, "r_max": _OUTWARD, "sun"
 class DisturbanceAdversary:
     """What disturbs R flights: errors of the estimate, errors of the thrust and velocities.
 
-    All of them push in one direction; the estimate's error is such that who corrects it pushes that way, but in every third
-    flight the other way, and in every third at random.
+    All of them push in one direction. The error of the estimate is such that who corrects it pushes that way, but in
+    every third flight the other way, and in every third it is random.
 
     Attributes:
         push: Where the disturbances of each flight push, a number of `PUSHES`, shape (R,).
@@ -45,7 +45,9 @@ class DisturbanceAdversary:
         bounds, errors = self._bounds, []
         for bound in (bounds.position_error, bounds.velocity_error):
             noise = _unit(self._rng.normal(size=state.position.shape))
-            errors.append(bound * np.select([self._trick == 0, self._trick == 1], [-self._direction, self._direction], noise))
+            errors.append(
+                bound * np.select([self._trick == 0, self._trick == 1], [-self._direction, self._direction], noise)
+            )
         return RelativeState(state.position + errors[0], state.velocity + errors[1], state.sun_angle)
 
     def flown(self, control: FloatArray) -> FloatArray:

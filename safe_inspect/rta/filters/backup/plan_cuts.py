@@ -15,7 +15,15 @@ from safe_inspect.rta.constraints.certified import COLLISION
 from safe_inspect.rta.constraints.rows import INNER, Margins, Node, SunAngle, node
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.half_spaces import further_slack
-from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, FURTHER, HOLD_PIECES, ORBIT_CELLS, PLAN, FilterModel
+from safe_inspect.rta.filters.backup.model import (
+    CLOSED,
+    FINE_NODES,
+    FURTHER,
+    HOLD_PIECES,
+    ORBIT_CELLS,
+    PLAN,
+    FilterModel,
+)
 from safe_inspect.rta.filters.backup.plans import ORDER, QUICK, plan_thrust
 from safe_inspect.rta.filters.backup.sequences import bits_of, least_slack, slack_of
 from safe_inspect.rta.filters.backup.workspace import Workspace

@@ -18,6 +18,7 @@ from safe_inspect.rta.filters.backup.returning import return_control
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, workspace
 from safe_inspect.rta.filters.tube.margins import widened
+from safe_inspect.rta.filters.tube.rows import begin_plan, follow_plan, plan_after, remembers, tracking
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -103,7 +104,7 @@ def _cut(
 
 
 @njit(**INNER)
-def between(m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace) -> bool:
+def _between(m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace) -> bool:
     """Write into u a verified control on the segment from the backup to u, as near to the desired as it finds.
 
     Returns:
@@ -137,7 +138,7 @@ def _squared(a: FloatArray, b: FloatArray) -> float:
 
 
 @njit(**INNER)
-def propose(
+def _propose(
     m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace
 ) -> tuple[int, bool]:  # fmt: skip
     """Look for a verified control; return the bits of what refuses the desired one and whether u is verified.
@@ -156,34 +157,57 @@ def propose(
     return refused, done
 
 
+@njit(**INNER)
+def _first_plan(m: FilterModel, x: RowState, sun: SunAngle, s: Workspace) -> bool:
+    """Look for a plan from a state and write its thrust into `s.backup`.
+
+    What was taken with the whole margins is still safe with half of them, whatever the rounding since.
+    """
+    for half in range(2):
+        margins = scaled(MARGINS, 1.0 - 0.5 * half)
+        if find_plan(m, x, sun, margins, NO_HOLD, as_int(NO_PLAN), as_int(PLANS), s.backup, s) != NO_PLAN:
+            return True
+    return False
+
+
 @njit(error_model="numpy")
 def filter_rows(
     m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
-    control: FloatArray, refused: IntArray, stage: IntArray,
+    gain: FloatArray, memory: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
-    """Write each row's control, the bits of the constraints that refused the desired one, and where it comes from."""
-    s = workspace(MAX_HALF_SPACES)
+    """Write each row's control, the bits of the constraints that refused the desired one, and where it comes from.
+
+    Where `memory` has rows, it holds the plan of each and is written; the plan is tracked with that gain. Without rows
+    plans are found anew.
+    """
+    s, tracks = workspace(MAX_HALF_SPACES), memory.shape[0] > 0
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        refused[i], done = propose(m, x, sun, desired[i], control[i], s)
-        stage[i] = NEAREST if refused[i] else DESIRED
+        refused[i], done = _propose(m, x, sun, desired[i], control[i], s)
         if done:
+            stage[i] = NEAREST if refused[i] else DESIRED
+            if tracks:
+                plan_after(m, x, control[i], s.w, memory[i])
             continue
-        stage[i] = BACKUP
-        # what was taken with the whole margins is still safe with half of them, whatever the rounding since
-        for half in range(2):
-            margins = scaled(MARGINS, 1.0 - 0.5 * half)
-            plan = find_plan(m, x, sun, margins, NO_HOLD, as_int(NO_PLAN), as_int(PLANS), s.backup, s)
-            if plan != NO_PLAN:
-                break
-        if plan != NO_PLAN:
-            between(m, x, sun, s.desired, control[i], s)
-        else:
+        known = tracks and remembers(memory[i])
+        if not known and not _first_plan(m, x, sun, s):
             stage[i] = RETURN
             refused[i] = return_control(m, x, sun, control[i], s)
+            continue
+        stage[i] = BACKUP
+        if tracks:
+            if not known:
+                begin_plan(x, s.backup, memory[i])
+            tracking(m, gain, x, memory[i], s.backup)
+        moved = _between(m, x, sun, s.desired, control[i], s)
+        if tracks:
+            if moved:
+                plan_after(m, x, control[i], s.plan, memory[i])
+            else:
+                follow_plan(m, memory[i], s.trial, s.w)
 
 
 @njit(error_model="numpy")

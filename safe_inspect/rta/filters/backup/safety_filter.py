@@ -94,21 +94,18 @@ class BackupFilter(SafetyFilter):
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
         """Return the controls to fly; see `SafetyFilter`."""
         desired = checked(state, desired)
-        outputs = self._outputs(len(state))
-        compiled("backup.rows").filter_rows(
-            self._model, state.position, state.velocity, state.sun_angle, desired, *outputs
-        )  # fmt: skip
-        return self._result(state, desired, *outputs)
+        return self._filtered(state, desired, np.zeros((3, 6)), np.empty((0, 0)))
 
-    @staticmethod
-    def _outputs(count: int) -> tuple[FloatArray, IntArray, IntArray]:
-        """Return arrays for what compiled rows write: controls, bits of constraints, and where controls come from."""
-        return np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
-
-    def _result(
-        self, state: RelativeState, desired: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray
+    def _filtered(
+        self, state: RelativeState, desired: FloatArray, gain: FloatArray, memory: FloatArray
     ) -> FilterResult:  # fmt: skip
-        rows, count = compiled("backup.rows"), len(state)
+        """Return the controls to fly; for the last two see `filter_rows`."""
+        count = len(state)
+        control, refused, stage = np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
+        rows = compiled("backup.rows")
+        rows.filter_rows(
+            self._model, state.position, state.velocity, state.sun_angle, desired, gain, memory, control, refused, stage
+        )  # fmt: skip
         active: IntArray = np.zeros(count, np.int64)
         for code, j in self._codes.items():
             active |= (refused >> code & 1) << j

@@ -1,15 +1,18 @@
 """How far a deputy that tracks its plan can be from it, under a bounded disturbance.
 
-The deputy holds a thrust u, then its plan's thrust v, and then coasts on the plan's closed motion; from the plan on it adds
-K (estimate - plan) to the plan's thrust. Its deviation d from the plan follows d' = (Phi + Gamma K) d + Gamma (K e + t) + w,
-with the estimation error e, the thrust's error t, |t| <= share |thrust|, and the velocity w that is disturbed at some time
-of the hold. So it is a sum over the past, whose terms are bounded one by one by spectral norms: a bound for every
-disturbance, a multiple of 1, |u| and |v|.
+The deputy holds a thrust u, then its plan's thrust v, and then coasts on the plan's closed motion; from the plan on it
+adds K (estimate - plan) to the plan's thrust. Its deviation d from the plan follows
+
+    d' = (Phi + Gamma K) d + Gamma (K e + t) + w,
+
+with the estimation error e, the thrust's error t, |t| <= share |thrust|, and the velocity w, which may come at any
+moments of the hold. So it is a sum over the past, whose terms are bounded one by one by spectral norms: a bound for
+every disturbance, a multiple of 1, |u| and |v|.
 
 Source:
     Chisci, Rossiter and Zappa, "Systems with persistent disturbances: predictive control with restricted constraints",
-    Automatica 2001; Mayne, Seron and Rakovic, "Robust model predictive control of constrained linear systems with bounded
-    disturbances", Automatica 2005.
+    Automatica 2001; Mayne, Seron and Rakovic, "Robust model predictive control of constrained linear systems with
+    bounded disturbances", Automatica 2005.
 """
 
 from __future__ import annotations
@@ -24,8 +27,8 @@ from safe_inspect.rta.numerics.regulator import regulator
 from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import FloatArray
 
-#: Weights of the regulator, of squared errors of position and velocity in units of what the thrust of 1 N does in a hold.
-#: Thrusts that follow the estimate's errors cost speed, slow returns cost distance: these keep both margins small.
+#: Weights of the regulator, of squared errors of position and velocity in units of what a thrust of 1 N does in a hold.
+#: Thrusts that follow the errors of the estimate cost speed, slow returns cost distance: these keep both margins small.
 _POSITION_WEIGHT, _VELOCITY_WEIGHT = 1.0, 64.0
 #: Moments of a hold at which deviations are computed; a hundredth more than the largest bounds what lies between them.
 _MOMENTS = 9
@@ -115,7 +118,9 @@ class Tracker:
         errors = [self._sources[name][0] for name in ("position", "velocity")]
         for hold in range(_HOLDS):
             total = np.zeros((4, 3))
-            total[:, 0] = response["first position"][hold] + response["first velocity"][hold] + whole["disturbance"][hold]
+            total[:, 0] = (
+                response["first position"][hold] + response["first velocity"][hold] + whole["disturbance"][hold]
+            )
             if hold > 0:
                 for name in ("position", "velocity"):
                     total[:, 0] += whole[name][hold - 1]

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
-from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import checked, compiled
@@ -26,11 +25,11 @@ class TubeFilter(BackupFilter):
     """`BackupFilter` for states that are known to within an error, and for motions and thrusts that are disturbed.
 
     A desired control is flown if its hold, and a plan after it, keep every constraint for every disturbance within the
-    bounds; the plan is then remembered. In the next step it is the backup: the deputy tracks it, its thrust plus
-    K (estimate - plan), instead of planning anew, so that nothing has to be found again. The real motion stays in a tube
-    about the plan, whose width is known beforehand (`deviations`): every constraint is certified for the model's motion
-    with that width as a margin, which grows with the thrusts whose errors it holds. So from an accepted initial state
-    every step ends in one with a plan, for ever.
+    bounds; the plan is then remembered. In the next step it is the backup: the deputy tracks it, by its thrust plus
+    K (estimate - plan), instead of planning anew, so that nothing has to be found again. The real motion stays in a
+    tube about the plan, whose width is known beforehand; see `deviations`. Every constraint is certified for the
+    model's motion with that width as a margin, which grows with the thrusts whose errors it holds. So from an accepted
+    initial state every step ends in one with a plan, for ever.
 
     Attributes:
         bounds: What is withstood.
@@ -87,11 +86,7 @@ class TubeFilter(BackupFilter):
             ValueError: The shapes differ, or a number is not finite; the message names the first such row.
         """
         desired, memory = checked(state, desired), np.array(memory, dtype=np.float64, order="C")
-        outputs = self._outputs(len(state))
-        compiled("tube.rows").tube_rows(
-            self._model, self._gain, state.position, state.velocity, state.sun_angle, desired, memory, *outputs
-        )  # fmt: skip
-        return self._result(state, desired, *outputs), memory
+        return self._filtered(state, desired, self._gain, memory), memory
 
     def recoverable(self, state: RelativeState) -> BoolArray:
         """Return the rows from which the filter holds, whatever their estimate within the bounds, shape (R,).

@@ -26,7 +26,9 @@ from safe_inspect.types import FloatArray
 _ONE, _EFFORT, _THRUST = range(3)
 
 
-def tube_of(model: FilterModel, tracker: Tracker, parameters: ConstraintParameters, names: Collection[str]) -> FloatArray:
+def tube_of(
+    model: FilterModel, tracker: Tracker, parameters: ConstraintParameters, names: Collection[str]
+) -> FloatArray:
     """Return the margins of the parts of a motion; see `FilterModel.tube`.
 
     Args:
@@ -75,7 +77,8 @@ def starting_tube(
     motion = np.stack([transition(n, 1.0, turn)[0] for turn in turns])
     motion[..., 0] -= 2.0 * n * motion[..., 4]  # without drift
     orbit = [
-        1.01 * (max(size(m[rows, :3], 2) for m in motion) * length + max(size(m[rows, 3::2], 2) for m in motion) * after)
+        1.01
+        * (max(size(m[rows, :3], 2) for m in motion) * length + max(size(m[rows, 3::2], 2) for m in motion) * after)
         for rows in (slice(3), slice(3, 6))
     ]
     found = tube.copy()
