@@ -13,7 +13,7 @@ from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_difference, copy_vector
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.resets.attitudes import require_length
-from safe_inspect.simulators.row_terms.inputs import BodyArray, OwnArray
+from safe_inspect.simulators.row_terms.inputs import BodyArray, OwnArray, own_estimate
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
@@ -112,7 +112,7 @@ class RelativePositionSensor(Sensor, name="Sensor_RelativePosition"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the relative position [m]."""
-        return RowTerm(copy_difference, (BodyArray("position", self.entity_name), OwnArray("position")))
+        return RowTerm(copy_difference, (BodyArray("position", self.entity_name), own_estimate("position", world)))
 
 
 class RelativeVelocitySensor(Sensor, name="Sensor_RelativeVelocity"):
@@ -129,7 +129,7 @@ class RelativeVelocitySensor(Sensor, name="Sensor_RelativeVelocity"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the relative velocity [m/s]."""
-        return RowTerm(copy_difference, (BodyArray("velocity", self.entity_name), OwnArray("velocity")))
+        return RowTerm(copy_difference, (BodyArray("velocity", self.entity_name), own_estimate("velocity", world)))
 
 
 class OrbitStabilitySensor(Sensor, name="Sensor_OrbitStability"):
@@ -140,4 +140,6 @@ class OrbitStabilitySensor(Sensor, name="Sensor_OrbitStability"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the drift [m/s]."""
-        return RowTerm(_drift, (float(world.mean_motion), OwnArray("position"), OwnArray("velocity")))
+        return RowTerm(
+            _drift, (float(world.mean_motion), own_estimate("position", world), own_estimate("velocity", world))
+        )

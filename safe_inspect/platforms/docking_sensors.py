@@ -9,7 +9,7 @@ import numpy as np
 from safe_inspect.compiling import njit
 from safe_inspect.geometry.distance import distance
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.simulators.row_terms.inputs import OwnArray, range_inputs
+from safe_inspect.simulators.row_terms.inputs import own_estimate
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
@@ -44,7 +44,7 @@ class SpeedSensor(Sensor, name="Sensor_Speed"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the speed [m/s]."""
-        return RowTerm(_size, (OwnArray("velocity"), np.zeros(3)))
+        return RowTerm(_size, (own_estimate("velocity", world), np.zeros(3)))
 
 
 class SpeedLimitSensor(SpeedLimit, Sensor, name="Sensor_SpeedLimit"):
@@ -56,7 +56,7 @@ class SpeedLimitSensor(SpeedLimit, Sensor, name="Sensor_SpeedLimit"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the limit [m/s]."""
-        return RowTerm(_limit, (self.limit_line(world), *range_inputs(None)))
+        return RowTerm(_limit, (self.limit_line(world), own_estimate("position", world), np.zeros(3)))
 
 
 class ApproachVelocitySensor(SpeedLimit, Sensor, name="Sensor_ApproachVelocity"):
@@ -71,4 +71,4 @@ class ApproachVelocitySensor(SpeedLimit, Sensor, name="Sensor_ApproachVelocity")
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the velocity [m/s]."""
-        return RowTerm(_approach, (self.limit_line(world), *range_inputs(None)))
+        return RowTerm(_approach, (self.limit_line(world), own_estimate("position", world), np.zeros(3)))

@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.compiling import njit
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_number, copy_vector
-from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, own_estimate
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
@@ -41,7 +41,7 @@ class PositionSensor(Sensor, name="Sensor_Position"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the own position [m]."""
-        return RowTerm(copy_vector, (OwnArray("position"),))
+        return RowTerm(copy_vector, (own_estimate("position", world),))
 
 
 class VelocitySensor(Sensor, name="Sensor_Velocity"):
@@ -52,7 +52,7 @@ class VelocitySensor(Sensor, name="Sensor_Velocity"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the own velocity [m/s]."""
-        return RowTerm(copy_vector, (OwnArray("velocity"),))
+        return RowTerm(copy_vector, (own_estimate("velocity", world),))
 
 
 class SunAngleSensor(Sensor, name="Sensor_SunAngle"):

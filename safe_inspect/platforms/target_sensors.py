@@ -8,7 +8,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_difference, copy_number
-from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, own_estimate
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
@@ -38,7 +38,7 @@ class MatingPointPositionSensor(Sensor, name="Sensor_MatingPointPosition"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the relative position [m]."""
-        return RowTerm(copy_difference, (EnvironmentArray("mating_point_position"), OwnArray("position")))
+        return RowTerm(copy_difference, (EnvironmentArray("mating_point_position"), own_estimate("position", world)))
 
 
 class MatingPointVelocitySensor(Sensor, name="Sensor_MatingPointVelocity"):
@@ -49,7 +49,7 @@ class MatingPointVelocitySensor(Sensor, name="Sensor_MatingPointVelocity"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Write the relative velocity [m/s]."""
-        return RowTerm(copy_difference, (EnvironmentArray("mating_point_velocity"), OwnArray("velocity")))
+        return RowTerm(copy_difference, (EnvironmentArray("mating_point_velocity"), own_estimate("velocity", world)))
 
 
 class TargetAxesSensor(Sensor, name="Sensor_TargetAxes"):

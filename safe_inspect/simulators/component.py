@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
-from safe_inspect.types import AnyArray, ArraySpec, BoolArray, IntArray
+from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 
 
 class Component(Plugin):
@@ -68,6 +68,15 @@ class RunningComponent:
             state: Fresh environments, R rows.
             rows: Their indices in the batch, shape (R,).
         """
+
+    def actuate(self, state: State, control: FloatArray) -> FloatArray:
+        """Return the control that is flown, a new array where it differs from the commanded one.
+
+        Args:
+            state: The state before the step, N rows.
+            control: Commanded control of each deputy, in the unit of the dynamics, shape (N, D, C).
+        """
+        return control
 
     def step(self, state: State, running: BoolArray) -> None:
         """Follow a step: write the component's arrays for the bodies' new states, in place.

@@ -81,6 +81,17 @@ class OfView:
 
 
 @dataclass(frozen=True)
+class OwnOfView:
+    """An array of the state with an axis of deputies, as a `View` gives it: each agent its own."""
+
+    name: str
+
+    def __call__(self, view: Any) -> Any:
+        """Return the array, shape (R, ...)."""
+        return view.per_agent(view.state[self.name])
+
+
+@dataclass(frozen=True)
 class OfTeam:
     """An array of the state with the environment axis, as a `TeamView` gives it: a row for each environment."""
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.base import Dynamics, advance_kernel
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators.component import Component
+from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import Offers
 from safe_inspect.simulators.prefetch import MIN_PREFETCH, InitialStatePrefetcher
 from safe_inspect.simulators.protocols import DeclaresMemory
@@ -44,6 +44,7 @@ class Simulation:
         views: The current state as each group of agents sees it.
         reset_info: Statistics of the draws that began the current episodes, each of shape (N,).
         running: Environments whose episode runs, shape (N,); see `end`.
+        flown: The control that was flown in the last step, from which the commanded one may differ, shape (N, D, C).
     """
 
     def __init__(
@@ -70,10 +71,13 @@ class Simulation:
         bodies = {name: index for index, name in enumerate((*masses, *reset.entities))}
         offers = Offers(world=dict(dynamics.offers()))
         self.world = World(tuple(masses), bodies, np.array(list(masses.values()), dtype=np.float64), step_size, offers)
-        self.components = {}
+        self.components: dict[str, RunningComponent] = {}
         for component in components:
             running = self.components[component.registered_name] = component(self.world, num_envs)
             offers.add(running)
+        self._actuating = [
+            running for running in self.components.values() if type(running).actuate is not RunningComponent.actuate
+        ]
         physics_step = step_size / decimation
         self._of_body = tuple(dynamics.arrays)
         self._initial, self._turns_thrust = dynamics.initial(), dynamics.turns_thrust
@@ -89,6 +93,7 @@ class Simulation:
         self._prefetcher = InitialStatePrefetcher(num_envs, self._specs, self._draw_initial_states)
         self.reset_info: dict[str, IntArray] = {}
         self.running = np.zeros(num_envs, dtype=np.bool_)
+        self.flown = self.state["control"]
         self.views = self._views(self.state)
 
     @property
@@ -190,10 +195,13 @@ class Simulation:
         self.before, self.state = self.state, self.before
         after = self.state
         after.copy_from(self.before)
+        flown = control
+        for component in self._actuating:
+            flown = component.actuate(self.before, flown)
         self._advance(
             *self._parameters,
             *(after.arrays[name] for name in self._of_body),
-            control,
+            flown,
             self.world.masses,
             *self._physics,
             after.delta_v,
@@ -201,6 +209,7 @@ class Simulation:
             after.step,
         )
         after.control[...] = control
+        self.flown = flown
         for component in self.components.values():
             component.step(after, self.running)
         self.views = self._remember(after)

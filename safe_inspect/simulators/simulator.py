@@ -24,11 +24,14 @@ class Simulator(Plugin):
 
     Attributes:
         decimation: Number of physics steps in a step of the agents.
+        disturbance: A component that disturbs the motion, the thrust or the estimated states, such as
+            `BoundedDisturbance`; it comes before those of the task. None: the motion is exactly that of the dynamics.
     """
 
     kind: ClassVar[str] = "simulator"
 
     decimation: int = Field(default=1, ge=1)
+    disturbance: functor_field("component") | None = None  # type: ignore[valid-type]
 
     @abstractmethod
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
@@ -71,8 +74,10 @@ class Simulator(Plugin):
             first_slot: Global index of the first environment slot.
             team_filter: What filters the thrusts of all deputies together and may declare memory, where there is one.
         """
+        dynamics, components = self.compose()
         return Simulation(
-            *self.compose(),
+            dynamics,
+            components if self.disturbance is None else (self.disturbance, *components),
             masses=masses,
             groups=groups,
             reset=reset,

@@ -1,5 +1,6 @@
 """The components of tasks, and the simulators composed of them. Importing it registers their plugins."""
 
+from safe_inspect.tasks.disturbances.component import BoundedDisturbance
 from safe_inspect.tasks.docking.initializer import Docking3DRadialInitializer
 from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
 from safe_inspect.tasks.docking.simulator import CWHSimulator
@@ -12,6 +13,7 @@ from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
 
 __all__ = [
+    "BoundedDisturbance",
     "CWHSimulator",
     "ChiefRotation",
     "Docking3DRadialInitializer",

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.models.learning import check_learning, flight_note, placed
 from safe_inspect.environments import TeamEnvironment
@@ -78,6 +80,9 @@ def dry_run(experiment: Experiment, steps: int = 20) -> str:
     lines = [
         f"{experiment.source}: built and stepped {steps} times, one action for {experiment.spec.step_size:g} s",
     ]
+    disturbance = experiment.spec.simulator.disturbance
+    if disturbance is not None:
+        lines.append(f"disturbance: {disturbance.registered_name}, {_fields(disturbance)}")
     for group in environment.groups:
         lines += _describe(group)
     shared = ", ".join(named.name for named in experiment.spec.shared_dones)
@@ -108,11 +113,18 @@ def _describe(group: AgentGroup) -> list[str]:
     return [*lines, f"rewards: {terms}", f"dones: {ends}", f"safety filter: {filters[0] if filters else 'none'}"]
 
 
+def _fields(plugin: BaseModel) -> str:
+    """Return the fields that differ from their defaults."""
+    return ", ".join(f"{name} {value}" for name, value in plugin.model_dump(exclude_defaults=True).items())
+
+
 def _named(safety: SafetyGlue | TeamSafety) -> str:
     """Return the name of a safety filter, its method, and the constraints that it keeps."""
     method, constraints = getattr(safety, "method", None), getattr(safety, "constraints", ())
     named = safety.registered_name + (f", {method}" if method else "")
-    return f"{named}, keeps {', '.join(map(name_of, constraints))}" if constraints else named
+    named += f", keeps {', '.join(map(name_of, constraints))}" if constraints else ""
+    withstood = getattr(safety, "disturbance", None)
+    return named if withstood is None else f"{named}, under {_fields(withstood)}"
 
 
 def _closing(result: Any) -> str:

@@ -276,6 +276,12 @@ def _in_state(scene: Scene, name: str, agents: slice | None, before: bool) -> In
     return InputPlace(MemoryBase.BEFORE if before else MemoryBase.AFTER, offset, part.dtype, part.shape, part.strides)
 
 
+def own_estimate(name: str, world: World) -> OwnArray:
+    """Return the agent's estimate of its ``position`` or ``velocity``, the array itself where nothing disturbs it."""
+    estimate = f"estimated_{name}"
+    return OwnArray(estimate if estimate in world.offers.view else name)
+
+
 def range_inputs(sensor: str | None) -> tuple[RowInput, RowInput]:
     """Return the own position and what a position sensor reads, of which the range to it follows.
 

@@ -1,0 +1,41 @@
+"""Random vectors of bounded length inside compiled kernels: pure functions of a key, no state."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.random.splitmix import mix
+
+_WEYL = np.uint64(0x9E3779B97F4A7C15)
+_PURPOSE = np.uint64(0xD1B54A32D192ED03)
+
+
+@njit
+def uniform_at(key: np.uint64, step: int, pick: int) -> float:
+    """Return a uniform number in [0, 1), a pure function of key, step and pick; independent of `pick_below`."""
+    word = mix((key ^ _PURPOSE) + _WEYL * np.uint64(step + 1))
+    word = mix(word + _WEYL * np.uint64(pick + 1))
+    return float(word >> np.uint64(11)) * 2.0**-53
+
+
+@njit
+def draw_in_ball(
+    key: np.uint64, step: int, pick: int, radius: float, on_surface: bool
+) -> tuple[float, float, float]:  # fmt: skip
+    """Return a vector drawn uniformly from a ball, or from its surface.
+
+    Args:
+        key: Key of the episode.
+        step: Steps since the reset.
+        pick: Number of the draw; it takes the numbers from 4 pick to 4 pick + 2.
+        radius: Radius of the ball.
+        on_surface: Whether the vector has the length of the radius.
+    """
+    z = 2.0 * uniform_at(key, step, 4 * pick) - 1.0
+    angle = 2.0 * math.pi * uniform_at(key, step, 4 * pick + 1)
+    size = radius if on_surface else radius * uniform_at(key, step, 4 * pick + 2) ** (1.0 / 3.0)
+    across = size * math.sqrt(max(0.0, 1.0 - z * z))
+    return across * math.cos(angle), across * math.sin(angle), size * z
