@@ -15,7 +15,7 @@ from safe_inspect.simulators.protocols import DeclaresMemory
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TEAM, TEAM_FILTER
-from safe_inspect.simulators.view import SAFETY_FILTER, SCRIPTED_POLICY, Group, View
+from safe_inspect.simulators.view import DECISION, REMAINING, SAFETY_FILTER, SCRIPTED_POLICY, Group, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 
@@ -241,6 +241,8 @@ class Simulation:
                 declared[SAFETY_FILTER] = group.safety_filter.memory(world)
             if group.scripted_policy is not None:
                 declared[SCRIPTED_POLICY] = group.scripted_policy.memory(world)
+            if group.decides:
+                declared[DECISION] = {REMAINING: ArraySpec((), np.int64)}
             for name, arrays in declared.items():
                 for array, spec in arrays.items():
                     specs[f"memory/{group.name}/{name}/{array}"] = ArraySpec(
