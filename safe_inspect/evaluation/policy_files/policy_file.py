@@ -49,7 +49,7 @@ class PolicyInfo:
     task: str
     observation: tuple[ObservedElement, ...]
     action: tuple[CommandedElement, ...]
-    distribution: Literal["gaussian", "categorical"]
+    distribution: Literal["gaussian", "categorical", "hurdle"]
     step_size: float
     configuration: Mapping[str, Any]
     training: Mapping[str, Any] = field(default_factory=dict)
@@ -74,7 +74,7 @@ class PolicyInfo:
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> PolicyInfo:
         """Return what a file's metadata say; KeyError, TypeError or ValueError: they are not there, or wrong."""
-        if metadata["distribution"] not in ("gaussian", "categorical"):
+        if metadata["distribution"] not in ("gaussian", "categorical", "hurdle"):
             raise ValueError(f"unknown distribution {metadata['distribution']!r}")
         observation: list[dict[str, Any]]
         action: list[dict[str, Any]]

@@ -18,6 +18,7 @@ from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
 from safe_inspect.experiments.adapters.callbacks import log_reports, set_threads
 from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, seed_of
+from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
 from safe_inspect.experiments.sampling.policy_net import PolicyNet, why_not_served
@@ -117,13 +118,16 @@ class _Batched:
 
     def _roll(self, steps: int | None, episodes: int | None, explore: bool, random: bool, force: bool) -> Rollout:
         if self._sampler is None:
-            self._sampler = Sampler(
+            common = (
                 self.env.team,
                 self.agent_slots,
                 lambda policy, rows: PolicyNet(self._module_of(policy), rows, self._device),  # type: ignore[attr-defined]
-                seed=self._seed_of_slots,
-                first_slot=self._slot,
             )
+            place = {"seed": self._seed_of_slots, "first_slot": self._slot}
+            if self.env.team.decides:
+                self._sampler = DecisionSampler(*common, gamma=self.config.gamma, **place)
+            else:
+                self._sampler = Sampler(*common, **place)
         lifetime = self.num_env_steps_sampled_lifetime  # type: ignore[attr-defined]
         if steps is None:
             self._needs_initial_reset = True
