@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,20 @@ from safe_inspect.simulators.team import TEAM, TEAM_FILTER
 from safe_inspect.simulators.view import DECISION, REMAINING, SAFETY_FILTER, SCRIPTED_POLICY, Group, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
+
+
+class Paused(NamedTuple):
+    """Environments that wait.
+
+    Attributes:
+        rows: Their indices, shape (R,).
+        state: Their states.
+        running: Whose episode runs, shape (R,).
+    """
+
+    rows: IntArray
+    state: State
+    running: BoolArray
 
 
 class Simulation:
@@ -215,6 +230,18 @@ class Simulation:
         if len(rows):
             for component in self.components.values():
                 component.end(self.state, rows)
+
+    def pause(self, rows: IntArray) -> Paused:
+        """Let some environments, shape (R,), wait: the steps until `unpause` count for nothing there."""
+        paused = Paused(rows, self.state.take(rows), self.running[rows].copy())
+        self.running[rows] = False
+        return paused
+
+    def unpause(self, paused: Paused) -> None:
+        """Go on in environments that have waited."""
+        self.state.put(paused.rows, paused.state)
+        self.running[paused.rows] = paused.running
+        self.views = self._views(self.state)
 
     def _views(self, state: State) -> tuple[View, ...]:
         return tuple(View(state, self.world, group) for group in self._groups)

@@ -36,8 +36,8 @@ class PolicyInfo:
         task: Name of the task.
         observation: Elements of the input `observation`.
         action: Elements of the output `thrust`.
-        distribution: What the output `action_dist_inputs` holds: means and logarithms of standard deviations, or
-            logits of the levels of each element, one element behind the other.
+        distribution: What the output `action_dist_inputs` holds: means and logarithms of standard deviations; logits
+            of the levels of each element, one element behind the other; or what `Hurdle` takes.
         step_size: Length of a step [s].
         configuration: The resolved experiment.
         training: What is known of the training: `steps`, `iteration`, `seconds`, `seed`, `git_commit`, `started`.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
 from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
-from safe_inspect.errors import CheckpointError
+from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies
 from safe_inspect.experiments.modules.hurdle import COASTS, HURDLE, HurdleCatalog, TorchHurdle
 from safe_inspect.experiments.modules.sac_policy import TWIN_Q, SacPolicy
@@ -41,7 +41,8 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **{**kwargs, "catalog_class": kwargs.get("catalog_class") or HurdleCatalog})
+        catalog = kwargs.pop("catalog_class", None) or HurdleCatalog
+        super().__init__(*args, **kwargs, catalog_class=catalog)  # type: ignore[no-untyped-call]
 
     def setup(self) -> None:
         """Build the nets, and set their first weights."""
@@ -126,6 +127,24 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy:
     return module
 
 
+def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
+    """Check that an action of zeros is no thrust, as a hurdle distribution wants it.
+
+    Raises:
+        ConfigError: A controller commands something else.
+    """
+    for element in elements:
+        if element["offset"] and not element["levels"]:
+            raise ConfigError(
+                Problem(
+                    f"a hurdle policy coasts by actions of 0, for which {element['name']} gives {element['offset']:g} "
+                    f"{element['unit']}",
+                    "agent_config",
+                    hint="give the controller limits that are equal about 0",
+                )
+            )
+
+
 def policy_spec(
     model: Mapping[str, Any], algorithm: str = "PPO", info: Mapping[str, str] | None = None
 ) -> RLModuleSpec:
@@ -145,6 +164,8 @@ def policy_spec(
         own |= {HURDLE: True, COASTS: len(json.loads(info["action"])[-1]["levels"])}
     elif own.get(HURDLE) and info.get("distribution") == "gaussian":
         info["distribution"] = "hurdle"
+    if info.get("distribution") == "hurdle":
+        _check_zero(json.loads(info["action"]))
     known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
     if algorithm not in FLOWN_ALGORITHMS:
         return RLModuleSpec(model_config=known)

@@ -8,7 +8,6 @@ import torch
 from gymnasium.spaces import Box
 from ray.rllib.algorithms.ppo.ppo_catalog import PPOCatalog
 from ray.rllib.core.distribution.torch.torch_distribution import TorchDistribution
-from torch.distributions import Bernoulli, Categorical, Distribution, Normal, kl_divergence
 
 #: Keys of `model_config`: whether continuous thrust has a hurdle distribution, and the number of durations beside it.
 HURDLE, COASTS = "hurdle", "coasts"
@@ -42,38 +41,40 @@ class TorchHurdle(TorchDistribution):  # type: ignore[misc]
         """Return the number of inputs, 1 + 2 A + K."""
         return 1 + 2 * cls.numbers + cls.choices
 
-    def _get_torch_distribution(self, logits: torch.Tensor) -> Distribution:
-        burn, mean, log_std, choice = logits.split((1, self.numbers, self.numbers, self.choices), dim=-1)
-        self._mean = mean
-        self._burns = Bernoulli(logits=burn[..., 0], validate_args=False)
-        self._choice = Categorical(logits=choice, validate_args=False) if self.choices else None
-        return Normal(mean, log_std.exp(), validate_args=False)
+    def _get_torch_distribution(self, logits: torch.Tensor) -> Any:
+        sizes = [1, self.numbers, self.numbers, self.choices]
+        burn, mean, log_std, choice = torch.split(logits, sizes, dim=-1)  # type: ignore[no-untyped-call]
+        kinds: Any = torch.distributions
+        self._burns = kinds.Bernoulli(logits=burn[..., 0], validate_args=False)
+        self._choice = kinds.Categorical(logits=choice, validate_args=False) if self.choices else None
+        return kinds.Normal(mean, log_std.exp(), validate_args=False)
 
-    def logp(self, value: torch.Tensor, **kwargs: Any) -> torch.Tensor:
+    def logp(self, value: Any, **kwargs: Any) -> Any:
         """Return the logarithms of the probability densities of actions, shape (R,)."""
         numbers = value[..., : self.numbers]
         burns = (numbers != 0.0).any(dim=-1).to(numbers.dtype)
-        found: torch.Tensor = self._burns.log_prob(burns) + burns * self._dist.log_prob(numbers).sum(dim=-1)
-        if self._choice is not None:
-            found = found + self._choice.log_prob(value[..., -1])
-        return found
+        found = self._burns.log_prob(burns) + burns * self._dist.log_prob(numbers).sum(dim=-1)
+        return found if self._choice is None else found + self._choice.log_prob(value[..., -1])
 
-    def entropy(self) -> torch.Tensor:
+    def entropy(self, **kwargs: Any) -> Any:
         """Return the entropies, shape (R,): that of the numbers counts with the probability that there are any."""
-        found: torch.Tensor = self._burns.entropy() + self._burns.probs * self._dist.entropy().sum(dim=-1)
+        found = self._burns.entropy() + self._burns.probs * self._dist.entropy().sum(dim=-1)
         return found if self._choice is None else found + self._choice.entropy()
 
-    def kl(self, other: Any) -> torch.Tensor:
+    def kl(self, other: Any, **kwargs: Any) -> Any:
         """Return the Kullback-Leibler divergences of another hurdle distribution from this one, shape (R,)."""
-        numbers = kl_divergence(self._dist, other._dist).sum(dim=-1)
-        found: torch.Tensor = kl_divergence(self._burns, other._burns) + self._burns.probs * numbers
-        return found if self._choice is None else found + kl_divergence(self._choice, other._choice)
+        divergence = torch.distributions.kl_divergence
+        numbers = divergence(self._dist, other._dist).sum(dim=-1)
+        found = divergence(self._burns, other._burns) + self._burns.probs * numbers
+        return found if self._choice is None else found + divergence(self._choice, other._choice)
 
-    def sample(self, *, sample_shape: Any = None, **kwargs: Any) -> torch.Tensor:
+    def sample(self, *, sample_shape: Any = None, **kwargs: Any) -> Any:
         """Draw actions."""
         shape = torch.Size() if sample_shape is None else sample_shape
         numbers = self._dist.sample(shape) * self._burns.sample(shape)[..., None]
-        return self._joined(numbers, None if self._choice is None else self._choice.sample(shape))
+        if self._choice is None:
+            return numbers
+        return torch.cat((numbers, self._choice.sample(shape)[..., None].to(numbers.dtype)), dim=-1)
 
     def rsample(self, **kwargs: Any) -> torch.Tensor:
         """Refuse: a draw of a choice has no gradient."""
@@ -82,6 +83,3 @@ class TorchHurdle(TorchDistribution):  # type: ignore[misc]
     def to_deterministic(self) -> Any:
         """Return what always gives the most likely action."""
         raise NotImplementedError("a hurdle policy is flown by this package's own code")
-
-    def _joined(self, numbers: torch.Tensor, choice: torch.Tensor | None) -> torch.Tensor:
-        return numbers if choice is None else torch.cat((numbers, choice[..., None].to(numbers.dtype)), dim=-1)

@@ -43,9 +43,7 @@ class DecisionTrack(Track):
     def pending(self) -> dict[str, AnyArray]:
         """Return copies of the decision that each agent has begun, each of shape (G, N, ...)."""
         where = (*np.indices(self.counts.shape, sparse=True), self.counts)
-        return {
-            name: getattr(self, name)[where] for name in ("observations", "actions", "inputs", "log_probabilities")
-        }
+        return {name: getattr(self, name)[where] for name in ("observations", "actions", "inputs", "log_probabilities")}
 
     def resume(self, pending: dict[str, AnyArray]) -> None:
         """Go on with the decisions of an earlier track."""

@@ -8,6 +8,7 @@ the runner from which they are derived: see `safe_inspect.experiments.sampling.s
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from typing import Any
 
 from ray.rllib.callbacks.utils import make_callback
@@ -118,16 +119,17 @@ class _Batched:
 
     def _roll(self, steps: int | None, episodes: int | None, explore: bool, random: bool, force: bool) -> Rollout:
         if self._sampler is None:
-            common = (
+            make: Any = Sampler
+            if self.env.team.decides:
+                make = partial(DecisionSampler, gamma=self.config.gamma)
+            self._sampler = make(
                 self.env.team,
                 self.agent_slots,
                 lambda policy, rows: PolicyNet(self._module_of(policy), rows, self._device),  # type: ignore[attr-defined]
+                seed=self._seed_of_slots,
+                first_slot=self._slot,
             )
-            place = {"seed": self._seed_of_slots, "first_slot": self._slot}
-            if self.env.team.decides:
-                self._sampler = DecisionSampler(*common, gamma=self.config.gamma, **place)
-            else:
-                self._sampler = Sampler(*common, **place)
+        assert self._sampler is not None
         lifetime = self.num_env_steps_sampled_lifetime  # type: ignore[attr-defined]
         if steps is None:
             self._needs_initial_reset = True
