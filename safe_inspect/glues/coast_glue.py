@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from safe_inspect.glues.base import ActionGlue, Bounds, Parts
 from safe_inspect.types import FloatArray, IntArray
@@ -23,10 +23,12 @@ class CoastGlue(ActionGlue):
         durations: How many control steps a decision may last, the step of the burn included, in ascending order.
     """
 
-    durations: tuple[int, ...] = Field(default=(1, 2, 4, 8, 16, 32, 64), min_length=1)
+    durations: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64)
 
     @model_validator(mode="after")
     def _ascending(self) -> CoastGlue:
+        if not self.durations:
+            raise ValueError("`durations` is empty; give one or more numbers of control steps")
         if self.durations[0] < 1:
             raise ValueError(f"a decision lasts at least 1 control step, not {self.durations[0]}; change `durations`")
         if any(second <= first for first, second in zip(self.durations, self.durations[1:], strict=False)):

@@ -55,7 +55,6 @@ class DecisionSampler(Sampler):
         """Begin a new episode in every environment."""
         super().reset()
         self._pending = []
-        self._forget(np.ones(self._flying.shape, dtype=np.bool_))
         self._decisions[:] = 0
 
     def roll(self, steps: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Any:
@@ -89,6 +88,7 @@ class DecisionSampler(Sampler):
             _write(track.observations, starts, track.counts, observation.transpose(1, 0, 2))
         flags = np.concatenate(starting)
         self._decisions += flags
+        self._rewards[flags], self._discounts[flags], self._elapsed[flags] = 0.0, 1.0, 0
         if random:
             self._draw_at_random(rollout, starting)
         else:
@@ -130,13 +130,6 @@ class DecisionSampler(Sampler):
         _write(track.rewards, closes, track.counts, self._rewards[mine])
         _write(track.steps, closes, track.counts, self._elapsed[mine])
         track.counts += closes
-        whole = np.zeros(self._flying.shape, dtype=np.bool_)
-        whole[mine] = closes
-        self._forget(whole)
-
-    def _forget(self, agents: BoolArray) -> None:
-        """Set the sums of the running decisions of some agents to zero."""
-        self._rewards[agents], self._discounts[agents], self._elapsed[agents] = 0.0, 1.0, 0
 
     def _decide(self, rollout: DecisionRollout, starting: BoolArray, explore: bool, lifetime: int) -> None:
         episodes = self.environment.simulation.episodes
