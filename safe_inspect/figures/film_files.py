@@ -7,14 +7,15 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.figures.pictures import Pictures
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
 
@@ -22,18 +23,6 @@ from safe_inspect.types import AnyArray
 FilmProgress = Callable[[int, int], None]
 
 _COLOURS = 96
-
-
-class Pictures(Protocol):
-    """What a film is written from: pictures of one size, as `Film` and `MissionFilm` draw them."""
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of a picture [pixels]."""
-
-    def __len__(self) -> int: ...
-
-    def __iter__(self) -> Iterator[AnyArray]: ...
 
 
 def save_film(
