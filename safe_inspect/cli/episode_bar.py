@@ -1,4 +1,4 @@
-"""`EpisodeBar`: how many episodes of a rollout have ended, on a terminal."""
+"""`EpisodeBar`: how much of long work is done, such as episodes, steps or pictures."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from safe_inspect.compiling import compiling_seconds
 from safe_inspect.experiments.runs.progress import clock_text
 
 #: Seconds between two lines where there is no terminal.
-_SILENCE = 30.0
+_SILENCE = 10.0
 
 
 class EpisodeBar:
-    """How many episodes have ended: a bar on a terminal, as a training has it, else a line every half minute.
+    """How much is done: a bar on a terminal, as a training has it, else a line every ten seconds.
 
     What is left is estimated without the time of the compiler.
 
@@ -39,7 +39,7 @@ class EpisodeBar:
         left = clock_text(passed * (1.0 - share) / share if share else math.inf)
         if not self._terminal:
             self._told = now
-            print(f"{self._label}: {done} of {wanted}, left {left}", file=self._stream, flush=True)
+            print(f"{self._label}: {done:,} of {wanted:,}, left {left}", file=self._stream, flush=True)
             return
         room = shutil.get_terminal_size().columns - len(self._label) - 28  # a line that wraps cannot be drawn anew
         width = max(min(width, room), 0)

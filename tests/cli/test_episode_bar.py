@@ -9,6 +9,7 @@ import pytest
 
 from safe_inspect.cli import episode_bar
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.main import main
 
 
 class Terminal(io.StringIO):
@@ -26,17 +27,17 @@ def clock(monkeypatch):
     return now
 
 
-def test_a_log_file_gets_a_line_every_half_minute(clock):
+def test_a_log_file_gets_a_line_every_ten_seconds(clock):
     stream = io.StringIO()
     bar = EpisodeBar("inspector", stream)
-    for second in range(0, 95, 5):
+    for second in range(0, 35, 5):
         clock[0] = float(second)
         bar.show(second, 200)
     bar.close()
     assert stream.getvalue().splitlines() == [
+        "inspector: 10 of 200, left 0:03:10",
+        "inspector: 20 of 200, left 0:03:00",
         "inspector: 30 of 200, left 0:02:50",
-        "inspector: 60 of 200, left 0:02:20",
-        "inspector: 90 of 200, left 0:01:50",
     ]
 
 
@@ -54,3 +55,23 @@ def test_the_bar_fits_the_terminal(clock, columns):
     stream = Terminal()
     EpisodeBar("inspector", stream).show(50, 100)
     assert len(stream.getvalue().strip("\r").removesuffix("\x1b[K")) < columns
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ("safety", "configs/docking/experiment.yml", "--steps", "128", "--num-envs", "64"),
+            "steps: 128 of 128, left ",
+        ),
+        (
+            ("film", "random", "--cfg", "configs/docking/experiment.yml", "--frames", "3", "--width", "320"),
+            "pictures: 3 of 3, left ",
+        ),
+    ],
+)
+def test_long_commands_report_in_a_log_file(words, told, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(episode_bar, "_SILENCE", 0.0)
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, *(("--output", "a.gif") if words[0] == "film" else ())]) == 0
+    assert told in capsys.readouterr().err

@@ -126,6 +126,23 @@ def test_a_cluster_that_is_not_there_is_one_message(tmp_path):
     assert not list((tmp_path / "out").iterdir())
 
 
+def test_auto_is_the_cluster_that_was_started_and_no_private_ray(tmp_path, monkeypatch):
+    monkeypatch.setenv("RAY_TMPDIR", str(tmp_path))
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    with pytest.raises(ConfigError, match=r"`auto` can be joined .*`ray start` has begun none"):
+        next(cluster._attached("auto", {}, 1.0))
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    (tmp_path / "ray").mkdir()
+    (tmp_path / "ray" / "ray_current_cluster").write_text(address + "\n")  # as `ray start --head` does
+    assert cluster._started_cluster() == address
+    with pytest.raises(ConfigError, match=r"`auto` can be joined .*Connection refused"):  # it has died since
+        next(cluster._attached("auto", {}, 1.0))
+    monkeypatch.setenv("RAY_ADDRESS", "10.0.0.1:6379")
+    assert cluster._started_cluster() == "10.0.0.1:6379"
+
+
 @pytest.mark.ray
 @pytest.mark.slow
 def test_starting_ray_writes_nothing_into_the_home_folder(tmp_path):

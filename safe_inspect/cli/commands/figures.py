@@ -13,6 +13,7 @@ from safe_inspect.cli.commands.mission_figures import (
     print_mission,
     view_mission,
 )
+from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories
 from safe_inspect.evaluation.rollouts.recording import record_episode
@@ -62,12 +63,11 @@ def run_film(arguments: argparse.Namespace) -> int:
     else:
         episode = _episode(arguments)
         film = Film(episode, arguments.frames, arguments.width, arguments.turn)
-    terminal = sys.stderr.isatty()
-
-    def show(done: int, wanted: int) -> None:
-        print(f"\r{done} of {wanted} pictures", end="" if done < wanted else "\n", file=sys.stderr)
-
-    save_film(film, arguments.output, arguments.fps, show if terminal else None)
+    bar = EpisodeBar("pictures", sys.stderr)
+    try:
+        save_film(film, arguments.output, arguments.fps, bar.show)
+    finally:
+        bar.close()
     return (
         print_mission(arguments, film.record) if isinstance(film, MissionFilm) else _report(arguments.output, episode)
     )

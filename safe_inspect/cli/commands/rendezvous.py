@@ -51,9 +51,9 @@ def _fly_one(experiment: Rendezvous, output: Path | None) -> int:
     is_terminal = sys.stderr.isatty()
 
     def show(time: float, before: Phase, guard: str, after: Phase) -> None:
-        if is_terminal:
-            sys.stderr.write(f"\r{time:8.1f} s  {before.value} -> {after.value} ({guard})\x1b[K")
-            sys.stderr.flush()
+        line = f"{time:8.1f} s  {before.value} -> {after.value} ({guard})"
+        sys.stderr.write(f"\r{line}\x1b[K" if is_terminal else f"{line}\n")
+        sys.stderr.flush()
 
     result = Mission(experiment.config, progress=show).run()
     if is_terminal:

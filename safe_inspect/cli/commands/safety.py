@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety.acceptance import acceptance
@@ -21,17 +22,11 @@ def run_safety(arguments: argparse.Namespace) -> int:
     if arguments.audit is not None:
         return _run_audit(arguments)
     experiment = _load(arguments, enable=not arguments.off)
-
-    def show(done: int, asked: int) -> None:
-        print(f"\r{done:,} of {asked:,} steps", end="" if done < asked else "\n", file=sys.stderr)
-
-    report = safety_report(
-        experiment.spec,
-        arguments.steps,
-        arguments.num_envs,
-        arguments.seed,
-        progress=show if sys.stderr.isatty() else None,
-    )
+    bar = EpisodeBar("steps", sys.stderr)
+    try:
+        report = safety_report(experiment.spec, arguments.steps, arguments.num_envs, arguments.seed, progress=bar.show)
+    finally:
+        bar.close()
     print(report)
     if arguments.plot is not None:
         save(safety_figure(report), arguments.plot)

@@ -19,7 +19,8 @@ class Key:
 
     Attributes:
         kind: ``integer``, ``number``, ``boolean``, ``text``, ``mapping``, ``integers`` (a list of them),
-            ``schedule`` (a number, or pairs of step and number) or ``names`` (a dotted path of a class, or a list).
+            ``schedule`` (a number, or pairs of step and number), ``names`` (a dotted path of a class, or a list) or
+            ``objects`` (`{functor: module.Class, config: {...}}` or a dotted path, or a list), ``object`` for one.
         low: Least value of a number.
         high: Greatest value of a number; infinity is a value only where it is the greatest.
         choices: The words that a text may be; for a number, words that it may be as well.

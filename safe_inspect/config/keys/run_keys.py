@@ -20,6 +20,10 @@ TUNE_KEYS: dict[str, Key] = {
     "checkpoint_score_attribute": Key("text", optional=True),
     "checkpoint_score_order": Key("text", choices=("max", "min")),
     "max_failures": Key("integer", low=0),
+    "scheduler": Key("object", optional=True),
+    "metric": Key("text", optional=True),
+    "mode": Key("text", choices=("max", "min"), optional=True),
+    "callbacks": Key("objects", optional=True),
     "reuse_actors": Key("boolean"),
 }
 
@@ -39,19 +43,17 @@ TUNE_RENAMED: dict[str, str] = {
     "local_dir": "storage_path",
 }
 
-_SEARCH = "safe_inspect does not build Tune's Python objects from files; use `grid_search` and `num_samples`"
+_SEARCH = "trials are listed and checked before Ray starts; use `grid_search` and `num_samples`, and a `scheduler`"
 
 #: Keys that are harmless at one value and cannot be honoured at another.
 TUNE_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "restore": ((None, "", False), "use `--resume RUN_FOLDER` on the command line"),
     "resume": ((None, "", False), "use `--resume RUN_FOLDER` on the command line"),
     "search_alg": ((None,), _SEARCH),
-    "scheduler": ((None,), _SEARCH),
-    "callbacks": ((None, [], ()), "name RLlib's callbacks as `callbacks` among the RLlib keys"),
     "loggers": (
         (None, [], (), ["csv", "json", "tensorboard"]),
-        "the run folder holds progress.csv, result.json and the TensorBoard log; send them on from a class that "
-        "`callbacks` names, or synchronise the folder",
+        "the run folder holds progress.csv, result.json and the TensorBoard log; name others as `callbacks`, such as "
+        "`{functor: ray.air.integrations.wandb.WandbLoggerCallback, config: {project: inspection}}`",
     ),
     "resources_per_trial": ((None,), "give `num_env_runners`, `num_cpus_for_main_process`, ... in `rllib_configs`"),
 }
@@ -69,8 +71,6 @@ TUNE_DROPPED: dict[str, str] = {
     "trial_dirname_creator": "safe_inspect names the folders",
     "export_formats": "checkpoints hold the policy",
     "server_port": "it has no effect any more",
-    "metric": "it ranks trials for a search algorithm, and there is none",
-    "mode": "it ranks trials for a search algorithm, and there is none",
 }
 
 #: What a training may stop on, and the names of RLlib's old API stack. What only grows has a limit above 0.

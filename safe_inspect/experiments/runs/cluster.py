@@ -193,8 +193,9 @@ def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[
     import ray
 
     try:
-        _knock(address)
-        ray.init(address=address, **common)
+        found = _started_cluster() if address == "auto" else address
+        _knock(found)
+        ray.init(address=found, **common)
     except (OSError, RuntimeError) as error:
         cause = error.__cause__ or error
         reason = next((line for line in reversed(str(cause).splitlines()) if line.strip()), type(cause).__name__)
@@ -208,6 +209,25 @@ def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[
         yield
     finally:
         ray.shutdown()  # leaves the cluster; it is never stopped
+
+
+def _started_cluster() -> str:
+    """Return the address of the cluster that RAY_ADDRESS names, or that ``ray start`` has begun on this machine.
+
+    Ray itself would look through the processes of the machine, among them the private Rays of other trainings.
+
+    Raises:
+        OSError: There is none.
+    """
+    from ray._private.utils import read_ray_address
+
+    address = os.environ.get("RAY_ADDRESS", "")
+    if address and address not in ("auto", "local"):
+        return address
+    noted: str | None = read_ray_address()
+    if not noted:
+        raise OSError("RAY_ADDRESS is not set, and `ray start` has begun none on this machine")
+    return noted
 
 
 def _knock(address: str) -> None:

@@ -13,6 +13,7 @@ from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.adapters import environment
 from safe_inspect.experiments.adapters.algorithm import build_config, claimed_processors, environment_settings
+from safe_inspect.experiments.adapters.objects import callbacks_of, ranking, scheduler_of
 from safe_inspect.experiments.adapters.registration import register_environments
 from safe_inspect.experiments.imitation.warm_start import warm_start
 from safe_inspect.experiments.modules.frozen import check_frozen
@@ -55,6 +56,8 @@ def check(run: TrainingRun, settings: Settings) -> None:
             raise ConfigError(problems)
         check_frozen(settings.policies, groups)
     configs = [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
+    scheduler_of(settings.tune.settings)
+    callbacks_of(settings.tune.settings)
     processors = settings.ray.settings.get("num_cpus")
     if processors:
         cluster.check_size(max(map(claimed_processors, configs)), processors)
@@ -149,6 +152,8 @@ def _tuner(
         tune_config=tune.TuneConfig(
             max_concurrent_trials=chosen.get("max_concurrent_trials"),
             time_budget_s=chosen.get("time_budget_s"),
+            scheduler=scheduler_of(chosen),
+            **ranking(chosen),
             reuse_actors=False,  # saves a second between trials, and carries state from one to the next
             trial_dirname_creator=trial_name,
         ),
@@ -157,7 +162,7 @@ def _tuner(
             storage_path=str(folder.tune if settings.single else folder.path),
             stop=RunStopper(),
             verbose=0,
-            callbacks=[RunCallback()],
+            callbacks=[RunCallback(), *callbacks_of(chosen)],
             failure_config=tune.FailureConfig(max_failures=chosen["max_failures"]),
             checkpoint_config=tune.CheckpointConfig(
                 num_to_keep=chosen["num_to_keep"],

@@ -72,6 +72,14 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
         if score.startswith("min-"):
             score, settings["checkpoint_score_order"] = score[4:], "min"
         settings["checkpoint_score_attribute"] = run_keys.STOP_RENAMED.get(score, score)
+    if settings.get("metric"):
+        settings["metric"] = run_keys.STOP_RENAMED.get(settings["metric"], settings["metric"])
+    if settings.get("scheduler") is None:
+        notes += [
+            f"`{key}` ranks trials for a `scheduler`, and there is none"
+            for key in ("metric", "mode")
+            if key in found.given
+        ]
     return TranslatedSettings(settings, tuple(notes), tuple(problems), (), found.given)
 
 

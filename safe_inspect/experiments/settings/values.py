@@ -125,6 +125,19 @@ def _names(key: Key, value: Any) -> tuple[Any, str]:
     return list(names), ""
 
 
+def _object(key: Key, value: Any) -> tuple[Any, str]:
+    made = {"functor": value} if isinstance(value, str) else value
+    if not isinstance(made, Mapping) or set(made) - {"functor", "config"} or "." not in str(made.get("functor")):
+        return value, _expected(key, value)
+    config = made.get("config") or {}
+    return {"functor": str(made["functor"]), "config": config}, _mapping(Key("mapping"), config)[1]
+
+
+def _objects(key: Key, value: Any) -> tuple[Any, str]:
+    items = [_object(key, item) for item in (value if isinstance(value, list | tuple) else [value])]
+    return [item for item, _ in items], next((mistake for _, mistake in items if mistake), "")
+
+
 _CHECKS = {
     "number": _number,
     "integer": _integer,
@@ -134,6 +147,8 @@ _CHECKS = {
     "integers": _integers,
     "schedule": _schedule,
     "names": _names,
+    "object": _object,
+    "objects": _objects,
 }
 
 _NAMES = {
@@ -145,6 +160,8 @@ _NAMES = {
     "integers": "a list of whole numbers",
     "schedule": "a number, or a list of pairs [step, value]",
     "names": "a dotted path `module.Class`, or a list of them,",
+    "object": "`{functor: module.Class, config: {...}}`, or a dotted path,",
+    "objects": "`{functor: module.Class, config: {...}}`, a dotted path, or a list of these,",
 }
 
 

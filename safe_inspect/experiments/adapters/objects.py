@@ -1,0 +1,83 @@
+"""Objects of Tune that an experiment names: schedulers and callbacks. Importing this module loads Ray."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ray import tune
+from ray.tune.schedulers import TrialScheduler
+
+from safe_inspect.errors import ConfigError, Problem, RegistryError
+from safe_inspect.plugins.registry import import_user_module
+
+#: What a scheduler ranks trials by, unless it is told something else.
+METRIC = "env_runners/episode_return_mean"
+
+
+def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
+    """Return the scheduler of the trials of a search, None for Tune's own, which trains each to its end.
+
+    Args:
+        settings: From `translate_tune`.
+
+    Raises:
+        ConfigError: There is no such class, it refuses its `config`, or it is no scheduler.
+    """
+    entry = settings.get("scheduler")
+    if entry is None:
+        return None
+    made = _built(entry, "tune_config.scheduler")
+    if not isinstance(made, TrialScheduler):
+        raise _mistake(f"{entry['functor']!r} is no scheduler of ray.tune", "tune_config.scheduler")
+    return made
+
+
+def ranking(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return by which figure a scheduler ranks trials; nothing without one, or where its own `config` says it."""
+    entry = settings.get("scheduler")
+    if entry is None or "metric" in entry["config"]:
+        return {}
+    return {"metric": settings.get("metric") or METRIC, "mode": settings.get("mode") or "max"}
+
+
+def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
+    """Return Tune's callbacks, such as the loggers of Weights & Biases and of MLflow.
+
+    Raises:
+        ConfigError: There is no such class, it refuses its `config`, or it is no callback of Tune.
+    """
+    found = []
+    for index, entry in enumerate(settings.get("callbacks") or ()):
+        where = f"tune_config.callbacks[{index}]"
+        made = _built(entry, where)
+        if not isinstance(made, tune.Callback):
+            raise _mistake(f"{entry['functor']!r} is no ray.tune.Callback; name RLlib's among the RLlib keys", where)
+        found.append(made)
+    return found
+
+
+def _built(value: Any, where: str) -> Any:
+    """Return a value of a configuration with an object in the place of every `{functor: ..., config: {...}}`."""
+    if isinstance(value, list):
+        return [_built(item, where) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    if "functor" not in value or set(value) - {"functor", "config"}:
+        return {key: _built(item, where) for key, item in value.items()}
+    module, _, attribute = str(value["functor"]).rpartition(".")
+    try:
+        maker = getattr(import_user_module(module), attribute, None)
+    except RegistryError as error:
+        raise _mistake(str(error), where) from error
+    if not callable(maker):
+        raise _mistake(f"module {module!r} has no {attribute!r}", where)
+    config = _built(value.get("config") or {}, where)
+    try:
+        return maker(**config)
+    except Exception as error:  # the maker is the user's or Ray's, and says in its own way what it does not take
+        raise _mistake(f"{value['functor']} refuses its `config`: {error}", where) from error
+
+
+def _mistake(message: str, where: str) -> ConfigError:
+    return ConfigError(Problem(message, where))
