@@ -1,8 +1,8 @@
 """Train with Stable-Baselines3 on the batch: ``pip install 'safe_inspect[sb3]'; python examples/learners/sb3_ppo.py``.
 
 100,000 steps take about a quarter of a minute on one core and inspect 97 % of the points; ``--algorithm SAC`` needs
-fewer steps and more time for each. ``--task configs/translational-inspection/experiment-burn-and-coast.yml`` makes a step a
-decision: a burn, and how long to coast after it.
+fewer steps and more time for each. A step is a decision, a burn and how long to coast after it,
+with ``--task configs/translational-inspection/experiment-burn-and-coast.yml``.
 """
 
 import argparse
