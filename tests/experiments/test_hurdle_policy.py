@@ -40,7 +40,7 @@ def test_the_loss_and_its_gradient_are_those_of_torch(choices):
     (-surrogate - 0.03 * entropy + 0.2 * divergence).mean().backward()
     gradient, sums = np.empty(inputs.shape), np.empty(3)
     hurdle_gradient(
-        rows, inputs.detach().numpy(), 3, choices, actions.numpy(), old.numpy(), old_log.numpy(),
+        rows, inputs.detach().numpy(), (3, choices), actions.numpy(), old.numpy(), old_log.numpy(),
         advantages.numpy(), 0.2, 0.03, 0.2, gradient, sums,
     )  # fmt: skip
     np.testing.assert_allclose(gradient, inputs.grad.numpy(), atol=1e-12)

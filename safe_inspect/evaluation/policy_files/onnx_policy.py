@@ -16,7 +16,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight
 from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo, read_file
-from safe_inspect.evaluation.policy_files.raw_values import STEPS, element_columns, raw_task
+from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS, element_columns, raw_task
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
 from safe_inspect.random.action_draws import Categorical, Gaussian, draw_in_rollout
 from safe_inspect.random.hurdle_draws import Hurdle
@@ -56,7 +56,7 @@ class OnnxPolicy:
             element_columns(info.action, name) for name in ("low", "high", "gain", "offset")
         )
         self._levels = [np.array(element.levels) for element in info.action]
-        self._coasts = bool(info.action) and info.action[-1].unit == STEPS
+        self._coasts = bool(info.action) and info.action[-1].unit == CONTROL_STEPS
         self._distribution = self._distribution_of()
 
     @property
