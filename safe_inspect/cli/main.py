@@ -20,6 +20,7 @@ from safe_inspect.cli.figures import (
     add_film_arguments,
     add_view_arguments,
 )
+from safe_inspect.cli.leaderboard import add_leaderboard_arguments
 from safe_inspect.cli.recording import add_characterise_arguments, add_record_log_arguments
 from safe_inspect.cli.rendezvous import add_rendezvous_arguments
 from safe_inspect.cli.safety import add_acceptance_arguments, add_safety_arguments
@@ -67,6 +68,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, module, about, add in (
         ("evaluate", "evaluate", "fly policies or baselines and print what they achieve", add_evaluate_arguments),
         ("compare", "evaluate", "put evaluations of the same episodes side by side", add_compare_arguments),
+        (
+            "leaderboard",
+            "leaderboard",
+            "fly baselines, shipped policies and yours on the same episodes; write a table",
+            add_leaderboard_arguments,
+        ),
         (
             "baseline",
             "baseline",

@@ -63,9 +63,15 @@ def closed_motion_state(n: float, x: RowState, cos: float, sin: float) -> RowSta
 
 
 @lru_cache(maxsize=64)
-def grid(n: float, horizon: float) -> FloatArray:
-    """Return the times of the grid and their terms: t, sin nt, cos nt, shape (K, 3)."""
-    cells = max(_FEWEST_CELLS, math.ceil(n * horizon / CELL))
+def grid(n: float, horizon: float, cell: float = CELL) -> FloatArray:
+    """Return the times of the grid and their terms: t, sin nt, cos nt, shape (K, 3).
+
+    Args:
+        n: Mean motion [rad/s].
+        horizon: Span of the grid [s].
+        cell: Widest cell, as an angle of the orbit [rad].
+    """
+    cells = max(_FEWEST_CELLS, math.ceil(n * horizon / cell))
     time = np.linspace(0.0, horizon, cells + 1)
     table = np.stack((time, np.sin(n * time), np.cos(n * time)), axis=-1)
     table.setflags(write=False)
@@ -85,12 +91,12 @@ def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n:
 
 
 @njit
-def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: float, n: float) -> float:
-    """Return the time in (low, high) at which the range stops falling; Newton's method, held in the bracket."""
+def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: float, n: float, sign: float) -> float:
+    """Return the time in (low, high) at which sign times the range stops falling; Newton's method, in the bracket."""
     t = start
     for _ in range(_STEPS):
         now = coast(p, v, t, math.sin(n * t), math.cos(n * t), n)
-        first, second = now[7], now[8]
+        first, second = sign * now[7], sign * now[8]
         if first < 0.0:
             low = t
         else:
@@ -111,12 +117,18 @@ def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: floa
 @njit
 def closest_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
     """Return the time of the closest approach to the origin over the grid's span [s]; see `least_coasting_range`."""
+    return _extreme_time(p, v, table, n, 1.0)
+
+
+@njit
+def _extreme_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float, sign: float) -> float:
+    """Return the time over the grid's span at which sign times the range is least [s]; sign is 1 or -1."""
     a, f_a, g_a = 0.0, 0.0, 0.0
     best, best_f = 0.0, 0.0
     for k in range(table.shape[0]):
         b = table[k, 0]
         node = coast(p, v, b, table[k, 1], table[k, 2], n)
-        f_b, g_b, square = node[7], node[8], node[6]
+        f_b, g_b, square = sign * node[7], sign * node[8], sign * node[6]
         if k == 0 or square < best_f:
             best, best_f = b, square
         if k > 0:
@@ -126,8 +138,8 @@ def closest_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> f
                 # falling at both ends or rising at both: the tangents of the derivative say if it may turn between
                 meet = (f_b - f_a + g_a * a - g_b * b) / (g_a - g_b)
                 if f_a * (f_a + g_a * (meet - a)) < 0.0:
-                    meet = _turn(p, v, a, b, 1.0 if g_b > 0.0 else -1.0, n)
-                    between = coast(p, v, meet, math.sin(n * meet), math.cos(n * meet), n)[7]
+                    meet = _turn(p, v, a, b, sign if g_b > 0.0 else -sign, n)
+                    between = sign * coast(p, v, meet, math.sin(n * meet), math.cos(n * meet), n)[7]
                     found = f_a * between < 0.0
                     if f_a > 0.0:
                         low, high = meet, b
@@ -137,8 +149,8 @@ def closest_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> f
                 start = 0.5 * (low + high)
                 if low == a and high == b:
                     start = a - f_a * (b - a) / (f_b - f_a)
-                t = _approach(p, v, low, high, start, n)
-                square = coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6]
+                t = _approach(p, v, low, high, start, n, sign)
+                square = sign * coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6]
                 if square < best_f:
                     best, best_f = t, square
         a, f_a, g_a = b, f_b, g_b
@@ -156,4 +168,11 @@ def least_coasting_range(p: FloatArray, v: FloatArray, table: FloatArray, n: flo
         n: Mean motion [rad/s].
     """
     t = closest_time(p, v, table, n)
+    return math.sqrt(coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6])
+
+
+@njit
+def largest_coasting_range(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
+    """Return the largest range over the grid's span without thrust [m]; arguments as `least_coasting_range`."""
+    t = _extreme_time(p, v, table, n, -1.0)
     return math.sqrt(coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6])

@@ -91,13 +91,14 @@ class AgentGroup:
             for named in agent.dones
             if type(named.functor).remember is not DoneFunction.remember
         }
+        asked = agent.scripted_policy or agent.teacher
         self.group = Group(
             self.name,
             first,
             len(specs),
             agent.sensors,
             self.safety_filter,
-            agent.scripted_policy,
+            asked,
             self.remembering,
             decides=action_layout(agent).coast is not None and not self.scripted,
         )
@@ -168,13 +169,13 @@ class AgentGroup:
         after.memory[self.name, DECISION, REMAINING][...] = left
 
     def fly(self, view: View) -> FloatArray:
-        """Return the control of the scripted policy within the controllers' limits [N, N m], shape (R, C).
+        """Return the control of the scripted policy or the teacher, within the limits [N, N m], shape (R, C).
 
         A thrust along Hill's axes is turned into body axes, at the attitude at hand, where the thrusters turn with the
         body; it is then shortened rather than clipped, so that its direction stays.
         """
-        policy, size = self.agent.scripted_policy, self.thrusters.size
-        assert policy is not None, "only scripted groups fly themselves"
+        policy, size = self.agent.scripted_policy or self.agent.teacher, self.thrusters.size
+        assert policy is not None, "only scripted and taught groups fly themselves"
         commands, limits = size if policy.commands_attitude else 3, self.limits
         if commands < size:
             limits = ThrustLimits(limits.low[:3], limits.high[:3])

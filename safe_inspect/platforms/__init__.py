@@ -20,6 +20,7 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
+from safe_inspect.platforms.outlook_sensors import CoastingRangeSensor, TimeLeftSensor
 from safe_inspect.platforms.point_sensors import (
     InspectedPointsScoreSensor,
     InspectedPointsSensor,
@@ -34,12 +35,14 @@ from safe_inspect.platforms.target_sensors import (
     TargetAngularVelocitySensor,
     TargetAxesSensor,
 )
+from safe_inspect.platforms.uninspected_sensors import UninspectedPointsMapSensor, UninspectedPointsMomentsSensor
 
 __all__ = [
     "AngularVelocitySensor",
     "ApproachVelocitySensor",
     "CWHPlatform",
     "ClearanceSensor",
+    "CoastingRangeSensor",
     "Controller",
     "DeputyScanSensor",
     "EntityPositionSensor",
@@ -72,6 +75,9 @@ __all__ = [
     "TargetAngularVelocitySensor",
     "TargetAxesSensor",
     "ThrustProp",
+    "TimeLeftSensor",
+    "UninspectedPointsMapSensor",
+    "UninspectedPointsMomentsSensor",
     "UninspectedPointsSensor",
     "VelocitySensor",
 ]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
+from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
@@ -135,6 +136,18 @@ class Sensor(Part, RowPlugin):
     def row_result(self) -> tuple[type[Any], int]:
         """Return float and the size of the reading."""
         return np.float64, self.size
+
+    def in_task(self, simulator: Simulator, horizon: int) -> Self:
+        """Return the sensor with the fields that it takes from the task where they are not given; as it is by default.
+
+        Args:
+            simulator: The simulator, whose `compose` gives dynamics and components.
+            horizon: Number of steps after which the episode ends.
+
+        Raises:
+            ValueError: A field that is given contradicts the task.
+        """
+        return self
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the arrays that the sensor remembers, each with its shape for one agent. None by default."""

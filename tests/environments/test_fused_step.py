@@ -32,6 +32,7 @@ AGENT = "agent_config.0.config.config"
 TASKS = {
     "one deputy": (SINGLE, LIVELY),
     "one deputy that chooses levels": (SINGLE.with_name("experiment.yml"), LIVELY),
+    "what lies ahead": (SINGLE.with_name("experiment-outlook.yml"), LIVELY),
     "its own filter": (SINGLE, (*LIVELY, f"{AGENT}.glues.0.config.enabled=True")),
     "linear normaliser, other units": (
         SINGLE,

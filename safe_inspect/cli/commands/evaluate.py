@@ -60,7 +60,7 @@ def run_evaluate(arguments: argparse.Namespace) -> int:
             if arguments.output is not None:
                 folder = stack.enter_context(new_evaluation(arguments.output, force=arguments.force))
             try:
-                found += [_fly(arguments, candidate, metrics, reference) for candidate in candidates]
+                found += [fly_candidate(arguments, candidate, metrics, reference) for candidate in candidates]
             except KeyboardInterrupt as stop:
                 stop.add_note("nothing is written")
                 raise
@@ -102,7 +102,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
     if flown:
         candidates, metrics, reference = _prepared(arguments, flown, first)
         for text, candidate in zip(flown, candidates, strict=True):
-            found[text] = _fly(arguments, candidate, metrics, reference)
+            found[text] = fly_candidate(arguments, candidate, metrics, reference)
     labels = [item.label for item in found.values()]
     chosen = [
         found[text] if labels.count(found[text].label) == 1 else replace(found[text], label=text) for text in sources
@@ -142,7 +142,7 @@ def _prepared(
     return candidates, metrics, reference
 
 
-def _fly(
+def fly_candidate(
     arguments: argparse.Namespace,
     candidate: Candidate,
     metrics: Sequence[BaseMetric],

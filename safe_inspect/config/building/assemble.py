@@ -31,7 +31,7 @@ from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.glues.coast_glue import CoastGlue
-from safe_inspect.platforms.base import Part, Platform
+from safe_inspect.platforms.base import Part, Platform, Sensor
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugins.functor import Named, build
 from safe_inspect.policies.base import ScriptedPolicy
@@ -151,15 +151,20 @@ def _agent(
     body, base = entry.config.config, (*where, "config", "config")
     scripted = _scripted_policy(entry, where, names, report)
     check_controls(body, simulator, base, report)
+    dones = list(body.dones)
+    if not any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
+        dones.append(Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
+    horizon = min(done.functor.horizon for done in dones if isinstance(done.functor, EpisodeLengthDone))
     parts: dict[str, Part] = {}
     for index, part in enumerate(body.parts):
         if part.part_name in parts:
             message = f"two parts are named {part.part_name!r}; give one of them a `name` of its own"
             report((*base, "parts", index), message)
-        parts[part.part_name] = part
-    dones = list(body.dones)
-    if not any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
-        dones.append(Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
+        try:
+            parts[part.part_name] = part.in_task(simulator, horizon) if isinstance(part, Sensor) else part
+        except ValueError as error:
+            report((*base, "parts", index, "config"), str(error))
+            parts[part.part_name] = part
     known = {**names, **agent_names(parts, dones)}
     sound = True
     for path, plugin in plugins_of(entry, base):

@@ -162,10 +162,12 @@ OWN_KEYS: dict[str, Key] = {
     "learner": Key("text", choices=("fast", "stock")),
     "learner_threads": _POSITIVE,
     "callbacks": Key("names", optional=True),
+    "imitation": Key("mapping", optional=True),
 }
 
 #: What policies that learn together may have of their own.
 POLICY_KEYS = (
+    "imitation",
     "lr",
     "grad_clip",
     "grad_clip_by",

@@ -7,6 +7,7 @@ agents that it flies, `card.md`, `experiment.resolved.yml`, and `checkpoint/` wi
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,6 +51,15 @@ class ShippedPolicy:
     def checkpoint(self) -> Path:
         """The checkpoint, with the weights alone: for `load_policy` and for policies that come from a checkpoint."""
         return self.folder / CHECKPOINT
+
+    @property
+    def training(self) -> Mapping[str, str]:
+        """What the first table of the model card says of the training, such as ``wall time``; empty without a card."""
+        try:
+            rows = re.findall(r"^\| ([^|]+) \| ([^|]*) \|$", self.card.read_text(encoding="utf-8"), re.MULTILINE)
+        except OSError:
+            return {}
+        return dict(reversed([(name.strip(), value.strip()) for name, value in rows]))
 
     @cached_property
     def configuration(self) -> Mapping[str, Any]:

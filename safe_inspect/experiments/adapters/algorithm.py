@@ -31,6 +31,7 @@ _OWN = (
     "learner_threads",
     "evaluation_config",
     "callbacks",
+    "imitation",
 )
 _UNSET = -1  # RLlib's mark of a removed attribute
 

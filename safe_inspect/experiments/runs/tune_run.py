@@ -14,6 +14,7 @@ from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.adapters import environment
 from safe_inspect.experiments.adapters.algorithm import build_config, claimed_processors, environment_settings
 from safe_inspect.experiments.adapters.registration import register_environments
+from safe_inspect.experiments.imitation.warm_start import warm_start
 from safe_inspect.experiments.modules.frozen import check_frozen
 from safe_inspect.experiments.runs import cluster, run_folder
 from safe_inspect.experiments.runs.checkpoints import Checkpoint
@@ -71,7 +72,7 @@ def run_tune(
     number = run_folder.add_attempt(
         folder, run.command, str(start.path) if start else "", start.iteration if start else 0
     )
-    configs = [_config(run, settings, trial, folder, number, start) for trial in settings.trials]
+    configs = [_config(run, settings, trial, folder, number, start, stream) for trial in settings.trials]
     monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
     where = f"goes on after iteration {start.iteration}" if start else "starts"
@@ -94,7 +95,13 @@ def run_tune(
 
 
 def _config(
-    run: TrainingRun, settings: Settings, trial: Trial, folder: RunFolder, number: int, start: Checkpoint | None
+    run: TrainingRun,
+    settings: Settings,
+    trial: Trial,
+    folder: RunFolder,
+    number: int,
+    start: Checkpoint | None,
+    stream: TextIO,
 ) -> AlgorithmConfig:
     experiment = run.experiment
     if not settings.single:
@@ -108,7 +115,10 @@ def _config(
             "seconds": start.seconds,
         }
     environments = environment_settings(experiment, trial.rllib.settings, **more)
-    config = build_config(trial.rllib, environments, settings.policies)
+    rllib, policies = trial.rllib, settings.policies
+    if start is None:
+        rllib, policies = warm_start(experiment, rllib, policies, folder.path / "imitation" / trial.name, stream)
+    config = build_config(rllib, environments, policies)
     if number and isinstance(config.seed, int):
         config.seed += 10_000 * number  # the noise of the actions is not to repeat either
     return config

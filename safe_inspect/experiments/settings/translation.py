@@ -13,6 +13,7 @@ from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import Problem, did_you_mean
+from safe_inspect.experiments.settings.imitation import IMITATION, imitation_problems
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
 from safe_inspect.experiments.settings.learner_choice import choose_learner
 from safe_inspect.experiments.settings.runner_choice import choose_runner
@@ -145,6 +146,8 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
                 for key in model.settings
                 if key in keys.FRESH_KEYS
             ]
+    if settings.get(IMITATION) is not None:
+        problems += imitation_problems(settings[IMITATION], f"{path}.{IMITATION}", algorithm)
     if isinstance(settings.get("evaluation_config"), Mapping):
         evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm, True)
         settings["evaluation_config"] = evaluation.settings

@@ -23,7 +23,7 @@ from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points_model import PointsModel
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsOf
 from safe_inspect.tasks.inspection.rotation import array_in_axes_of
-from safe_inspect.types import AnyArray, ArraySpec, BoolArray
+from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import Angle, ConeOfView, PositiveLength
 
 #: The reset parameters that give the priority vector.
@@ -46,6 +46,11 @@ class SpherePoints(BaseModel):
     num_points: int = Field(default=100, ge=1, le=100_000)
     radius: PositiveLength = 10.0
     points_algorithm: Literal["fibonacci", "cmu"] = "fibonacci"
+
+    @property
+    def positions(self) -> FloatArray:
+        """The points relative to the body's centre [m], shape (P, 3)."""
+        return sphere_points(self.points_algorithm, self.num_points, self.radius)
 
 
 class InspectionPoints(Component):
@@ -95,7 +100,7 @@ class InspectionPoints(Component):
             name: PointsModel(
                 name,
                 world.bodies[name],
-                sphere_points(points.points_algorithm, points.num_points, points.radius),
+                points.positions,
                 points.radius,
                 full_light() if light is None else light.light(points.radius),
             )

@@ -1,0 +1,178 @@
+"""What ``safe-inspect leaderboard`` does."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from safe_inspect.cli.commands.evaluate import fly_candidate
+from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.config.data import configs_root
+from safe_inspect.environments.registration import load_spec
+from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.evaluation.baselines.run import OPTIMISER, complete
+from safe_inspect.evaluation.baselines.task import coverage_task
+from safe_inspect.evaluation.leaderboard.board import Board, FlownRow, Leaderboard, read_leaderboard, slug
+from safe_inspect.evaluation.leaderboard.standings import Standing, leaderboard_page
+from safe_inspect.evaluation.policy_files.shipped import shipped_policy
+from safe_inspect.evaluation.results.folder import (
+    is_evaluation,
+    new_evaluation,
+    read_evaluation,
+    read_evaluation_record,
+    write_evaluation,
+)
+from safe_inspect.evaluation.results.results import EvaluationError
+from safe_inspect.evaluation.task import default_metrics, differing_keys, task_of
+from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
+from safe_inspect.outputs import check_writable, new_file
+from safe_inspect.planning.record import Record
+from safe_inspect.version import __version__
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A row that is ready to fly; `candidate` is None for open-loop plans."""
+
+    board: Board
+    row: FlownRow
+    candidate: Candidate | None
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        return (*self.board.overrides, *self.row.overrides)
+
+
+def run_leaderboard(arguments: argparse.Namespace) -> int:
+    """Fly every row that is not known, and write the page."""
+    leaderboard = read_leaderboard(arguments.files or [configs_root() / "leaderboard.yml"])
+    titles = [board.title for board in leaderboard.boards]
+    for title in arguments.board:
+        if title not in titles:
+            raise SafeInspectError(f"--board: no board is named {title!r}; {did_you_mean(title, titles)}")
+    chosen = [board for board in leaderboard.boards if not arguments.board or board.title in arguments.board]
+    leaderboard = leaderboard.model_copy(
+        update={"boards": tuple(chosen), "episodes": arguments.episodes or leaderboard.episodes}
+    )
+    if arguments.output is not None:
+        check_writable(arguments.output)
+    entries = [_entries(board, leaderboard) for board in chosen]  # what is wrong is said before anything flies
+    total = sum(map(len, entries))
+    standings: list[list[Standing]] = []
+    try:
+        for own in entries:
+            standings.append([])
+            for entry in own:
+                number = sum(map(len, standings)) + 1
+                print(f"[{number}/{total}] {entry.board.title}: {entry.row.title}", file=sys.stderr, flush=True)
+                standings[-1].append(_standing(arguments, entry, leaderboard))
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"the rows that are done are in {arguments.results}; the same command goes on from there")
+        raise
+    page = leaderboard_page(leaderboard, standings, _command(arguments))
+    if arguments.output is None:
+        print(page)
+        return 0
+    with new_file(arguments.output) as work:
+        work.write_text(page, encoding="utf-8")
+    print(f"the leaderboard: {arguments.output}")
+    return 0
+
+
+def _command(arguments: argparse.Namespace) -> str:
+    """Return the command that makes the page, without where the rows are kept."""
+    words = [str(path) for path in arguments.files]
+    words += [word for title in arguments.board for word in ("--board", title)]
+    words += ["--episodes", str(arguments.episodes)] if arguments.episodes else []
+    words += ["--output", str(arguments.output)] if arguments.output else []
+    return shlex.join(["safe-inspect", "leaderboard", *words])
+
+
+def _entries(board: Board, leaderboard: Leaderboard) -> list[_Entry]:
+    """Return the rows of a board, opened.
+
+    Raises:
+        SafeInspectError: There is no such policy, or a row flies another task than the board's.
+    """
+    assert board.task is not None, "a leaderboard that was read has a task for each board"
+    whole = task_of(load_spec(board.task, board.overrides))
+    found = []
+    for row in board.rows:
+        where = f"leaderboard, board {board.title!r}, row {row.title!r}"
+        task, overrides = row.task or board.task, (*board.overrides, *row.overrides)
+        try:
+            if row.source == OPTIMISER:
+                candidate, spec = None, load_spec(task, overrides)
+                coverage_task(spec)
+            else:
+                (candidate,) = open_candidates([row.source], Wanted(task, overrides, seed=leaderboard.seed))
+                spec = candidate.experiment.spec
+        except SafeInspectError as error:
+            raise SafeInspectError(f"{where}: {error}") from None
+        differing = list(differing_keys(whole, task_of(spec)))
+        if differing:
+            raise SafeInspectError(f"{where}: its task is not the board's: `{differing[0]}` differs")
+        found.append(_Entry(board, row, candidate))
+    return found
+
+
+def _standing(arguments: argparse.Namespace, entry: _Entry, leaderboard: Leaderboard) -> Standing:
+    """Return the standing of a row, flown now or before."""
+    folder = arguments.results / slug(entry.board.title) / slug(entry.row.title)
+    if entry.candidate is None:
+        return _plans(entry, folder.with_suffix(".json"), leaderboard)
+    if not _is_known(folder, entry, leaderboard):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        wanted = argparse.Namespace(
+            episodes=leaderboard.episodes, seed=leaderboard.seed, num_envs=arguments.num_envs, record=0, reference=None,
+            sampled=None, overrides=list(entry.overrides),
+        )  # fmt: skip
+        metrics = default_metrics(entry.candidate.experiment.spec)
+        flown = fly_candidate(wanted, entry.candidate, metrics, None)
+        with new_evaluation(folder, force=True) as work:
+            write_evaluation(flown, work)
+    return Standing.of_evaluation(entry.row, read_evaluation(folder), _training(entry.candidate.source))
+
+
+def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
+    """Return whether a folder holds these very episodes, of this policy in this task."""
+    if not is_evaluation(folder) or entry.candidate is None:
+        return False
+    try:
+        record = read_evaluation_record(folder)
+    except EvaluationError:
+        return False
+    wanted = {
+        "episodes": leaderboard.episodes,
+        "seed": leaderboard.seed,
+        "configuration": json.loads(json.dumps(entry.candidate.experiment.resolved, default=str)),
+    }
+    same = all(record.get(key) == value for key, value in wanted.items())
+    return same and record["source"]["sha256"] == entry.candidate.source["sha256"]
+
+
+def _training(source: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return what the model card says of the training of a shipped policy."""
+    return shipped_policy(source["text"].removeprefix(SHIPPED)).training if source["kind"] == "shipped" else {}
+
+
+def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
+    """Return the standing of open-loop plans, searched now or before."""
+    task = entry.row.task or entry.board.task
+    assert task is not None, "see `_entries`"
+    spec = load_spec(task, entry.overrides)
+    about = {"safe_inspect": __version__, "configuration_file": task, "overrides": list(entry.overrides)}
+    asked = Record(OPTIMISER, leaderboard.seed, entry.row.effort, task_of(spec), about)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    bar = EpisodeBar(OPTIMISER, sys.stderr)
+    try:
+        record = complete(spec, asked, leaderboard.episodes, path=path, force=True, progress=bar.show)
+    finally:
+        bar.close()
+    return Standing.of_plans(entry.row, record, spec.step_size)

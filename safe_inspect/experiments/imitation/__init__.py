@@ -1,0 +1,1 @@
+"""Warm start: a policy clones a scripted one before its training begins."""

@@ -1,0 +1,133 @@
+"""Sensors of all points that are not inspected: one by one, and by the moments of their directions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from safe_inspect.compiling import njit
+from safe_inspect.platforms.base import Sensor
+from safe_inspect.platforms.copies import copy_vector
+from safe_inspect.plugins.plugin import PointsName
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, SensorMemory
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.simulator import Simulator
+from safe_inspect.simulators.state import ArraySpec
+from safe_inspect.simulators.view import Group, View
+from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.points import InspectionPoints
+from safe_inspect.tasks.inspection.rotation import array_in_axes_of, rotating_body
+from safe_inspect.tasks.inspection.uninspected_moments import MOMENTS, turn_moments, uninspected_moments
+from safe_inspect.types import FloatArray
+
+_MEMORY = "moments"
+_KINDS = ("lit", "dark")
+_OF_A_KIND = ("share", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
+
+
+@njit
+def _uninspected(inspector: NDArray[np.int8], reading: FloatArray) -> None:
+    for p in range(len(reading)):
+        reading[p] = 1.0 if inspector[p] < 0 else 0.0
+
+
+class UninspectedPointsMapSensor(Sensor, name="Sensor_UninspectedPointsMap"):
+    """1 for each point that no deputy has inspected, 0 for each that one has [-], shape (R, num_points).
+
+    The points stand in the order of the body's sphere, fixed to the body.
+
+    Attributes:
+        inspection_entity_name: The body that carries the points.
+        num_points: Number of points on it; taken from the task unless given.
+    """
+
+    bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
+
+    inspection_entity_name: PointsName = "chief"
+    num_points: int = Field(default=100, ge=1)
+
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """One for each point, uninspected_0 first."""
+        return tuple(f"uninspected_{point}" for point in range(self.num_points))
+
+    def in_task(self, simulator: Simulator, horizon: int) -> Self:
+        """Return the sensor with the number of the body's points, unless it was given.
+
+        Raises:
+            ValueError: Another number was given.
+        """
+        for component in simulator.compose()[1]:
+            if isinstance(component, InspectionPoints) and self.inspection_entity_name in component.bodies:
+                found = len(component.inspection_points_map[self.inspection_entity_name].positions)
+                if "num_points" in self.model_fields_set:
+                    self._require(found)
+                return self.model_copy(update={"num_points": found})
+        return self
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write 1 for each point that is not inspected, else 0.
+
+        Raises:
+            ValueError: The body has another number of points.
+        """
+        self._require(world.points[self.inspection_entity_name].num_points)
+        return RowTerm(_uninspected, (EnvironmentArray(f"points/{self.inspection_entity_name}/inspector"),))
+
+    def _require(self, found: int) -> None:
+        if self.num_points != found:
+            text = f"`num_points` is {self.num_points}, and {self.inspection_entity_name!r} has {found} points"
+            raise ValueError(f"{text}; leave `num_points` out")
+
+
+class UninspectedPointsMomentsSensor(Sensor, name="Sensor_UninspectedPointsMoments"):
+    """Where the points lie that no deputy has inspected, in 20 numbers [-], Hill frame, shape (R, 20).
+
+    Ten for the points U that are lit, as seen from the own position, and ten for those that are dark: of their unit
+    vectors u from the body's centre
+
+        share = |U| / P,   (x, y, z) = sum u / |U|,   (xx, yy, zz, xy, xz, yz) = sum u u^T / |U|,
+
+    with P the number of all points; zeros without any. The length of the mean says how close together they lie, the
+    second moment along which axes.
+
+    Attributes:
+        inspection_entity_name: The body that carries the points.
+    """
+
+    elements: ClassVar[tuple[str, ...]] = tuple(f"{name}_{kind}" for kind in _KINDS for name in _OF_A_KIND)
+    bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
+
+    inspection_entity_name: PointsName = "chief"
+
+    def memory(self, world: World) -> Mapping[str, ArraySpec]:
+        """Declare the moments in the axes of the body."""
+        return {_MEMORY: ArraySpec((MOMENTS,))}
+
+    def remember(self, view: View, name: str) -> None:
+        """Compute the moments of every row."""
+        bound = view.writable.bound.get((view.group.name, name))
+        call, arguments = bound or self._bind(view, name)
+        call(*arguments)
+
+    def _bind(self, view: View, name: str) -> tuple[Any, tuple[Any, ...]]:
+        state, group, model = view.writable, view.group, view.world.points[self.inspection_entity_name]
+        seen = ("position", "sun_direction")
+        position, sun = (state[array_in_axes_of(model.entity, view.world, array)] for array in seen)
+        inspector, moments = state.points[model.entity].inspector, state.memory[group.name, name, _MEMORY]
+        found = state.bound[group.name, name] = (
+            uninspected_moments.dispatcher,
+            (position, model.body, (group.first, group.size), sun, model.surface, inspector, moments),
+        )
+        return found
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the moments [-], Hill frame."""
+        moments = SensorMemory(self.part_name, _MEMORY)
+        if self.inspection_entity_name != rotating_body(world):
+            return RowTerm(copy_vector, (moments,))
+        return RowTerm(turn_moments, (EnvironmentArray("chief_orientation"), moments))
