@@ -33,7 +33,7 @@ class LoadedPolicy:
         self._discrete = bool(action_layout(agent).choices)
 
     def predict(self, observation: AnyArray, generator: np.random.Generator | None = None) -> AnyArray:
-        """Return the action: the mean of a Gaussian policy, the most likely levels of a categorical, both of a hurdle one.
+        """Return the action: the mean of a Gaussian policy, the likeliest levels of a categorical, both of a hurdle.
 
         Args:
             observation: Observations as `make`, `make_vec` or any environment of the task gives them, shape (O,) or
