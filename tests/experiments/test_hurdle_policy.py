@@ -128,6 +128,12 @@ def test_checkpoint_and_file_fly_alike(tmp_path, path, model):
     actions = [policy.predict(observation) for policy in policies]
     np.testing.assert_allclose(*actions, atol=1e-5)
     assert env.action_space.contains(actions[0])
+    drawn = [
+        np.stack([policy.predict(observation, generator) for _ in range(40)])
+        for policy, generator in zip(policies, map(np.random.default_rng, (3, 3)), strict=True)
+    ]
+    np.testing.assert_allclose(*drawn, atol=1e-5)
+    assert len(np.unique(drawn[0], axis=0)) > 1
 
 
 @pytest.mark.parametrize(
