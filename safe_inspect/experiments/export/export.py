@@ -22,9 +22,11 @@ from safe_inspect.experiments.export.export_check import (
     random_readings,
     worst,
 )
+from safe_inspect.experiments.export.net_layers import mode_of_sac
 from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
 from safe_inspect.experiments.modules.policy import trained_policy
 from safe_inspect.experiments.modules.policy_info import policy_info
+from safe_inspect.experiments.modules.sac_policy import SacPolicy
 from safe_inspect.experiments.runs.checkpoint_folders import configuration_of
 from safe_inspect.experiments.runs.checkpoints import MODULES, SINGLE, policy_folder, read_checkpoint
 from safe_inspect.experiments.runs.run_folder import RunFolder
@@ -87,7 +89,10 @@ def export_policy(
     agents = _agents(experiment, folder.name, title)
     loaded = trained_policy(checkpoint, folder.name)
     module = loaded.module
-    check_module(module, title)
+    if isinstance(module, SacPolicy):
+        module = mode_of_sac(module, title)
+    else:
+        check_module(module, title)
     if loaded.info is None:
         raise CheckpointError(
             f"{title}: the checkpoint does not say what the policy sees and does, so it is not exported; train again"

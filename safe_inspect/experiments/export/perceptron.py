@@ -4,43 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
-from ray.rllib.core.columns import Columns
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.export.export import Exported, portable, write_policy
+from safe_inspect.experiments.export.net_layers import NO_SPREAD, Perceptron
 from safe_inspect.experiments.export.onnx_graph import require_onnx
 from safe_inspect.experiments.modules.policy_info import policy_info
 from safe_inspect.experiments.runs.checkpoints import SINGLE
-from safe_inspect.types import FloatArray
-
-#: Logarithm of the standard deviation of a policy without one: a draw is its mean to all digits.
-NO_SPREAD = -20.0
-
-
-@dataclass(frozen=True, eq=False)
-class Perceptron:
-    """The net of a policy: layers from the observation to means or logits.
-
-    Attributes:
-        layers: Linear layers and activations, in order.
-        log_std: Logarithms of the standard deviations, shape (A,); None for a policy that chooses among levels.
-    """
-
-    layers: torch.nn.Sequential
-    log_std: torch.Tensor | None
-
-    def forward_inference(self, batch: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the inputs of the action distributions, as RLlib's modules do."""
-        value = self.layers(batch[Columns.OBS])
-        if self.log_std is not None:
-            value = torch.cat((value, self.log_std.detach().expand_as(value)), dim=1)
-        return {Columns.ACTION_DIST_INPUTS: value}
 
 
 def export_perceptron(
@@ -95,13 +71,3 @@ def export_perceptron(
     if not choices:
         spread = torch.full((sizes[1],), NO_SPREAD) if log_std is None else torch.as_tensor(log_std).detach().cpu()
     return write_policy(Perceptron(net, spread), info, output, experiment.spec, agents[0], str(output))
-
-
-def scaled_to(low: FloatArray, high: FloatArray) -> torch.nn.Linear:
-    """Return the layer that takes -1 to `low` and 1 to `high`, element by element; two arrays of shape (A,)."""
-    least, largest = (torch.as_tensor(side, dtype=torch.float32) for side in (low, high))
-    layer = torch.nn.Linear(len(least), len(least))
-    with torch.no_grad():
-        layer.weight.copy_(torch.diag((largest - least) / 2.0))
-        layer.bias.copy_((largest + least) / 2.0)
-    return layer
