@@ -168,7 +168,10 @@ def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
     assert "note: recurrent policies are flown by `evaluate`, but not exported to ONNX" in err
     code, _, err = typed("validate", EXPERIMENT, "agent_config.0.policy={algorithm: SAC}")
     assert code == 0
-    assert "note: policies of SAC are flown by `evaluate`, but not exported to ONNX" in err
+    assert "policies" not in err
+    code, _, err = typed("validate", EXPERIMENT, "agent_config.0.policy={algorithm: DreamerV3}")
+    assert code == 0
+    assert "note: policies of DreamerV3 train and resume, but are not flown; those of PPO, APPO, IMPALA, SAC are" in err
 
 
 def test_validate_reports_all_mistakes_of_the_files(typed):

@@ -26,6 +26,7 @@ _REPLACE = {
         "100_000": "64",
         "learning_starts=100": "learning_starts=10",
         "1_000": "20",
+        "--episodes 20": "--episodes 2",
     },
 }
 

@@ -256,7 +256,7 @@ class TestRefusals:
         build = export.build_file
         monkeypatch.setattr(export, "build_file", spoilt)
         (tmp_path / "p.onnx").write_text("old")
-        with pytest.raises(CheckpointError, match=r"not the checkpoint's: it differs by \d\.\de-05 of the action's"):
+        with pytest.raises(CheckpointError, match=r"not the given one: it differs by \d\.\de-05 of the action's"):
             export.export_policy(run[1], tmp_path / "p.onnx")
         assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("p.onnx", "old")]
 

@@ -1,4 +1,4 @@
-"""Policies of SAC: saved without pickle, flown by their mean or as they explore, refused by the export."""
+"""Policies of SAC: saved without pickle, flown by their mean or as they explore, exported with their mean."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 from random_checkpoint import experiment_of, save_run
 
 import safe_inspect
-from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.experiments.runs.checkpoints import find_newest
 
@@ -60,8 +59,13 @@ def test_its_draws_are_a_function_of_the_seed(run):
     assert not np.allclose(mean, flown[0])
 
 
-def test_the_export_refuses_it(run, tmp_path):
+def test_the_exported_file_gives_its_mean(run, tmp_path):
+    pytest.importorskip("onnx")
     from safe_inspect.experiments.export.export import export_policy
 
-    with pytest.raises(CheckpointError, match="only RLlib's own modules of PPO can be exported"):
-        export_policy(find_newest(run).newest.path, tmp_path / "sac.onnx")
+    done = export_policy(find_newest(run).newest.path, tmp_path / "sac.onnx")
+    assert done.difference.passes
+    policy, file = safe_inspect.load_policy(run), safe_inspect.load_policy(tmp_path / "sac.onnx")
+    observations, _ = policy.make_vec(64).reset(seed=3)
+    np.testing.assert_allclose(file.predict(observations), policy.predict(observations), atol=2e-6)
+    assert np.ptp(file.predict(observations), axis=0).min() > 0.01

@@ -149,10 +149,10 @@ ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS}
 #: Names of RLlib's algorithms for environments (the offline ones need data and are refused).
 ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
 
-#: Those whose policies can be exported: their actions are Gaussian or categorical.
-EXPORTED_ALGORITHMS = ("PPO", "APPO", "IMPALA")
-#: Those whose policies can be flown.
-FLOWN_ALGORITHMS = (*EXPORTED_ALGORITHMS, "SAC")
+#: Those for which the batched runner samples.
+BATCHED_ALGORITHMS = ("PPO", "APPO", "IMPALA")
+#: Those whose policies can be flown, and exported unless they are recurrent.
+FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC")
 
 #: Keys of ours among RLlib's.
 OWN_KEYS: dict[str, Key] = {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment
-from safe_inspect.config.keys.rllib_keys import EXPORTED_ALGORITHMS, FLOWN_ALGORITHMS
+from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS
 from safe_inspect.config.loading.located import has, locate, path_text
 from safe_inspect.config.loading.templates import NUMBER
 from safe_inspect.errors import ConfigError, Problem
@@ -49,13 +49,10 @@ def flight_note(experiment: Experiment) -> str:
     keys = {**experiment.rllib, **config}
     model = keys.get("model_config", keys.get("model")) or {}
     recurrent = isinstance(model, Mapping) and model.get("use_lstm")
-    if experiment.algorithm in EXPORTED_ALGORITHMS and not recurrent:
-        return ""
-    what = "recurrent policies" if recurrent else f"policies of {experiment.algorithm}"
     if experiment.algorithm in FLOWN_ALGORITHMS:
-        return f"{what} are flown by `evaluate`, but not exported to ONNX"
+        return "recurrent policies are flown by `evaluate`, but not exported to ONNX" if recurrent else ""
     others = ", ".join(FLOWN_ALGORITHMS)
-    return f"{what} train and resume, but are not flown; those of {others} are"
+    return f"policies of {experiment.algorithm} train and resume, but are not flown; those of {others} are"
 
 
 def _unfit_actions(experiment: Experiment) -> list[Problem]:

@@ -33,7 +33,7 @@ def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
     return made
 
 
-def ranking(settings: Mapping[str, Any]) -> dict[str, str]:
+def ranking(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return by which figure a scheduler ranks trials; nothing without one, or where its own `config` says it."""
     entry = settings.get("scheduler")
     if entry is None or "metric" in entry["config"]:

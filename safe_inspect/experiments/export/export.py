@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment, load_experiment
-from safe_inspect.config.spec import AgentSpec
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo, seal
@@ -22,9 +22,11 @@ from safe_inspect.experiments.export.export_check import (
     random_readings,
     worst,
 )
+from safe_inspect.experiments.export.net_layers import mode_of_sac
 from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
 from safe_inspect.experiments.modules.policy import trained_policy
 from safe_inspect.experiments.modules.policy_info import policy_info
+from safe_inspect.experiments.modules.sac_policy import SacPolicy
 from safe_inspect.experiments.runs.checkpoint_folders import configuration_of
 from safe_inspect.experiments.runs.checkpoints import MODULES, SINGLE, policy_folder, read_checkpoint
 from safe_inspect.experiments.runs.run_folder import RunFolder
@@ -87,7 +89,10 @@ def export_policy(
     agents = _agents(experiment, folder.name, title)
     loaded = trained_policy(checkpoint, folder.name)
     module = loaded.module
-    check_module(module, title)
+    if isinstance(module, SacPolicy):
+        module = mode_of_sac(module, title)
+    else:
+        check_module(module, title)
     if loaded.info is None:
         raise CheckpointError(
             f"{title}: the checkpoint does not say what the policy sees and does, so it is not exported; train again"
@@ -97,25 +102,41 @@ def export_policy(
     info = replace(
         policy_info(experiment, folder.name, agents, exportable=True),
         distribution=loaded.info.distribution,  # `hurdle` stands among the settings of the net
-        configuration=_portable(experiment.resolved),
+        configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
     )
+    return write_policy(module, info, output, experiment.spec, agents[0], title)
+
+
+def write_policy(
+    module: Any, info: PolicyInfo, output: str | os.PathLike[str], spec: EnvironmentSpec, agent: AgentSpec, title: str
+) -> Exported:
+    """Write a file, compare it with the module, and give it its name; see `export_policy`.
+
+    Args:
+        module: The policy's module, RLlib's or a `Perceptron`.
+        info: What the file says of it.
+        output: The file.
+        spec: The task.
+        agent: One of the agents that it flies.
+        title: The policy, for messages.
+    """
     path = Path(output).expanduser()
     with new_file(path, "give another --output") as work:
         work.write_bytes(seal(build_file(module, info, title)))
         written = load_onnx(work)
-        flown = flown_readings(written, experiment.spec)
-        random = random_readings(agents[0], _RANDOM_ROWS)
-        difference = worst(*(compare_readings(written, module, agents[0], readings) for readings in (random, flown)))
+        flown = flown_readings(written, spec)
+        random = random_readings(agent, _RANDOM_ROWS)
+        difference = worst(*(compare_readings(written, module, agent, readings) for readings in (random, flown)))
         if not difference.passes:
             raise CheckpointError(
-                f"{title}: the exported policy is not the checkpoint's: it differs by {difference.action:.1e} of the "
+                f"{title}: the exported policy is not the given one: it differs by {difference.action:.1e} of the "
                 f"action's range and by {difference.inputs:.1e} of the net's outputs; no file is left. Please report it"
             )
     return Exported(path, info, difference, len(flown))
 
 
-def _portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
+def portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
     """Return a resolved configuration that names no folder of this machine."""
     found: dict[str, Any] = json.loads(json.dumps(configuration))
     task = found.get("config", {}).get("config", {}).get("env_config", {})

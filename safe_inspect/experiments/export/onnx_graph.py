@@ -73,7 +73,7 @@ def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
     """Return the bytes of the ONNX file of a policy, not yet sealed.
 
     Args:
-        module: RLlib's module, which `check_module` has let pass.
+        module: RLlib's module, which `check_module` has let pass, or a `Perceptron`.
         info: What the file says of the policy.
         title: The checkpoint, for messages.
 
@@ -83,8 +83,8 @@ def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
     """
     onnx = require_onnx()
     graph = _Graph(onnx, title)
-    value = graph.net(_encoder(module), graph.normalised("observation", info))
-    inputs = graph.distribution(module.pi, value)
+    value = graph.normalised("observation", info)
+    inputs = graph.perceptron(module, value) if hasattr(module, "layers") else graph.rllib(module, value)
     graph.node("Identity", [inputs], name="action_dist_inputs")
     numbers = [element for element in info.action if not element.levels]
     gates = info.distribution == "hurdle"
@@ -159,6 +159,19 @@ class _Graph:
             value = self._layer(layer, value)
         return value
 
+    def rllib(self, module: Any, value: str) -> str:
+        """Encoder and head of RLlib's module."""
+        return self.distribution(module.pi, self.net(_encoder(module), value))
+
+    def perceptron(self, module: Any, value: str) -> str:
+        """The layers, and the logarithms of standard deviations where there are some; see `Perceptron`."""
+        value = self.net(module.layers, value)
+        return value if module.log_std is None else self._with_spread(value, _array(module.log_std)[None, :])
+
+    def _with_spread(self, value: str, log_std: AnyArray) -> str:
+        spread = self.node("Expand", [self.constant(log_std, "log_std"), self.node("Shape", [value])])
+        return self.node("Concat", [value, spread], axis=1)
+
     def distribution(self, head: Any, value: str) -> str:
         """The head's outputs: logits, or means and logarithms of standard deviations."""
         value = self.net(head.net.mlp, value)
@@ -167,8 +180,7 @@ class _Graph:
             deviation = _array(head.log_std)[None, :]
             if head.clip_log_std:
                 deviation = np.clip(deviation, -limit, limit)
-            spread = self.node("Expand", [self.constant(deviation, "log_std"), self.node("Shape", [value])])
-            return self.node("Concat", [value, spread], axis=1)
+            return self._with_spread(value, deviation)
         if not head.clip_log_std:
             return value
         width = int(head.net.mlp[-1].out_features) // 2

@@ -7,8 +7,8 @@ from typing import Any
 from ray.rllib.callbacks.callbacks import RLlibCallback
 from ray.rllib.utils import force_list
 
+from safe_inspect.config.keys.rllib_keys import BATCHED_ALGORITHMS
 from safe_inspect.experiments.adapters.callbacks import RunCallbacks
-from safe_inspect.experiments.settings.runner_choice import BATCHED_ALGORITHMS
 
 _HOOKS = ("on_episode_created", "on_episode_start", "on_episode_step", "on_episode_end")
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from safe_inspect.config.keys.rllib_keys import EXPORTED_ALGORITHMS
+from safe_inspect.config.keys.rllib_keys import BATCHED_ALGORITHMS
 from safe_inspect.errors import Problem
 from safe_inspect.experiments.settings.values import is_searched
-
-#: Algorithms that the batched runner can sample for.
-BATCHED_ALGORITHMS = EXPORTED_ALGORITHMS
 
 
 def choose_runner(settings: dict[str, Any]) -> tuple[list[str], list[Problem]]:

@@ -1,0 +1,73 @@
+"""`export_perceptron`: a policy of any learner as an ONNX file. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.environments.layout import action_layout
+from safe_inspect.errors import CheckpointError
+from safe_inspect.experiments.export.export import Exported, portable, write_policy
+from safe_inspect.experiments.export.net_layers import NO_SPREAD, Perceptron
+from safe_inspect.experiments.export.onnx_graph import require_onnx
+from safe_inspect.experiments.modules.policy_info import policy_info
+from safe_inspect.experiments.runs.checkpoints import SINGLE
+
+
+def export_perceptron(
+    layers: Iterable[torch.nn.Module],
+    cfg: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    log_std: Sequence[float] | torch.Tensor | None = None,
+    overrides: Iterable[str] = (),
+    training: Mapping[str, Any] | None = None,
+) -> Exported:
+    """Write a policy of another learner as an ONNX file, which `safe-inspect evaluate` and others fly.
+
+    The file is compared with the layers before it gets its name, as `export_policy` does.
+
+    Args:
+        layers: From the task's observation to the means of its action, or to the logits of the levels of each element,
+            one element behind the other: linear layers and activations.
+        cfg: Experiment file, or id of the task, for one agent.
+        output: The file.
+        log_std: Logarithms of the standard deviations, for a policy that is drawn; its mean is flown unless given.
+        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
+        training: What is known of the training, such as `steps` and `seed`.
+
+    Raises:
+        CheckpointError: The layers do not fit the task, or are of a kind that no file can hold.
+        ConfigError: The file has mistakes.
+        OutputError: The file cannot be written.
+        SafeInspectError: The package onnx or onnxruntime is not installed.
+    """
+    require_onnx()
+    experiment = load_experiment(cfg, overrides)
+    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
+    if len(agents) != 1:
+        raise CheckpointError(f"{cfg}: the task has {len(agents)} agents, and one net flies one")
+    info = replace(
+        policy_info(experiment, SINGLE, agents, exportable=True),
+        configuration=portable(experiment.resolved),
+        training=dict(training or {}),
+    )
+    net = torch.nn.Sequential(*layers).to("cpu", torch.float32).eval()
+    choices = sum(action_layout(agents[0]).choices)
+    sizes = len(info.observation), choices or len(info.action)
+    linear = [layer for layer in net if isinstance(layer, torch.nn.Linear)]
+    found = (linear[0].in_features, linear[-1].out_features) if linear else (0, 0)
+    if found != sizes:
+        raise CheckpointError(
+            f"{cfg}: the net takes {found[0]} numbers and gives {found[1]}, and the task has {sizes[0]} and "
+            f"{sizes[1]}; give the task in which it was trained"
+        )
+    spread = None
+    if not choices:
+        spread = torch.full((sizes[1],), NO_SPREAD) if log_std is None else torch.as_tensor(log_std).detach().cpu()
+    return write_policy(Perceptron(net, spread), info, output, experiment.spec, agents[0], str(output))

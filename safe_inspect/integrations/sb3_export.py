@@ -1,0 +1,77 @@
+"""`export_onnx`: a policy of Stable-Baselines3 as an ONNX file that `safe-inspect evaluate` and others fly."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Any
+
+import stable_baselines3
+import torch
+from gymnasium.spaces import Box, MultiDiscrete
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import FlattenExtractor, MlpExtractor
+from stable_baselines3.sac.policies import SACPolicy
+from stable_baselines3.td3.policies import TD3Policy
+
+from safe_inspect.errors import CheckpointError
+from safe_inspect.experiments.export.export import Exported
+from safe_inspect.experiments.export.net_layers import scaled_to
+from safe_inspect.experiments.export.perceptron import export_perceptron
+
+
+def export_onnx(
+    model: BaseAlgorithm, cfg: str | os.PathLike[str], output: str | os.PathLike[str], overrides: Iterable[str] = ()
+) -> Exported:
+    """Write the policy of a model as an ONNX file: `MlpPolicy` of PPO, A2C, SAC, TD3 and DDPG.
+
+    The file holds the normalisers of the task and the scaling of the action, as that of `safe-inspect export`. The
+    draws of SAC are squashed and TD3 has none, so their files give the mode alone, drawn or not.
+
+    Args:
+        model: The model.
+        cfg: Experiment file, or id of the task, in which it was trained.
+        output: The file.
+        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
+
+    Raises:
+        CheckpointError: The policy has another form, or does not fit the task.
+        ConfigError: The file has mistakes.
+        OutputError: The file cannot be written.
+        SafeInspectError: The package onnx or onnxruntime is not installed.
+    """
+    if model.get_vec_normalize_env() is not None:
+        raise CheckpointError("the model sees what VecNormalize makes of observations; train without it")
+    layers, log_std = _net(model)
+    training = {"steps": int(model.num_timesteps), "trained_by": f"stable_baselines3 {stable_baselines3.__version__}"}
+    training |= {} if model.seed is None else {"seed": int(model.seed)}
+    return export_perceptron(layers, cfg, output, log_std=log_std, overrides=overrides, training=training)
+
+
+def _net(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], torch.Tensor | None]:
+    """Return the layers from observation to means or logits, and the logarithms of standard deviations."""
+    policy, space = model.policy, model.action_space
+    if isinstance(policy, ActorCriticPolicy) and type(policy.mlp_extractor) is MlpExtractor:
+        _check_features(policy.pi_features_extractor)
+        if getattr(model, "use_sde", False) or not isinstance(space, Box | MultiDiscrete):
+            raise _other(f"{type(model).__name__} with use_sde, or with the actions {space}")
+        layers = [*policy.mlp_extractor.policy_net, policy.action_net]
+        return layers, policy.log_std if isinstance(space, Box) else None
+    if isinstance(policy, SACPolicy | TD3Policy) and isinstance(space, Box):
+        actor: Any = policy.actor
+        _check_features(actor.features_extractor)
+        if getattr(model, "use_sde", False):
+            raise _other(f"{type(model).__name__} with use_sde")
+        own = [*actor.latent_pi, actor.mu, torch.nn.Tanh()] if isinstance(policy, SACPolicy) else [*actor.mu]
+        return [*own, scaled_to(space.low, space.high)], None
+    raise _other(f"{type(policy).__name__} of {type(model).__name__}")
+
+
+def _check_features(extractor: Any) -> None:
+    if type(extractor) is not FlattenExtractor:
+        raise _other(f"a features extractor {type(extractor).__name__}")
+
+
+def _other(what: str) -> CheckpointError:
+    return CheckpointError(f"{what} cannot be exported; MlpPolicy of PPO, A2C, SAC, TD3 and DDPG can")
