@@ -1,4 +1,4 @@
-"""The page of an episode in a real browser, on phones and desks, light and dark: ``pip install 'safe_inspect[browser]'``."""
+"""The page of an episode in a real browser, on phones and desks, light and dark; needs the extra `browser`."""
 
 from __future__ import annotations
 
