@@ -36,8 +36,8 @@ function stateAt(t) {
 /** Draw the chief with its day side and the points on the reader's side; r in pixels. */
 function drawChief(pen, x, y, r, view, { light, dots }, t) {
   if (!points.length || !light) {
-    if (episode.docking_radius) disc(pen, x, y, r, null, "#222");
-    for (const [dx, dy] of [[5, 0], [0, 5]]) polyline(pen, [[x - dx, y - dy], [x + dx, y + dy]], "#222", 1);
+    if (episode.docking_radius) disc(pen, x, y, r, null, INK);
+    for (const [dx, dy] of [[5, 0], [0, 5]]) polyline(pen, [[x - dx, y - dy], [x + dx, y + dy]], INK, 1);
     return;
   }
   disc(pen, x, y, r, NIGHT);
@@ -81,15 +81,19 @@ function drawScene(t) {
   pen.textAlign = "center";
   pen.textBaseline = "middle";
   const left = (camera.azimuth - 90) * Math.PI / 180;
-  for (const ring of rings) {
+  let free = null;  // where the label of a larger ring ends, inward
+  for (const ring of [...rings].reverse()) {
     polyline(pen, circle(ring).map(flat), PALE, 1);
-    const [x, y] = flat([ring * Math.cos(left), ring * Math.sin(left), 0]);
+    const [x, y] = flat([ring * Math.cos(left), ring * Math.sin(left), 0]), label = `${ring} m`;
+    const half = pen.measureText(label).width / 2 + 3;
+    if (free !== null && Math.abs(x - free.x) < half + free.half && Math.abs(y - free.y) < 14) continue;
     pen.fillStyle = GREY;
-    pen.fillText(`${ring} m`, x, y - 8);
+    pen.fillText(label, Math.max(x, half), y - 8);
+    free = { x, y, half };
   }
   [["x radial", [0.6, 0, 0]], ["y along track", [0, 0.6, 0]], ["z", [0, 0, 0.6]]].forEach(([name, direction]) => {
     const tip = scaled(direction, outer);
-    polyline(pen, [flat([0, 0, 0]), flat(tip)], "#BBB", 1);
+    polyline(pen, [flat([0, 0, 0]), flat(tip)], AXIS, 1);
     const [x, y] = flat(scaled(tip, 1.1));
     pen.fillStyle = GREY;
     pen.fillText(name, x, y);
@@ -112,7 +116,7 @@ function drawScene(t) {
   });
   const drawDeputies = (behind) => ways.forEach((way, index) => {
     const p = way[way.length - 1];
-    if (p.hidden === behind) disc(pen, ...p.at, 6, deputies[index].colour, "#fff", 1.5);
+    if (p.hidden === behind) disc(pen, ...p.at, 6, deputies[index].colour, PAPER, 1.5);
   });
   if (element("future").checked) {
     position.forEach((way, index) => {
@@ -131,10 +135,11 @@ function drawScene(t) {
   const inset = Math.min(0.13 * width, 0.17 * height);
   if (points.length && r < 0.6 * inset) {
     const x = width - inset - 18, y = inset + 18;
-    disc(pen, x, y, inset + 8, "#fff");
+    disc(pen, x, y, inset + 8, PAPER);
     drawChief(pen, x, y, inset, view, state, now);
     pen.fillStyle = GREY;
-    pen.fillText("the chief from here", x, y + inset + 13);
+    const words = "the chief from here";
+    pen.fillText(words, Math.min(x, width - 4 - pen.measureText(words).width / 2), y + inset + 13);
   }
 }
 
@@ -184,8 +189,8 @@ function drawBurns(pen, flat, hidden, row, outer) {
     const foot = position[index][step];
     if (step > row || hidden(foot)) return;
     const tip = foot.map((x, i) => x + outer * thrust[i]);
-    polyline(pen, [flat(foot), flat(tip)], "#222", 1.2);
-    disc(pen, ...flat(foot), 1.8, "#222");
+    polyline(pen, [flat(foot), flat(tip)], INK, 1.2);
+    disc(pen, ...flat(foot), 1.8, INK);
   }));
 }
 
@@ -194,19 +199,19 @@ function countersAt(t) {
   const spent = episode.delta_v.reduce((sum, values) => sum + values[state.row], 0);
   const nearest = Math.min(...state.places.map((p) => Math.sqrt(dot3(p, p))));
   const what = points.length ? `${state.count} of ${points.length} points inspected` : `range ${nearest.toFixed(1)} m`;
-  const told = [`${(t / episode.unit_seconds).toFixed(1)} ${episode.unit}`, what, `delta-v ${spent.toFixed(3)} m/s`];
+  const told = [`${(t / episode.unit_seconds).toFixed(1)} ${episode.unit}`, what, `delta-v ${spent.toFixed(3)} m/s${deputies.length > 1 ? " in all" : ""}`];
   if (t >= END && episode.ending) told.push(episode.ending);
   return told;
 }
 
-deputies.forEach(({ name, colour }) => keyEntry(name, colour));
+deputies.forEach(({ name, colour, dashes }) => keyEntry(name, colour, null, dashes));
 if (points.length) {
   keyEntry(deputies.length > 1 ? "inspected: who saw it first" : "inspected", deputies[0].colour, deputies[0].colour);
-  keyEntry("lit, not inspected", "#222", "#fff");
+  keyEntry("lit, not inspected", GREY, "#fff");
   keyEntry("in the dark", DARK, DARK);
 }
-if (episode.docking_radius) keyEntry("docking region", "#222", "#fff");
-keyEntry("burn", "#222");
+if (episode.docking_radius) keyEntry("docking region", INK, PAPER);
+keyEntry("burn", INK);
 if (orientation) ["x", "y", "z"].forEach((name, i) => keyEntry(`${name} axis of the body`, BODY[i][1]));
 if (cone) keyEntry("camera's cone", deputies[0].colour);
 

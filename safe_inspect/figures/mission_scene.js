@@ -77,7 +77,7 @@ function drawSolid(pen, solid, view, flat, ink) {
   }
   for (const [a, b] of solid.edges) {
     const middle = mixed(a, b, 0.5);
-    if (!hides(solid.boxes, middle, view.sight)) polyline(pen, [flat(a), flat(b)], "#4B5563", 0.9);
+    if (!hides(solid.boxes, middle, view.sight)) polyline(pen, [flat(a), flat(b)], GREY, 0.9);
   }
 }
 
@@ -156,7 +156,7 @@ function drawScene(t) {
   if (plan) line(inTarget ? plan.position_target : plan.position, colours.plan, 1.2, [6, 4]);
   if (element("future").checked) line(path.slice(state.row), BEFORE, 1.2);
   if (!behind) drawChaser();
-  disc(pen, ...flat(times(rotation, episode.mating_point)), 4.5, colours.mating, "#fff", 1.5);
+  disc(pen, ...flat(times(rotation, episode.mating_point)), 4.5, colours.mating, PAPER, 1.5);
   drawCorner(pen, view, width, height);
 }
 

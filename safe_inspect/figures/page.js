@@ -4,7 +4,9 @@
 const episode = JSON.parse(document.getElementById("episode").textContent);
 const { time } = episode;
 const last = time.length - 1, END = time[last];
-const ORANGE = "#E69F00", GREY = "#7A7A7A", PALE = "#D9D9D9";
+const tint = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const ORANGE = "#E69F00", INK = tint("ink"), PAPER = tint("paper"), GREY = tint("grey"), PALE = tint("pale");
+const GRID = tint("grid"), AXIS = tint("axis");
 const FIRST = episode.view;
 const element = (id) => document.getElementById(id);
 const space = element("space");
@@ -79,19 +81,19 @@ function drawChart(chart) {
   }
   pen.globalAlpha = 1;
   pen.textBaseline = "middle";
-  pen.fillStyle = "#222";
+  pen.fillStyle = INK;
   pen.textAlign = "left";
   const label = Math.min(box.left, Math.max(0, width - 2 - pen.measureText(chart.label).width));
   pen.fillText(chart.label, label, 7, width - 2);
   pen.textAlign = "right";
   for (const tick of ticks(low, high, 3)) {
-    polyline(pen, [[box.left, y(tick)], [box.right, y(tick)]], "#E6E6E6", 1);
+    polyline(pen, [[box.left, y(tick)], [box.right, y(tick)]], GRID, 1);
     pen.fillText(String(tick), box.left - 6, y(tick));
   }
   pen.textAlign = "center";
   for (const tick of ticks(0, END / episode.unit_seconds, 6)) {
     const at = x(tick * episode.unit_seconds);
-    polyline(pen, [[at, box.top], [at, box.bottom]], "#E6E6E6", 1);
+    polyline(pen, [[at, box.top], [at, box.bottom]], GRID, 1);
     if (chart.bottom) pen.fillText(String(tick), at, box.bottom + 9);
   }
   if (chart.bottom) pen.fillText(`time [${episode.unit}]`, (box.left + box.right) / 2, height - 8);
@@ -101,7 +103,7 @@ function drawChart(chart) {
   pen.clip();
   for (const line of chart.lines) {
     let places = [];
-    const stroke = () => polyline(pen, places, line.colour, line.width || 1.6, line.dashes || []);
+    const stroke = () => polyline(pen, places, line.colour === "#222222" ? INK : line.colour, line.width || 1.6, line.dashes || []);
     line.values.forEach((value, i) => {
       if (value === null) {  // unknown: a gap
         stroke();
@@ -169,25 +171,46 @@ function advance(clock) {
   if (now >= END) play(false); else requestAnimationFrame(advance);
 }
 
-function keyEntry(text, colour, dot) {
+function keyEntry(text, colour, dot, dashes = []) {
   const row = document.createElement("div"), mark = document.createElement("i"), label = document.createElement("span");
   mark.style.borderColor = colour;
+  if (dashes.length) mark.style.borderTopStyle = "dashed";
   if (dot) { mark.className = "dot"; mark.style.background = dot; }
   label.textContent = text;
   row.append(mark, label);
   element("key").append(row);
 }
 
-space.addEventListener("pointerdown", (event) => space.setPointerCapture(event.pointerId));
+const fingers = new Map();
+const apart = () => {
+  const [a, b] = fingers.values();
+  return Math.hypot(a[0] - b[0], a[1] - b[1]) || 1;
+};
+const zoomed = (factor) => { camera.zoom = Math.min(Math.max(camera.zoom * factor, 0.3), episode.most_zoom); };
+space.addEventListener("pointerdown", (event) => {
+  space.setPointerCapture(event.pointerId);
+  fingers.set(event.pointerId, [event.offsetX, event.offsetY]);
+});
+for (const end of ["pointerup", "pointercancel"]) {
+  space.addEventListener(end, (event) => fingers.delete(event.pointerId));
+}
 space.addEventListener("pointermove", (event) => {
   if (!event.buttons) return;
+  if (fingers.size === 2) {
+    const before = apart();
+    fingers.set(event.pointerId, [event.offsetX, event.offsetY]);
+    zoomed(apart() / before);
+    show(now);
+    return;
+  }
+  fingers.set(event.pointerId, [event.offsetX, event.offsetY]);
   camera.azimuth -= 0.35 * event.movementX;
   camera.elevation = Math.min(Math.max(camera.elevation + 0.35 * event.movementY, -90), 90);
   show(now);
 });
 space.addEventListener("wheel", (event) => {
   event.preventDefault();
-  camera.zoom = Math.min(Math.max(camera.zoom * Math.exp(-0.0015 * event.deltaY), 0.3), episode.most_zoom);
+  zoomed(Math.exp(-0.0015 * event.deltaY));
   show(now);
 }, { passive: false });
 element("time").addEventListener("input", () => show(Number(element("time").value) / 1000 * END));
@@ -195,6 +218,7 @@ element("play").addEventListener("click", () => play(!playing));
 element("far").addEventListener("click", () => { Object.assign(camera, FIRST, { zoom: 1 }); show(now); });
 element("future").addEventListener("change", () => show(now));
 window.addEventListener("resize", () => show(now));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => location.reload());
 window.addEventListener("keydown", (event) => {
   if (event.target.tagName === "SELECT") return;
   if (event.key === " ") { event.preventDefault(); play(!playing); }

@@ -126,3 +126,9 @@ def test_the_points_of_a_chief_that_turns_turn(flown):
     now = moment(turning, half)
     np.testing.assert_allclose(now.points, expected, atol=1e-7)
     np.testing.assert_array_equal(now.lit, expected @ now.sun > 0.0)
+
+
+def test_the_page_is_made_for_phones_and_for_both_schemes(page):
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
+    assert "@media (prefers-color-scheme: dark)" in page
+    assert "@media (max-width: 760px)" in page

@@ -78,7 +78,9 @@ def run_view(arguments: argparse.Namespace) -> int:
     if _prepare(arguments, "html", _PAGES, "page"):
         return view_mission(arguments)
     episode = _episode(arguments)
-    title = arguments.title or f"{Path(arguments.source).name}, episode {episode.slot}"
+    source = Path(arguments.source)
+    seed = "" if _is_recording(source.expanduser()) else f" of seed {arguments.seed}"
+    title = arguments.title or f"{source.name}, episode {episode.slot}{seed}"
     save_page(episode_page(episode, title), arguments.output)
     return _report(arguments.output, episode)
 
@@ -104,7 +106,7 @@ def run_curves(arguments: argparse.Namespace) -> int:
 def _episode(arguments: argparse.Namespace) -> Trajectory:
     """Return the episode that the command line names: flown, or read from a recording."""
     source = Path(arguments.source).expanduser()
-    if source.suffix == ".parquet" or (source / "trajectories.parquet").is_file():
+    if _is_recording(source):
         episode = _recorded(arguments, source)
     else:
         spec, policies = open_source(arguments.source, arguments.cfg, arguments.overrides)
@@ -115,6 +117,10 @@ def _episode(arguments: argparse.Namespace) -> Trajectory:
     if len(episode.time) < 2:
         raise SafeInspectError(f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds")
     return episode
+
+
+def _is_recording(source: Path) -> bool:
+    return source.suffix == ".parquet" or (source / "trajectories.parquet").is_file()
 
 
 def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
