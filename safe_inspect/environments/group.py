@@ -20,7 +20,7 @@ from safe_inspect.policies.base import SCRIPTED_POLICY, ThrustLimits, shortened
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import Group, Step, View
+from safe_inspect.simulators.view import DECISION, REMAINING, Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
@@ -91,8 +91,16 @@ class AgentGroup:
             for named in agent.dones
             if type(named.functor).remember is not DoneFunction.remember
         }
-        asked = agent.scripted_policy or agent.teacher
-        self.group = Group(self.name, first, len(specs), agent.sensors, self.safety_filter, asked, self.remembering)
+        self.group = Group(
+            self.name,
+            first,
+            len(specs),
+            agent.sensors,
+            self.safety_filter,
+            agent.scripted_policy or agent.teacher,
+            self.remembering,
+            decides=action_layout(agent).coast is not None and not self.scripted,
+        )
         self.observation_layout: Layout = observation_layout(agent)
         self.action_layout: Layout = action_layout(agent)
         self.thrusters = Thrusters(agent, dynamics.control_size)
@@ -104,6 +112,7 @@ class AgentGroup:
         order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
         self.dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
         self.fused: CompiledGroup | None = None
+        self._idle = np.minimum(np.maximum(0.0, self.action_layout.low), self.action_layout.high)
 
     def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
         """Return the actions within their bounds, shape (R, A), and the control for them [N, N m], shape (R, C).
@@ -118,7 +127,11 @@ class AgentGroup:
         wanted = (view.writable.num_envs, self.size, layout.size)
         if action.shape != wanted:
             raise ValueError(f"the actions of {self.name} have the shape {action.shape}; {wanted} is wanted")
-        if self.fused is not None:
+        coasting: BoolArray | None = None
+        if self.group.decides:
+            coasting = ~self.due(view.writable)
+            action = np.where(coasting[:, :, None], self._idle, action)
+        elif self.fused is not None:
             found = self.fused.command(action)
             if found is not None:
                 return found
@@ -131,10 +144,28 @@ class AgentGroup:
         else:
             action = np.minimum(np.maximum(action, layout.low), layout.high)
         thrust = self.thrusters(action)
+        if coasting is not None:
+            thrust[coasting.reshape(-1)] = 0.0
         if not all_finite(thrust):
             for glue, columns in self.thrusters.commands:
                 require_finite(self.title(glue), glue(action[:, columns], self.agent.parts), view.state)
         return action, thrust
+
+    def due(self, state: State) -> BoolArray:
+        """Return the agents whose decision has elapsed: those that take an action in the next step, shape (N, G)."""
+        if not self.group.decides:
+            return np.ones((state.num_envs, self.size), dtype=np.bool_)
+        remaining = state.memory[self.name, DECISION, REMAINING]
+        return np.asarray(remaining == 0).reshape(state.num_envs, self.size)
+
+    def follow(self, step: Step, before: State, after: State) -> None:
+        """Write how many control steps are left of the agents' decisions behind a step."""
+        coast = self.action_layout.coast
+        assert coast is not None, "only groups that decide remember their decisions"
+        left = before.memory[self.name, DECISION, REMAINING]
+        left = np.where(left == 0, coast.steps(step.action[:, -1]), left) - 1
+        left[step.writable_intervening] = 0
+        after.memory[self.name, DECISION, REMAINING][...] = left
 
     def fly(self, view: View) -> FloatArray:
         """Return the control of the scripted policy or the teacher, within the limits [N, N m], shape (R, C).

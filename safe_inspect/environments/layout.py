@@ -10,6 +10,7 @@ import numpy as np
 
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.glues.base import Glue
+from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.types import FloatArray
 
 
@@ -23,12 +24,14 @@ class Layout:
         high: Largest value of each, shape (size,).
         choices: Of a discrete action the number of values of each element, the indices 0, 1, ...; empty: all elements
             are real numbers.
+        coast: Of an action that says for how many control steps it holds, the glue of its last element.
     """
 
     names: tuple[str, ...]
     low: FloatArray
     high: FloatArray
     choices: tuple[int, ...] = ()
+    coast: CoastGlue | None = None
 
     @property
     def size(self) -> int:
@@ -67,7 +70,8 @@ def action_layout(agent: AgentSpec) -> Layout:
     layout = _layout(agent, agent.action_glues)
     leaves = [leaf for glue in agent.action_glues for leaf in glue.leaves()]
     choices = tuple(count for leaf in leaves for count in leaf.choices(agent.parts))
-    return replace(layout, choices=choices) if all(choices) else layout
+    coast = next((leaf for leaf in leaves if isinstance(leaf, CoastGlue)), None)
+    return replace(layout, choices=choices if all(choices) else (), coast=coast)
 
 
 def _layout(agent: AgentSpec, glues: Sequence[Glue]) -> Layout:

@@ -101,6 +101,15 @@ class TeamEnvironment:
         """Return the current state as a group of agents sees it."""
         return self.simulation.views[group]
 
+    @property
+    def decides(self) -> bool:
+        """Whether the actions of some agents may hold for several control steps; see `CoastGlue`."""
+        return any(group.group.decides for group in self.acting)
+
+    def due(self) -> tuple[BoolArray, ...]:
+        """Return for each acting group whose action is taken in the next step, shape (N, G); the others coast."""
+        return tuple(group.due(self.state) for group in self.acting)
+
     def team(self) -> TeamView:
         """Return the current state as all deputies together."""
         return TeamView(self.state, self.simulation.world)
@@ -194,6 +203,8 @@ class TeamEnvironment:
                 mine += step.writable_intervening.reshape(-1, group.size)
             for name, array in found.memory.items() if found is not None else ():
                 simulation.state.memory[group.name, SAFETY_FILTER, name][...] = array
+            if group.group.decides:
+                group.follow(step, simulation.before, simulation.state)
         for name, array in team.memory.items() if team is not None else ():
             simulation.state.memory[TEAM, TEAM_FILTER, name][...] = array
         return self._evaluate(steps, active, team)

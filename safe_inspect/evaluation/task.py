@@ -11,10 +11,12 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.loading.loader import parse
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import Location, SafeInspectError
 from safe_inspect.evaluation.results.results import FIGURES
 from safe_inspect.metrics import (
     BaseMetric,
+    Decisions,
     DeltaVAfterLastPoint,
     Interventions,
     LargestRange,
@@ -73,6 +75,8 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     not.
     """
     metrics: list[BaseMetric] = [Interventions()]
+    if any(action_layout(agent).coast is not None for agent in spec.agents):
+        metrics.append(Decisions())
     bodies = [name for name in (*points_of(spec), *spec.reset.entities) if name in spec.reset.entities]
     if bodies:
         metrics += [cls(entity_name=bodies[0]) for cls in (SmallestRange, LargestRange, LargestSpeed)]

@@ -8,6 +8,7 @@ from safe_inspect.glues.attitude import (
     RotateVectorToLocalRef3d,
 )
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
+from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.glues.derived import DerivedGlue, SimsMagnitudeGlue, VelocityLimitGlue
 from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
@@ -18,6 +19,7 @@ from safe_inspect.glues.observe_sensor import ObserveSensor
 __all__ = [
     "ActionGlue",
     "AngleToUnitVector",
+    "CoastGlue",
     "ControllerGlue",
     "CoordinateAxisGlue",
     "DerivedGlue",

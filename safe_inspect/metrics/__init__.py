@@ -11,6 +11,7 @@ from safe_inspect.metrics.coverage import (
     TimeToCoverage,
 )
 from safe_inspect.metrics.flight import (
+    Decisions,
     DeltaV,
     EpisodeLength,
     LargestRange,
@@ -23,6 +24,7 @@ from safe_inspect.metrics.safety import ClosestDeputies, Interventions, Interven
 __all__ = [
     "BaseMetric",
     "ClosestDeputies",
+    "Decisions",
     "DeltaV",
     "DeltaVAfterLastPoint",
     "DeltaVToCoverage",

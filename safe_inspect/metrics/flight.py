@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.metrics.base import Metric, Reduce, over_both
 from safe_inspect.plugins.plugin import EntityName
-from safe_inspect.simulators.view import Step, View
+from safe_inspect.simulators.view import DECISION, REMAINING, Step, View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveForce
 
@@ -40,6 +40,20 @@ class EpisodeLength(Metric):
     def __call__(self, step: Step) -> FloatArray:
         """Return 1, shape (R,)."""
         return np.ones(step.after.num_rows)
+
+
+class Decisions(Metric):
+    """Number of actions that were taken: fewer than steps where they hold for several of them; shape (R,)."""
+
+    unit: ClassVar[str] = "decisions"
+    reduce: ClassVar[Reduce] = "sum"
+    over_agents: ClassVar = "mean"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1 in the rows whose action was taken in this step, else 0, shape (R,)."""
+        if not step.before.group.decides:
+            return np.ones(step.after.num_rows)
+        return (step.before.memory(DECISION, REMAINING) == 0).astype(np.float64)
 
 
 class SmallestRange(Metric):

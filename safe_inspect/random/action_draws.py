@@ -23,7 +23,9 @@ _WORD = np.uint64(0xFFFFFFFF)
 _SHIFT = np.uint64(32)
 _STEP_SHIFT = np.uint64(12)
 _UNIT = 2.0**-32
-_HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
+#: Logarithm of a standard deviation so small that a draw is the mean.
+NO_NOISE = -20.0
+HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class DrawRows(NamedTuple):
@@ -161,7 +163,7 @@ def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyAr
         density = 0.0
         for block in range((width + 3) // 4):
             if explore:
-                _normals(rows, n, block, width, normal)
+                normals_of(rows, n, block, width, normal)
             else:
                 normal[:] = 0.0
             for j in range(4 * block, min(4 * block + 4, width)):
@@ -169,7 +171,7 @@ def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyAr
                 std = math.exp(log_std)
                 action[n, j] = np.float32(mean + std * normal[j - 4 * block])
                 z = (np.float64(action[n, j]) - mean) / std
-                density -= 0.5 * z * z + log_std + _HALF_LOG_2PI
+                density -= 0.5 * z * z + log_std + HALF_LOG_2PI
         log_probability[n] = np.float32(density)
 
 
@@ -193,7 +195,7 @@ def draw_categorical(
         first, total = 0, 0.0
         for j in range(width):
             if explore and j % 4 == 0:
-                _uniforms(rows, n, j // 4, width, uniform)
+                uniforms_of(rows, n, j // 4, width, uniform)
             size = sizes[j]
             best = 0
             for k in range(1, size):
@@ -229,7 +231,7 @@ def _words(rows: DrawRows, n: int, block: int, width: int) -> tuple[np.uint64, n
 
 
 @njit
-def _uniforms(rows: DrawRows, n: int, block: int, width: int, uniform: FloatArray) -> None:
+def uniforms_of(rows: DrawRows, n: int, block: int, width: int, uniform: FloatArray) -> None:
     """Write four independent uniform numbers in (0, 1)."""
     w0, w1, w2, w3 = _words(rows, n, block, width)
     uniform[0], uniform[1] = (np.float64(w0) + 0.5) * _UNIT, (np.float64(w1) + 0.5) * _UNIT
@@ -237,7 +239,7 @@ def _uniforms(rows: DrawRows, n: int, block: int, width: int, uniform: FloatArra
 
 
 @njit
-def _normals(rows: DrawRows, n: int, block: int, width: int, normal: FloatArray) -> None:
+def normals_of(rows: DrawRows, n: int, block: int, width: int, normal: FloatArray) -> None:
     """Write four independent standard normal numbers, by Box and Muller's transform."""
     w0, w1, w2, w3 = _words(rows, n, block, width)
     radius = math.sqrt(-2.0 * math.log((np.float64(w0) + 0.5) * _UNIT))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,23 @@ from safe_inspect.simulators.protocols import DeclaresMemory
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TEAM, TEAM_FILTER
-from safe_inspect.simulators.view import SAFETY_FILTER, SCRIPTED_POLICY, Group, View
+from safe_inspect.simulators.view import DECISION, REMAINING, SAFETY_FILTER, SCRIPTED_POLICY, Group, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
+
+
+class Paused(NamedTuple):
+    """Environments that wait.
+
+    Attributes:
+        rows: Their indices, shape (R,).
+        state: Their states.
+        running: Whose episode runs, shape (R,).
+    """
+
+    rows: IntArray
+    state: State
+    running: BoolArray
 
 
 class Simulation:
@@ -216,6 +231,18 @@ class Simulation:
             for component in self.components.values():
                 component.end(self.state, rows)
 
+    def pause(self, rows: IntArray) -> Paused:
+        """Let some environments, shape (R,), wait: the steps until `unpause` count for nothing there."""
+        paused = Paused(rows, self.state.take(rows), self.running[rows].copy())
+        self.running[rows] = False
+        return paused
+
+    def unpause(self, paused: Paused) -> None:
+        """Go on in environments that have waited."""
+        self.state.put(paused.rows, paused.state)
+        self.running[paused.rows] = paused.running
+        self.views = self._views(self.state)
+
     def _views(self, state: State) -> tuple[View, ...]:
         return tuple(View(state, self.world, group) for group in self._groups)
 
@@ -241,6 +268,8 @@ class Simulation:
                 declared[SAFETY_FILTER] = group.safety_filter.memory(world)
             if group.scripted_policy is not None:
                 declared[SCRIPTED_POLICY] = group.scripted_policy.memory(world)
+            if group.decides:
+                declared[DECISION] = {REMAINING: ArraySpec((), np.int64)}
             for name, arrays in declared.items():
                 for array, spec in arrays.items():
                     specs[f"memory/{group.name}/{name}/{array}"] = ArraySpec(

@@ -26,6 +26,8 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 SAFETY_FILTER = "safety filter"
 #: Where the arrays that a group's scripted policy remembers stand among those of the parts.
 SCRIPTED_POLICY = "scripted policy"
+#: Where the control steps that are left of decisions stand among the arrays of the parts.
+DECISION, REMAINING = "decision", "remaining"
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Group:
         safety_filter: What filters the group's thrust and may declare memory, where there is one.
         scripted_policy: The scripted policy that flies the deputies, where there is one.
         dones: Done functions that declare memory, by the name under which it stands.
+        decides: Whether an action may hold for several control steps; the state then remembers how many are left.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Group:
     safety_filter: DeclaresMemory | None = None
     scripted_policy: DeclaresMemory | None = None
     dones: Mapping[str, DeclaresMemory] = field(default_factory=dict)
+    decides: bool = False
 
 
 class View:

@@ -97,6 +97,8 @@ class DummyTeam:
     def restore(self, carried):
         self.carried = carried
 
+    decides = False
+
     def team(self):
         return None
 

@@ -77,7 +77,7 @@ def make_module(agent, seed=0, module_class=None, **model):
     return module
 
 
-def save_run(folder, experiment, modules):
+def save_run(folder, experiment, modules, keep_info=False):
     """Write a run's folder with one checkpoint of these modules, by the names of their policies; return that."""
     from safe_inspect.experiments.modules.policy_info import policy_info
     from safe_inspect.experiments.modules.weights_file import INFO
@@ -87,7 +87,8 @@ def save_run(folder, experiment, modules):
     checkpoint = folder / "tune" / "000" / "trial_00000" / "checkpoint_000003"
     for name, module in modules.items():
         agents = [agent for agent in outside if agent.policy == name] or outside
-        module.model_config[INFO] = policy_info(experiment, name, agents).metadata()
+        if not keep_info:
+            module.model_config[INFO] = policy_info(experiment, name, agents).metadata()
         module.save_to_path(str(checkpoint / "learner_group" / "learner" / "rl_module" / name))
     seal_checkpoint(Checkpoint(checkpoint, 7, 28_000, 12.5, "d"))
     (folder / "experiment.resolved.yml").write_text(f"# From here\n{yaml.safe_dump(experiment.resolved)}")

@@ -30,6 +30,7 @@ from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
+from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.platforms.base import Part, Platform, Sensor
 from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugins.functor import Named, build
@@ -255,7 +256,15 @@ def _check_glues(
                 if name in commanded:
                     report((*where, index), f"the controller {name!r} is commanded twice; remove one of the glues")
                 commanded.add(name)
-            discrete |= {bool(count) for leaf in glue.leaves() for count in leaf.choices(parts)}
+            discrete |= {
+                bool(count)
+                for leaf in glue.leaves()
+                if not isinstance(leaf, CoastGlue)
+                for count in leaf.choices(parts)
+            }
+    leaves = [leaf for glue in glues if isinstance(glue, ActionGlue) for leaf in glue.leaves()]
+    if any(isinstance(leaf, CoastGlue) for leaf in leaves[:-1]):
+        report(where, "CoastGlue stands before the glue of a controller; move it behind the last of them")
     if len(discrete) > 1:
         report(where, "some action glues choose among levels and others give real numbers; use one kind for all")
     for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):

@@ -188,6 +188,8 @@ FRESH_KEYS: dict[str, Key] = {
     "orthogonal": _SWITCH,
     "initial_choice": Key("integer", low=0, optional=True),
     "initial_probability": Key("number", low=0.01, high=0.99),
+    "hurdle": _SWITCH,
+    "initial_burn_probability": Key("number", low=0.01, high=0.99),
     "initial_std": Key("number", low=1e-4, optional=True),
     "initial_weights": Key("text", optional=True),
 }

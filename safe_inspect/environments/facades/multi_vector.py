@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import state_info, team_info, transition_info
 from safe_inspect.environments.facades.by_agent import checked_actions, places_of
 from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
@@ -39,6 +40,9 @@ class MultiAgentVectorEnv:
     - in a step in which episodes were over, in the mode ``SAME_STEP``: ``final_obs``, by agent, and ``final_info``,
       both from before the reset, and ``_final_obs`` and ``_final_info``, shape (N,), the environments in question.
 
+    Where actions say for how many control steps they hold, a step lasts in each environment until one of its agents
+    decides anew; see `InspectionParallelEnv`.
+
     Args:
         spec: The task.
         num_envs: Number of environments, N.
@@ -46,6 +50,7 @@ class MultiAgentVectorEnv:
             never by themselves (``DISABLED``; call ``reset(options={"reset_mask": mask})``).
         seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn.
         first_slot: Global index of the first environment slot.
+        gamma: Discount of a control step within a decision.
 
     Attributes:
         agents: Names of the agents, in their order.
@@ -64,7 +69,9 @@ class MultiAgentVectorEnv:
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         seed: int | None = None,
         first_slot: int = 0,
+        gamma: float = 1.0,
     ) -> None:
+        self._gamma = gamma
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             raise ValueError("several agents begin again in the SAME_STEP, or by reset() alone (DISABLED)")
@@ -141,13 +148,18 @@ class MultiAgentVectorEnv:
         if np.count_nonzero(self._over):
             rows = np.flatnonzero(self._over)[:8].tolist()
             raise SafeInspectError(f"the episodes of the environments {rows} are over; reset them first")
-        transition = self.core.step(self._stacked(checked_actions(actions, self.agents, self._shapes)))
-        found = [transition.groups[index] for index in self._groups]
-        infos = self._infos([transition_info(group, transition.filtered) for group in found])
+        stacked = self._stacked(checked_actions(actions, self.agents, self._shapes))
+        if self.core.decides:
+            decided = decide(self.core, stacked, self._gamma)
+            found, group_infos, over = decided.groups, decided.infos, decided.over
+        else:
+            transition = self.core.step(stacked)
+            found, over = [transition.groups[index] for index in self._groups], transition.over
+            group_infos = [transition_info(group, transition.filtered) for group in found]
+        infos = self._infos(group_infos)
         self._observations = [group.observation for group in found]
-        self._over = transition.over
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(transition.over):
-            over = transition.over
+        self._over = over
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(over):
             final = {"final_obs": self._by_agent(self._observations), "final_info": infos}
             self._begin(np.flatnonzero(over))
             infos = infos | self._now() | final | {"_final_obs": over, "_final_info": over.copy()}

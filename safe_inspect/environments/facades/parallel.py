@@ -9,6 +9,7 @@ from gymnasium.spaces import Box, MultiDiscrete
 from pettingzoo import ParallelEnv
 
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
 from safe_inspect.environments.facades.by_agent import checked_actions, places_of
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
@@ -31,9 +32,14 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
     ``own_inspected_count`` is the agent's share. A safety filter of the whole team tells ``rta/intervening``,
     ``rta/infeasible`` and ``rta/backup``.
 
+    Where actions say for how many control steps they hold (`CoastGlue`), a step lasts until an agent decides anew or
+    ends. Infos tell ``elapsed_steps``, ``discount`` (gamma^elapsed_steps) and ``decides``: the agent's next action is
+    taken; those of agents that coast have no effect. Rewards are sum gamma^i r_i over the control steps.
+
     Args:
         spec: The task.
         slot: Global index of the environment slot.
+        gamma: Discount of a control step within a decision.
         render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step is shown in a window; None: neither.
 
     Attributes:
@@ -50,7 +56,10 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         "is_parallelizable": True,
     }
 
-    def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
+    def __init__(
+        self, spec: EnvironmentSpec, *, slot: int = 0, gamma: float = 1.0, render_mode: str | None = None
+    ) -> None:
+        self._gamma = gamma
         self.render_mode = checked_mode(render_mode)
         self.np_random_seed: int | None = None
         self.core = TeamEnvironment(spec, 1, first_slot=slot)
@@ -125,11 +134,16 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         for agent, action in given.items():
             place = self._places[agent]
             arrays[place.group][0, place.member] = action
-        transition = self.core.step(arrays)
-        if self._view is not None:
-            self._view.follow()
-        found = [transition.groups[index] for index in self._groups]
-        group_infos = [transition_info(group, transition.filtered) for group in found]
+        follow = None if self._view is None else self._view.follow
+        if self.core.decides:
+            decided = decide(self.core, arrays, self._gamma, follow=follow)
+            found, group_infos = decided.groups, decided.infos
+        else:
+            transition = self.core.step(arrays)
+            if follow is not None:
+                follow()
+            found = [transition.groups[index] for index in self._groups]
+            group_infos = [transition_info(group, transition.filtered) for group in found]
         observations = self._by_agent([group.observation for group in found])
         rewards, terminations, truncations, infos = {}, {}, {}, {}
         for agent in self.agents:

@@ -76,10 +76,11 @@ class Rendering:
             self._ways[row] = [positions[row]]
         self._show()
 
-    def follow(self) -> None:
-        """Take note of the state after a step."""
-        for way, position in zip(self._ways, self._positions(), strict=True):
-            way.append(position)
+    def follow(self, rows: BoolArray | None = None) -> None:
+        """Take note of the state after a step, which a mask of environments has taken, shape (N,); all unless given."""
+        positions = self._positions()
+        for row in range(len(self._ways)) if rows is None else np.flatnonzero(rows).tolist():
+            self._ways[row].append(positions[row])
         self._show()
 
     def render(self) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
+from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
@@ -25,21 +26,28 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
     a safety filter it also holds what `transition_info` lists, ``rta/active`` as names, and ``desired_control`` and
     ``control`` [N].
 
+    Where actions say for how many control steps they hold (`CoastGlue`), a step is a decision: its reward is sum
+    gamma^i r_i over its control steps, and info holds ``elapsed_steps`` and ``discount``, gamma^elapsed_steps.
+
     Args:
         spec: The task.
         slot: Global index of the environment slot.
+        gamma: Discount of a control step within a decision.
         render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step is shown in a window; None: neither.
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}  # noqa: RUF012 - Gymnasium declares it so
 
-    def __init__(self, spec: EnvironmentSpec, *, slot: int = 0, render_mode: str | None = None) -> None:
+    def __init__(
+        self, spec: EnvironmentSpec, *, slot: int = 0, gamma: float = 1.0, render_mode: str | None = None
+    ) -> None:
         self.render_mode = checked_mode(render_mode)
         require_one_agent(spec, "InspectionEnv", "make_parallel")
         self.core = BatchedEnvironment(spec, 1, first_slot=slot)
         self.observation_space = box(self.core.observation_layout)
         self.action_space = action_space(self.core.action_layout)
         self._seeded = self._running = False
+        self._gamma = gamma
         self._view = None if render_mode is None else Rendering(self.core.team, render_mode)
 
     def reset(
@@ -67,7 +75,7 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         return observation, info_row(state_info(self.core.view()) | self.core.simulation.reset_info, 0)
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold an action over one step.
+        """Hold an action over one step, or until the decision has elapsed.
 
         Args:
             action: The action, clipped to its bounds unless it is discrete, shape (A,).
@@ -78,10 +86,17 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         """
         if not self._running:
             raise SafeInspectError("the episode has not begun or is over; call reset() first")
-        transition = self.core.step(np.asarray(action)[None, None])
+        team, given = self.core.team, np.asarray(action)[None, None]
+        follow = None if self._view is None else self._view.follow
+        if team.decides:
+            decided = decide(team, (given,), self._gamma, follow=follow)
+            (transition,), (infos,) = decided.groups, decided.infos
+        else:
+            transition = self.core.step(given)
+            infos = transition_info(transition)
+            if follow is not None:
+                follow()
         terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
         self._running = not (terminated or truncated)
-        info = step_info(transition, transition_info(transition), 0)
-        if self._view is not None:
-            self._view.follow()
+        info = step_info(transition, infos, 0)
         return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info

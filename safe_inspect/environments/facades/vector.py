@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
+from safe_inspect.environments.decisions import DISCOUNT, decide
 from safe_inspect.environments.episodes import state_info, transition_info
 from safe_inspect.environments.facades.rendering import (
     RENDER_FPS,
@@ -26,6 +27,9 @@ from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.types import AnyArray, BoolArray, Observation
 
+#: What the infos of a step hold of environments that it resets, where that is not 0.
+_OF_RESETS = {"rta/phi_min": np.inf, DISCOUNT: 1.0}
+
 
 class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, AnyArray]):
     """N environments that step together.
@@ -33,6 +37,9 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
     Infos hold arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
     the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term; and for each ``_NAME``, the
     environments that it concerns, shape (N,), bool.
+
+    Where actions say for how many control steps they hold (`CoastGlue`), a step is a decision of every environment; see
+    `InspectionEnv`. Those with short decisions wait for the longest one, so that a step takes its time.
 
     Args:
         spec: The task.
@@ -42,6 +49,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             themselves (``reset(options={"reset_mask": mask})``).
         seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn, `np_random_seed`.
         first_slot: Global index of the first environment slot.
+        gamma: Discount of a control step within a decision.
         render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step of the first environment is shown in
             a window; None: neither.
     """
@@ -56,8 +64,10 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         seed: int | None = None,
         first_slot: int = 0,
+        gamma: float = 1.0,
         render_mode: str | None = None,
     ) -> None:
+        self._gamma = gamma
         self.render_mode = checked_mode(render_mode)
         require_one_agent(spec, "InspectionVectorEnv", "make_parallel_vec or make_parallel")
         self.num_envs = num_envs
@@ -132,11 +142,17 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         actions = np.asarray(actions)
         if ended.any():
             actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
-        transition = self.core.step(actions[:, None])
-        infos: dict[str, Any] = self._masked(transition_info(transition))
+        follow = None if self._view is None else self._view.follow
+        infos: dict[str, Any]
+        if self.core.team.decides and not ended.all():
+            decided = decide(self.core.team, (actions[:, None],), self._gamma, ended, follow)
+            transition, infos = decided.groups[0], self._masked(decided.infos[0])
+        else:
+            transition = self.core.step(actions[:, None])
+            infos = self._masked(transition_info(transition))
+            if follow is not None:
+                follow()
         self._observation = transition.observation[:, 0]
-        if self._view is not None:
-            self._view.follow()
         reward = transition.reward[:, 0]
         terminated, truncated = transition.terminated[:, 0].copy(), transition.truncated[:, 0].copy()
         if ended.any():  # NEXT_STEP: this step is their reset
@@ -146,7 +162,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             for name, array in infos.items():
                 if name.startswith("_"):
                     continue
-                array[ended] = fresh[name][ended] if name in fresh else (np.inf if name == "rta/phi_min" else 0.0)
+                array[ended] = fresh[name][ended] if name in fresh else _OF_RESETS.get(name, 0.0)
             infos |= self._drawn(ended)
         self._ended = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():

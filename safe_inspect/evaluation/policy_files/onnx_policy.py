@@ -16,10 +16,11 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight
 from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo, read_file
-from safe_inspect.evaluation.policy_files.raw_values import element_columns, raw_task
+from safe_inspect.evaluation.policy_files.raw_values import STEPS, element_columns, raw_task
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
 from safe_inspect.random.action_draws import Categorical, Gaussian, draw_in_rollout
-from safe_inspect.types import AnyArray, FloatArray
+from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 #: Rows are filled up to a multiple of this, so that a row's result does not depend on how many stand beside it.
 _ROWS = 16
@@ -28,15 +29,16 @@ _ROWS = 16
 class OnnxPolicy:
     """A policy of an ONNX file: from readings in SI units to the values that the controllers get.
 
-    It fits the task that `prepare` returns.
+    Of a decision that lasts, the last value is the index of its duration, of which the file itself gives the control
+    steps. It fits the task that `prepare` returns.
 
     Args:
         path: The file.
         info: What the file says.
         session: Onnxruntime's session.
-        sampled: False: the mean of a Gaussian policy, the most likely level of a categorical one. True: drawn from the
-            distribution. None: drawn in a rollout if the policy is categorical. A draw is a function of the seed, the
-            slot, the step and the agent, as in training.
+        sampled: False: the mean of a Gaussian policy, the most likely level of a categorical one, both of a hurdle
+            policy. True: drawn from the distribution. None: in a rollout choices are drawn, and the size of a burn is
+            its mean. A draw is a function of the seed, the slot, the step and the agent, as in training.
         seed: Seed of the draws.
 
     Attributes:
@@ -54,6 +56,8 @@ class OnnxPolicy:
             element_columns(info.action, name) for name in ("low", "high", "gain", "offset")
         )
         self._levels = [np.array(element.levels) for element in info.action]
+        self._coasts = bool(info.action) and info.action[-1].unit == STEPS
+        self._distribution = self._distribution_of()
 
     @property
     def configuration(self) -> Mapping[str, Any]:
@@ -109,14 +113,17 @@ class OnnxPolicy:
         thrust, inputs = self.outputs(observation)
         drawn = self._sampled
         if drawn is None:
-            drawn = self.info.distribution == "categorical" and self._flight is not None
+            drawn = self.info.distribution != "gaussian" and self._flight is not None
+            if isinstance(self._distribution, Hurdle):
+                inputs = self._distribution.without_noise(inputs)
         if drawn:
             return self._draw(inputs)
-        if self.info.distribution == "gaussian":
-            return np.asarray(thrust, dtype=np.float64)
-        # The levels as the task has them, which float32 need not hold.
-        found = [_nearest(levels, thrust[:, column]) for column, levels in enumerate(self._levels)]
-        return np.stack(found, axis=1)
+        found = np.array(thrust, dtype=np.float64)
+        for column, levels in enumerate(self._levels):
+            if len(levels):  # the levels as the task has them, which float32 need not hold
+                index = _nearest(levels, thrust[:, column])
+                found[:, column] = index if self._is_coast(column) else levels[index]
+        return found
 
     def in_task_units(self, observation: NDArray[np.float32]) -> FloatArray:
         """Return the actions (R, A) of the task itself, normalised or indices of levels, for its observations (R, O).
@@ -125,10 +132,13 @@ class OnnxPolicy:
         """
         centre, width = (element_columns(self.info.observation, name) for name in ("centre", "width"))
         values = self((observation * width + centre).astype(np.float32))
-        if self.info.distribution == "gaussian":
-            return (values - self._offset) / self._gain
-        found = [np.abs(values[:, column, None] - levels).argmin(axis=1) for column, levels in enumerate(self._levels)]
-        return np.stack(found, axis=1).astype(np.float64)
+        actions = (values - self._offset) / self._gain
+        for column, levels in enumerate(self._levels):
+            if self._is_coast(column):
+                actions[:, column] = values[:, column]
+            elif len(levels):
+                actions[:, column] = np.abs(values[:, column, None] - levels).argmin(axis=1)
+        return actions
 
     def outputs(self, observation: NDArray[np.float32]) -> tuple[AnyArray, AnyArray]:
         """Return both outputs of the file: `thrust` (R, A) and `action_dist_inputs` (R, I), float32.
@@ -152,13 +162,24 @@ class OnnxPolicy:
         if flight is None or len(flight.slots) != len(inputs):
             raise ValueError("a policy that draws its actions gets its rows by `begin` before the first step")
         self._steps += 1
+        drawn = draw_in_rollout(self._distribution, inputs, True, self._seed, flight.slots, flight.deputies, step)
+        values = np.minimum(np.maximum(self._offset + self._gain * drawn, self._low), self._high)
+        for column, levels in enumerate(self._levels):
+            if len(levels):
+                chosen = drawn[:, column].astype(np.int64)
+                values[:, column] = chosen if self._is_coast(column) else levels[chosen]
+        return values
+
+    def _is_coast(self, column: int) -> bool:
+        """Return whether an element of the action is the index of a duration."""
+        return self._coasts and column == len(self._levels) - 1
+
+    def _distribution_of(self) -> Gaussian | Categorical | Hurdle:
+        width = len(self._levels)
+        if self.info.distribution == "hurdle":
+            return Hurdle(width - self._coasts, len(self._levels[-1]) if self._coasts else 0)
         gaussian = self.info.distribution == "gaussian"
-        distribution = Gaussian(len(self._levels)) if gaussian else Categorical(tuple(map(len, self._levels)))
-        drawn = draw_in_rollout(distribution, inputs, True, self._seed, flight.slots, flight.deputies, step)
-        if gaussian:
-            return np.minimum(np.maximum(self._offset + self._gain * drawn, self._low), self._high)
-        chosen = drawn.astype(np.int64)
-        return np.stack([levels[chosen[:, column]] for column, levels in enumerate(self._levels)], axis=1)
+        return Gaussian(width) if gaussian else Categorical(tuple(map(len, self._levels)))
 
 
 def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: int = 0) -> OnnxPolicy:
@@ -215,6 +236,6 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
     return OnnxPolicy(name, info, session, sampled, seed)
 
 
-def _nearest(levels: FloatArray, thrust: AnyArray) -> FloatArray:
-    """Return for each value the nearest of rising levels, shape (R,)."""
-    return np.asarray(levels[np.searchsorted((levels[1:] + levels[:-1]) / 2.0, thrust)])
+def _nearest(levels: FloatArray, thrust: AnyArray) -> IntArray:
+    """Return for each value the index of the nearest of rising levels, shape (R,)."""
+    return np.asarray(np.searchsorted((levels[1:] + levels[:-1]) / 2.0, thrust))

@@ -36,8 +36,8 @@ class PolicyInfo:
         task: Name of the task.
         observation: Elements of the input `observation`.
         action: Elements of the output `thrust`.
-        distribution: What the output `action_dist_inputs` holds: means and logarithms of standard deviations, or
-            logits of the levels of each element, one element behind the other.
+        distribution: What the output `action_dist_inputs` holds: means and logarithms of standard deviations; logits
+            of the levels of each element, one element behind the other; or what `Hurdle` takes.
         step_size: Length of a step [s].
         configuration: The resolved experiment.
         training: What is known of the training: `steps`, `iteration`, `seconds`, `seed`, `git_commit`, `started`.
@@ -49,7 +49,7 @@ class PolicyInfo:
     task: str
     observation: tuple[ObservedElement, ...]
     action: tuple[CommandedElement, ...]
-    distribution: Literal["gaussian", "categorical"]
+    distribution: Literal["gaussian", "categorical", "hurdle"]
     step_size: float
     configuration: Mapping[str, Any]
     training: Mapping[str, Any] = field(default_factory=dict)
@@ -74,7 +74,7 @@ class PolicyInfo:
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> PolicyInfo:
         """Return what a file's metadata say; KeyError, TypeError or ValueError: they are not there, or wrong."""
-        if metadata["distribution"] not in ("gaussian", "categorical"):
+        if metadata["distribution"] not in ("gaussian", "categorical", "hurdle"):
             raise ValueError(f"unknown distribution {metadata['distribution']!r}")
         observation: list[dict[str, Any]]
         action: list[dict[str, Any]]

@@ -16,6 +16,7 @@ import numpy as np
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import ConfigError, SafeInspectError, did_you_mean
 from safe_inspect.glues.base import ActionGlue, Glue, Parts, controller_of, sensor_of
+from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.normalization import Normalization
@@ -26,6 +27,9 @@ from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.types import AnyArray, FloatArray
+
+#: Unit of the element of an action that says for how many control steps it holds.
+STEPS = "steps"
 
 _OFF = Normalization(enabled=False)
 
@@ -139,6 +143,9 @@ def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[Commanded
     if isinstance(glue, SafetyGlue):
         return [element for inner in glue.wrapped for element in _commanded(agent, inner, exportable)]
     names = glue.names(agent.parts)
+    if isinstance(glue, CoastGlue):
+        durations = tuple(float(steps) for steps in glue.durations)
+        return [CommandedElement(names[0], STEPS, durations[0], durations[-1], levels=durations)]
     if isinstance(glue, DiscreteControllerGlue):
         unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
         levels = tuple(float(level) for level in glue.levels)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
+from safe_inspect.evaluation.policy_files.raw_values import STEPS
 from safe_inspect.experiments.adapters.registration import ENVIRONMENT
 from safe_inspect.experiments.modules.policy_info import policy_texts
 from safe_inspect.experiments.runs.checkpoints import SINGLE
@@ -67,6 +68,8 @@ def build_config(
     from safe_inspect.experiments.adapters.callbacks import RunCallbacks
 
     settings = rllib.settings
+    texts = policy_texts(env_config, policies or {})
+    _check_decisions(settings, texts)
     config = default_config(settings["algorithm"])
     _check_names(config, rllib)
     _apply(config, settings)
@@ -74,7 +77,7 @@ def build_config(
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
     config.callbacks(callbacks_class=[RunCallbacks, *_own_callbacks(settings.get("callbacks") or ())])
-    _set_policies(config, settings, policies or {}, policy_texts(env_config, policies or {}))
+    _set_policies(config, settings, policies or {}, texts)
     if settings["env_runner"] == "batched":
         from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
 
@@ -92,6 +95,23 @@ def build_config(
     except ValueError as error:
         raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
     return config
+
+
+def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[str, str]]) -> None:
+    """Check that decisions that last are sampled and learned as such.
+
+    Raises:
+        ConfigError: Something else than PPO with the batched runner and the fast learner is asked for.
+    """
+    wanted = {"algorithm": "PPO", "env_runner": "batched", "learner": "fast"}
+    lasts = any(json.loads(text["action"])[-1]["unit"] == STEPS for text in texts.values())
+    wrong = [key for key, value in wanted.items() if settings[key] != value] if lasts else []
+    if wrong:
+        needs = ", ".join(f"`{key}: {value}`" for key, value in wanted.items())
+        given = ", ".join(f"`{key}: {settings[key]}`" for key in wrong)
+        message = f"decisions that last (CoastGlue) are learned with {needs}, not with {given}"
+        hint = "change it, or remove CoastGlue"
+        raise ConfigError(Problem(message, f"rllib_configs.{wrong[0]}", hint=hint))
 
 
 def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:

@@ -34,6 +34,18 @@ def make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, fi
     return TeamEnvironment(build_spec(experiment), num_envs, seed=seed, first_slot=first_slot)
 
 
+def require_steps(team: TeamEnvironment) -> None:
+    """Stop when decisions last several control steps, which RLlib's stock runner does not know.
+
+    Raises:
+        SafeInspectError: They do.
+    """
+    if team.decides:
+        raise SafeInspectError(
+            "decisions that last (CoastGlue) are sampled by the batched runner; remove what asks for RLlib's stock one"
+        )
+
+
 def find_maker(path: str) -> EnvironmentMaker:
     """Return the function that ``module:function`` names."""
     module, _, function = path.partition(":")

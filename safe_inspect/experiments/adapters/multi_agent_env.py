@@ -10,7 +10,7 @@ from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
 from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.facades.spaces import action_space, box
-from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot
+from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, require_steps
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.experiments.sampling.sampler import AgentSlot, agent_slots
 from safe_inspect.types import AnyArray
@@ -60,6 +60,7 @@ class TeamMultiAgentEnv(MultiAgentEnv):
 
     def _build(self) -> None:
         self.team = build_team(self._config, 1, *self._where)
+        require_steps(self.team)
         self._agent_slots: tuple[AgentSlot, ...] = agent_slots(self.team)
         self._groups = [self.team.groups.index(group) for group in self.team.acting]
         self._sums = EpisodeAccumulator(self.team)

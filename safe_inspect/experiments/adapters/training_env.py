@@ -17,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot
+from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, require_steps
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.types import AnyArray, BoolArray
 
@@ -57,6 +57,7 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
 
     def _build(self) -> None:
         self.team = build_team(self._config, self.num_envs, *self._where)
+        require_steps(self.team)
         self._group = self.team.groups.index(self.team.acting[0]) if self.team.acting else 0
         self._sums = EpisodeAccumulator(self.team)
         self._ended: BoolArray = np.zeros(self.num_envs, dtype=np.bool_)

@@ -96,6 +96,7 @@ def export_policy(
         check_layout(title, loaded.info, agent)
     info = replace(
         policy_info(experiment, folder.name, agents, exportable=True),
+        distribution=loaded.info.distribution,  # `hurdle` stands among the settings of the net
         configuration=_portable(experiment.resolved),
         training=training_record(checkpoint),
     )

@@ -16,6 +16,7 @@ from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.glues.base import controller_of, sensor_of
+from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.observe_sensor import ObserveSensor
@@ -133,25 +134,29 @@ class _Reading:
 def _commanded(policy: OnnxPolicy, agent: AgentSpec, inputs: AnyArray) -> tuple[FloatArray, AnyArray]:
     """Return what the controllers get for the outputs of the net, shape (R, A), and which rows are clear-cut, (R,)."""
     sure = np.ones(len(inputs), dtype=np.bool_)
-    if policy.info.distribution == "gaussian":
-        layout = action_layout(agent)
-        mean = inputs[:, : layout.size].astype(np.float64)
-        action = np.minimum(np.maximum(mean, layout.low), layout.high)
-    else:
-        indices, first = [], 0
-        for element in policy.info.action:
-            logits = inputs[:, first : first + len(element.levels)]
-            ordered = np.sort(logits, axis=1)
+    layout = action_layout(agent)
+    action = np.empty((len(inputs), layout.size))
+    numbers = sum(not element.levels for element in policy.info.action)
+    gates = policy.info.distribution == "hurdle"
+    burns = inputs[:, 0] > 0.0 if gates else sure
+    if gates:
+        sure &= np.abs(inputs[:, 0]) > EXPORT_TOLERANCE
+    mean = np.where(burns[:, None], inputs[:, gates : gates + numbers].astype(np.float64), 0.0)
+    action[:, :numbers] = np.minimum(np.maximum(mean, layout.low[:numbers]), layout.high[:numbers])
+    first = gates + 2 * numbers
+    for column, element in enumerate(policy.info.action[numbers:], numbers):
+        logits = inputs[:, first : first + len(element.levels)]
+        ordered = np.sort(logits, axis=1)
+        if len(element.levels) > 1:
             sure &= ordered[:, -1] - ordered[:, -2] > EXPORT_TOLERANCE * np.maximum(np.abs(ordered).max(axis=1), 1.0)
-            indices.append(np.argmax(logits, axis=1))
-            first += len(element.levels)
-        action = np.stack(indices, axis=1).astype(np.float64)
+        action[:, column] = np.argmax(logits, axis=1)
+        first += len(element.levels)
     values, first = [], 0
     for glue in (leaf for outer in agent.action_glues for leaf in outer.leaves()):
         size = len(glue.names(agent.parts))
         part = action[:, first : first + size]
-        if isinstance(glue, DiscreteControllerGlue):
-            part = glue.table[part.astype(np.int64)]
+        if isinstance(glue, (DiscreteControllerGlue, CoastGlue)):
+            part = glue.table[part.astype(np.int64)].astype(np.float64)
         elif isinstance(glue, ControllerGlue) and glue.normalization.active is not None:
             part = glue.normalization.active.inverse(part, *controller_of(agent.parts, glue.controller).limits)
         values.append(part)

@@ -16,7 +16,7 @@ from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHe
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
-from safe_inspect.evaluation.policy_files.raw_values import element_columns
+from safe_inspect.evaluation.policy_files.raw_values import CommandedElement, element_columns
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
 
@@ -86,11 +86,15 @@ def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
     value = graph.net(_encoder(module), graph.normalised("observation", info))
     inputs = graph.distribution(module.pi, value)
     graph.node("Identity", [inputs], name="action_dist_inputs")
-    if info.distribution == "gaussian":
-        graph.scaled(inputs, info)
-    else:
-        graph.chosen(inputs, info)
-    width = sum(len(element.levels) for element in info.action) or 2 * len(info.action)
+    numbers = [element for element in info.action if not element.levels]
+    gates = info.distribution == "hurdle"
+    first = gates + 2 * len(numbers)
+    parts = [graph.scaled(inputs, numbers, gates)] if numbers else []
+    for element in info.action[len(numbers) :]:
+        parts.append(graph.chosen(inputs, first, element.levels))
+        first += len(element.levels)
+    graph.node("Concat", parts, name="thrust", axis=1)
+    width = first
     tensor = onnx.helper.make_tensor_value_info
     model = onnx.helper.make_model(
         onnx.helper.make_graph(
@@ -172,26 +176,24 @@ class _Graph:
         spread = self.node("Clip", [self.part(value, width, 2 * width), *bounds])
         return self.node("Concat", [self.part(value, 0, width), spread], axis=1)
 
-    def scaled(self, inputs: str, info: PolicyInfo) -> None:
-        """Thrust = clip(offset + gain * mean, low, high)."""
-        value = self.part(inputs, 0, len(info.action))
-        gain, offset, low, high = (element_columns(info.action, name) for name in ("gain", "offset", "low", "high"))
+    def scaled(self, inputs: str, elements: Sequence[CommandedElement], gates: bool) -> str:
+        """clip(offset + gain * mean, low, high); of a hurdle policy with mean 0 where its logit is negative."""
+        value = self.part(inputs, int(gates), gates + len(elements))
+        gain, offset, low, high = (element_columns(elements, name) for name in ("gain", "offset", "low", "high"))
+        if gates:
+            zero = self.constant([0.0], "zero")
+            value = self.node("Where", [self.node("Greater", [self.part(inputs, 0, 1), zero]), value, zero])
         if np.any(gain != 1.0):
             value = self.node("Mul", [value, self.constant(gain, "gain")])
         if np.any(offset != 0.0):
             value = self.node("Add", [value, self.constant(offset, "offset")])
         value = self.node("Max", [value, self.constant(low, "low")])
-        self.node("Min", [value, self.constant(high, "high")], name="thrust")
+        return self.node("Min", [value, self.constant(high, "high")])
 
-    def chosen(self, inputs: str, info: PolicyInfo) -> None:
-        """Thrust = levels[argmax of the logits], element by element; the first of equal ones."""
-        values, first = [], 0
-        for element in info.action:
-            logits = self.part(inputs, first, first + len(element.levels))
-            index = self.node("ArgMax", [logits], axis=1, keepdims=1)
-            values.append(self.node("Gather", [self.constant(element.levels, "levels"), index], axis=0))
-            first += len(element.levels)
-        self.node("Concat", values, name="thrust", axis=1)
+    def chosen(self, inputs: str, first: int, levels: Sequence[float]) -> str:
+        """levels[argmax of the logits that begin at a column]; the first of equal ones."""
+        index = self.node("ArgMax", [self.part(inputs, first, first + len(levels))], axis=1, keepdims=1)
+        return self.node("Gather", [self.constant(levels, "levels"), index], axis=0)
 
     def part(self, value: str, first: int, last: int) -> str:
         """Columns `first` to `last` - 1."""

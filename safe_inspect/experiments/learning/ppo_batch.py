@@ -31,6 +31,7 @@ class Batch:
         log_probabilities: Of the actions, shape (R,).
         rewards: Shape (R,).
         weights: Mean number of the weights that flew it; None: unknown.
+        steps: Control steps of each decision, where the rows are decisions, shape (R,); None: one each.
         observations: Those of each step, shape (R, O).
         advantages: Standardised, shape (R,); see `advise`.
         targets: What the value function is to learn, shape (R,); see `advise`.
@@ -44,6 +45,7 @@ class Batch:
     log_probabilities: AnyArray
     rewards: AnyArray
     weights: float | None = None
+    steps: IntArray | None = None
     observations: AnyArray = field(init=False)
     advantages: AnyArray = field(init=False)
     targets: AnyArray = field(init=False)
@@ -65,10 +67,13 @@ class Batch:
 
         Args:
             values: Of all observations, shape (R + P,).
-            gamma: Discount of a step.
-            factor: Lambda of the advantage estimation.
+            gamma: Discount of a control step; a decision of k steps discounts what follows by gamma^k.
+            factor: Lambda of the advantage estimation, of a row.
         """
-        advantages_of(self.lengths, self.terminated, self.rewards, values, gamma, factor, self.advantages, self.targets)
+        discounts = np.full(len(self), gamma) if self.steps is None else gamma ** self.steps.astype(np.float64)
+        advantages_of(
+            self.lengths, self.terminated, self.rewards, values, discounts, factor, self.advantages, self.targets
+        )
         spread = max(LEAST_SPREAD, float(self.advantages.std(dtype=np.float64)))
         self.advantages -= self.advantages.mean(dtype=np.float64)
         self.advantages /= spread
@@ -121,6 +126,7 @@ def _single(episodes: Iterable[Any]) -> Iterator[Any]:
 def _batch(parts: list[EpisodePart]) -> Batch:
     lengths = np.array([len(part) for part in parts], dtype=np.int64)
     weights = [part.weights for part in parts if part.weights is not None]
+    steps = [part.steps for part in parts if part.steps is not None]
     return Batch(
         all_observations=_joined([part.whole_observations for part in parts]),
         lengths=lengths,
@@ -130,6 +136,7 @@ def _batch(parts: list[EpisodePart]) -> Batch:
         log_probabilities=_joined([part.log_probabilities for part in parts if part.log_probabilities is not None]),
         rewards=_joined([part.rewards for part in parts]),
         weights=float(np.average(weights, weights=lengths)) if len(weights) == len(parts) else None,
+        steps=None if not steps else np.concatenate(steps),
     )
 
 

@@ -11,13 +11,12 @@ import math
 import numpy as np
 
 from safe_inspect.compiling import njit
+from safe_inspect.random.action_draws import HALF_LOG_2PI
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Places of the sums that the loops return.
 SURROGATE, ENTROPY, KL = 0, 1, 2
 CLIPPED, UNCLIPPED = 0, 1
-
-_HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 @njit(nogil=True)
@@ -26,25 +25,26 @@ def advantages_of(
     terminated: BoolArray,
     rewards: AnyArray,
     values: AnyArray,
-    gamma: float,
+    discounts: FloatArray,
     factor: float,
     advantages: AnyArray,
     targets: AnyArray,
 ) -> None:
     """Compute generalised advantages of P pieces of episodes that stand one behind the other, R steps in all.
 
-    The advantage is A_t = delta_t + gamma lambda A_(t+1) with delta_t = r_t + gamma V_(t+1) - V_t within a piece, and
-    the value target is A_t + V_t. Behind a termination V is zero; behind a truncation, or where a batch cuts an episode
-    that goes on, it is the net's. Source: Schulman et al., High-Dimensional Continuous Control Using Generalized
-    Advantage
-    Estimation, 2016, equation 16.
+    The advantage is A_t = delta_t + g_t lambda A_(t+1) with delta_t = r_t + g_t V_(t+1) - V_t within a piece, and the
+    value target is A_t + V_t. The discount g_t is gamma for a step, and gamma^k for a decision of k control steps,
+    whose reward is r_t = sum gamma^i r_(t,i) over them: a semi-Markov decision process. Behind a termination V is zero;
+    behind a truncation, or where a batch cuts an episode that goes on, it is the net's. Sources: Schulman et al.,
+    High-Dimensional Continuous Control Using Generalized Advantage Estimation, 2016, equation 16; Sutton, Precup and
+    Singh, Between MDPs and semi-MDPs, Artificial Intelligence 112, 1999, section 3.2.
 
     Args:
         lengths: Steps of each piece, shape (P,).
         terminated: Whether the task ended with its last step, shape (P,).
         rewards: Rewards, shape (R,).
         values: The net's values at the beginning of each step and behind the last step of each piece, shape (R + P,).
-        gamma: Discount of a step.
+        discounts: Discount of what follows each step or decision, shape (R,).
         factor: Lambda.
         advantages: Receives the advantages, shape (R,).
         targets: Receives the value targets, shape (R,).
@@ -57,6 +57,7 @@ def advantages_of(
         advantage = 0.0
         for t in range(length - 1, -1, -1):
             now = float(values[value + t])
+            gamma = discounts[step + t]
             advantage = rewards[step + t] + gamma * after - now + gamma * factor * advantage
             advantages[step + t] = advantage
             targets[step + t] = advantage + now
@@ -105,8 +106,8 @@ def policy_gradient(
         for j in range(width):
             log_std = float(inputs[i, width + j])
             z = (float(actions[row, j]) - float(inputs[i, j])) * math.exp(-log_std)
-            density -= 0.5 * z * z + log_std + _HALF_LOG_2PI
-            sums[ENTROPY] += log_std + 0.5 + _HALF_LOG_2PI
+            density -= 0.5 * z * z + log_std + HALF_LOG_2PI
+            sums[ENTROPY] += log_std + 0.5 + HALF_LOG_2PI
         advantage = float(advantages[row])
         ratio = math.exp(density - float(old_log_probability[row]))
         free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
@@ -166,8 +167,8 @@ def choice_gradient(
         row = rows[i]
         first, total = 0, 0.0
         for j in range(width):
-            _log_softmax(inputs[i], first, sizes[j], logs)
-            _log_softmax(old_inputs[row], first, sizes[j], old_logs)
+            log_softmax(inputs[i], first, sizes[j], logs)
+            log_softmax(old_inputs[row], first, sizes[j], old_logs)
             total += logs[first + int(actions[row, j])]
             first += sizes[j]
         advantage = float(advantages[row])
@@ -195,7 +196,7 @@ def choice_gradient(
 
 
 @njit(nogil=True)
-def _log_softmax(logits: AnyArray, first: int, size: int, logs: FloatArray) -> None:
+def log_softmax(logits: AnyArray, first: int, size: int, logs: FloatArray) -> None:
     """Write the logarithms of the probabilities of some logits."""
     largest = float(logits[first])
     for k in range(first + 1, first + size):

@@ -132,10 +132,10 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             clip = partial(self._get_clip_function(), grad_clip=config.grad_clip, grad_clip_by=config.grad_clip_by)
         ((_, optimiser),) = self.get_optimizers_for_module(name)
         module: Any = self.module[name].unwrapped()
-        sizes = getattr(distribution_of_module(module), "sizes", None)
+        distribution = distribution_of_module(module)
         together = clip is not None and config.grad_clip_by == "global_norm"
         return [
-            NetTraining(net, part_of(optimiser, net.parameters), batch, order, terms, clip, sizes)
+            NetTraining(net, part_of(optimiser, net.parameters), batch, order, terms, clip, distribution)
             for net in nets_of(module, together)
         ]
 

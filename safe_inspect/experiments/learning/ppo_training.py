@@ -15,6 +15,7 @@ from ray.rllib.algorithms.ppo.ppo import (
 )
 from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS_KEY
 
+from safe_inspect.experiments.learning.hurdle_kernel import hurdle_gradient
 from safe_inspect.experiments.learning.ppo_batch import Batch
 from safe_inspect.experiments.learning.ppo_kernels import (
     CLIPPED,
@@ -27,6 +28,8 @@ from safe_inspect.experiments.learning.ppo_kernels import (
     value_gradient,
 )
 from safe_inspect.experiments.learning.ppo_nets import Net, Optimiser
+from safe_inspect.random.action_draws import Categorical
+from safe_inspect.random.hurdle_draws import Hurdle
 from safe_inspect.types import AnyArray, IntArray
 
 #: A part's share of the whole loss.
@@ -66,7 +69,7 @@ class NetTraining:
         order: The rows of each minibatch, shape (M, B).
         terms: The coefficients of the loss.
         clip_gradients: Clips gradients in place and may return their norm; None: they stay as they are.
-        sizes: Number of values of each element of a categorical action; None: the actions are Gaussian.
+        distribution: Of the actions.
 
     Attributes:
         losses: After `run`, what the last minibatch gave, under RLlib's names.
@@ -81,10 +84,11 @@ class NetTraining:
         order: IntArray,
         terms: Terms,
         clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None,
-        sizes: IntArray | None = None,
+        distribution: Any = None,
     ) -> None:
         self._net, self._optimiser, self._batch, self._order, self._terms = net, optimiser, batch, order, terms
-        self._clip_gradients, self._sizes = clip_gradients, sizes
+        self._clip_gradients = clip_gradients
+        self._work, self._sizes = _work_for(distribution)
         size = order.shape[1]
         self._sums = np.zeros(3)
         self._value_sums = np.zeros(2)
@@ -124,13 +128,10 @@ class NetTraining:
 
     def _policy_gradient(self, rows: IntArray, inputs: AnyArray) -> torch.Tensor:
         batch, terms = self._batch, self._terms
-        work: Any = policy_gradient
-        outputs: tuple[AnyArray, ...] = (inputs,)
-        if self._sizes is not None:
-            work, outputs = choice_gradient, (inputs, self._sizes)
-        work(
+        self._work(
             rows,
-            *outputs,
+            inputs,
+            *self._sizes,
             batch.actions,
             batch.inputs,
             batch.log_probabilities,
@@ -182,6 +183,15 @@ def joined(trainings: list[NetTraining]) -> Mapping[str, float]:
         for name, value in training.losses.items():
             found[name] = found.get(name, 0.0) + value
     return found
+
+
+def _work_for(distribution: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Return the kernel of the policy's loss for a distribution, and what it takes behind the inputs."""
+    if isinstance(distribution, Categorical):
+        return choice_gradient, (distribution.sizes,)
+    if isinstance(distribution, Hurdle):
+        return hurdle_gradient, (distribution.numbers, distribution.choices)
+    return policy_gradient, ()
 
 
 def _explained(targets: AnyArray, values: AnyArray) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
 from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
-from safe_inspect.errors import CheckpointError
+from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies
+from safe_inspect.experiments.modules.hurdle import COASTS, HURDLE, HurdleCatalog, TorchHurdle
 from safe_inspect.experiments.modules.sac_policy import TWIN_Q, SacPolicy
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
 from safe_inspect.experiments.modules.weights_file import INFO, Weights, initial_weights
@@ -31,10 +33,16 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
     A policy that begins with thrust at every step leaves the scene at once and learns to save fuel before it has seen
     an inspection. So ``initial_choice`` names the choice that a fresh categorical policy prefers, coasting as a rule,
     with ``initial_probability`` (0.9 unless given), and ``initial_std`` the standard deviation of a fresh Gaussian one.
+    ``hurdle`` gives continuous thrust a hurdle distribution, which burns with ``initial_burn_probability`` (0.5 unless
+    given) in a fresh policy; decisions that last have it always.
     ``orthogonal`` draws orthogonal weights of gain sqrt(2), of gain 0.01 in the last layer of the policy.
     ``initial_weights`` is the folder of a checkpoint with one policy, or the name of a policy that the package ships,
     of the same nets, observations and actions, that learns on: a team may begin with what one deputy has learned.
     """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        catalog = kwargs.pop("catalog_class", None) or HurdleCatalog
+        super().__init__(*args, **kwargs, catalog_class=catalog)  # type: ignore[no-untyped-call]
 
     def setup(self) -> None:
         """Build the nets, and set their first weights."""
@@ -46,13 +54,23 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
             if own.get("initial_choice") is not None:
                 self._prefer(int(own["initial_choice"]), float(own.get("initial_probability", 0.9)))
             if own.get("initial_std") is not None and not isinstance(self.action_space, MultiDiscrete):
-                bias = _last(self.pi).bias
-                bias[len(bias) // 2 :] = math.log(float(own["initial_std"]))
+                _last(self.pi).bias[self.log_deviations()] = math.log(float(own["initial_std"]))
+            if own.get(HURDLE) and not isinstance(self.action_space, MultiDiscrete):
+                burns = float(own.get("initial_burn_probability", 0.5))
+                _last(self.pi).bias[0] = math.log(burns / (1.0 - burns))
             if own.get("initial_weights"):
                 if not self.inference_only:  # a runner gets its weights from the learner
                     load_arrays(self, initial_weights(own["initial_weights"]).arrays, own["initial_weights"])
                 # A checkpoint builds the module anew with this, and the other one may be gone by then.
                 self.model_config = {**own, "initial_weights": None}
+
+    def log_deviations(self) -> slice:
+        """Return which outputs of the policy are logarithms of standard deviations."""
+        kind: Any = self.get_train_action_dist_cls()
+        if issubclass(kind, TorchHurdle):
+            return slice(1 + kind.numbers, 1 + 2 * kind.numbers)
+        width = len(_last(self.pi).bias)
+        return slice(width // 2, width)
 
     def _draw_orthogonal(self) -> None:
         for part in (self.encoder, self.pi, self.vf):
@@ -90,7 +108,8 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy:
     Raises:
         CheckpointError: The file describes no module, or its weights do not fit it.
     """
-    known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys() | {INFO, TWIN_Q}
+    known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys()
+    known |= {INFO, TWIN_Q, COASTS}
     unknown = sorted(weights.model.keys() - known)
     if unknown:
         raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}`; another version wrote it")
@@ -108,6 +127,24 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy:
     return module
 
 
+def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
+    """Check that an action of zeros is no thrust, as a hurdle distribution wants it.
+
+    Raises:
+        ConfigError: A controller commands something else.
+    """
+    for element in elements:
+        if element["offset"] and not element["levels"]:
+            raise ConfigError(
+                Problem(
+                    f"a hurdle policy coasts by actions of 0, for which {element['name']} gives {element['offset']:g} "
+                    f"{element['unit']}",
+                    "agent_config",
+                    hint="give the controller limits that are equal about 0",
+                )
+            )
+
+
 def policy_spec(
     model: Mapping[str, Any], algorithm: str = "PPO", info: Mapping[str, str] | None = None
 ) -> RLModuleSpec:
@@ -121,7 +158,14 @@ def policy_spec(
     Raises:
         CheckpointError: The `initial_weights` cannot be read.
     """
+    info = dict(info or {})
     own = {key: value for key, value in model.items() if key in FRESH_KEYS}
+    if info.get("distribution") == "hurdle":
+        own |= {HURDLE: True, COASTS: len(json.loads(info["action"])[-1]["levels"])}
+    elif own.get(HURDLE) and info.get("distribution") == "gaussian":
+        info["distribution"] = "hurdle"
+    if info.get("distribution") == "hurdle":
+        _check_zero(json.loads(info["action"]))
     known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
     if algorithm not in FLOWN_ALGORITHMS:
         return RLModuleSpec(model_config=known)
@@ -129,9 +173,9 @@ def policy_spec(
         initial_weights(own["initial_weights"])  # a mistake is found now, not in RLlib's processes
         if own["initial_weights"] not in shipped_policies():  # which work in other folders
             own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
-    settings = {**dataclasses.asdict(known), **own, INFO: dict(info or {})}
+    settings = {**dataclasses.asdict(known), **own, INFO: info}
     if algorithm == "SAC":
-        return RLModuleSpec(module_class=SacPolicy, model_config={**dataclasses.asdict(known), INFO: dict(info or {})})
+        return RLModuleSpec(module_class=SacPolicy, model_config={**dataclasses.asdict(known), INFO: info})
     if algorithm == "APPO":
         from safe_inspect.experiments.modules.appo_policy import AppoPolicy
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import torch
 from gymnasium.spaces import MultiDiscrete
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
@@ -21,14 +20,13 @@ from safe_inspect.experiments.modules.saved_policy import load_arrays
 from safe_inspect.experiments.modules.weights_file import read_weights
 from safe_inspect.experiments.runs.checkpoints import policy_folder
 from safe_inspect.experiments.settings.policies import PolicySettings, layouts_of
-
-_NO_NOISE = -20.0
+from safe_inspect.random.action_draws import NO_NOISE
 
 _SOURCE = "frozen_from"
 
 
 class FrozenPolicy(FreshPolicy):
-    """RLlib's policy as it flies after its training: a Gaussian one without noise, a categorical one as it is.
+    """RLlib's policy as it flies after its training: burns without noise, choices as they are drawn.
 
     ``frozen_from`` in its `model_config` is the folder of the policy in its checkpoint.
     """
@@ -44,8 +42,9 @@ class FrozenPolicy(FreshPolicy):
     def _forward_exploration(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
         outputs: dict[str, Any] = self._forward(batch)
         if not isinstance(self.action_space, MultiDiscrete):
-            mean = outputs[Columns.ACTION_DIST_INPUTS].chunk(2, dim=-1)[0]
-            outputs[Columns.ACTION_DIST_INPUTS] = torch.cat((mean, torch.full_like(mean, _NO_NOISE)), dim=-1)
+            quiet = outputs[Columns.ACTION_DIST_INPUTS].clone()
+            quiet[..., self.log_deviations()] = NO_NOISE
+            outputs[Columns.ACTION_DIST_INPUTS] = quiet
         return outputs
 
 

@@ -20,6 +20,7 @@ from safe_inspect.experiments.modules.weights_file import info_of, read_weights
 from safe_inspect.experiments.runs.checkpoints import policy_folder
 from safe_inspect.experiments.sampling.distributions import distribution_of_module
 from safe_inspect.random.action_draws import Categorical, draw_in_rollout
+from safe_inspect.random.hurdle_draws import Hurdle
 from safe_inspect.types import AnyArray, FloatArray
 
 
@@ -28,10 +29,11 @@ class TrainedPolicy:
 
     Args:
         module: RLlib's module of the policy.
-        sampled: False: the mean action of a Gaussian policy, the most likely choice of a categorical one. True: actions
-            are drawn from the distribution, as in training. None: drawn in a rollout if the policy is categorical,
-            for it learns how often to burn, and no single burn need be likely. A draw is a function of the seed, the
-            environment slot, the step and the agent, so that the same seed gives the same episodes.
+        sampled: False: the mean action of a Gaussian policy, the most likely choice of a categorical one, both of a
+            hurdle policy. True: actions are drawn from the distribution, as in training. None: in a rollout choices are
+            drawn, for a policy learns how often to burn, and no single burn need be likely; the size of a burn is its
+            mean. A draw is a function of the seed, the environment slot, the step and the agent, so that the same seed
+            gives the same episodes.
         seed: Seed of the draws.
 
     Raises:
@@ -45,7 +47,7 @@ class TrainedPolicy:
         if distribution is None:
             raise CheckpointError("the policy's actions are neither Gaussian nor categorical; only such can be flown")
         self._distribution = distribution
-        self._categorical = isinstance(distribution, Categorical)
+        self._chooses = isinstance(distribution, (Categorical, Hurdle))
         self.recurrent = bool(module.is_stateful())
         self._memory: Any = None
         self._rows = 0
@@ -81,7 +83,9 @@ class TrainedPolicy:
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
         """Return the actions (R, A) for observations (R, O)."""
         inputs = self.inputs(observation)
-        drawn = self._categorical and self._flight is not None if self.sampled is None else self.sampled
+        drawn = self._chooses and self._flight is not None if self.sampled is None else self.sampled
+        if self.sampled is None and isinstance(self._distribution, Hurdle):
+            inputs = self._distribution.without_noise(inputs)
         flight, rows = self._flight, len(inputs)
         slots = np.arange(rows) if flight is None else flight.slots
         deputies = np.zeros(rows, dtype=np.int64) if flight is None else flight.deputies

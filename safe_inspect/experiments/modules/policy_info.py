@@ -30,13 +30,14 @@ def policy_info(
     Raises:
         ConfigError: The elements cannot be exported, and are to be.
     """
+    layout = action_layout(agents[0])
     return PolicyInfo(
         policy=policy,
         agents=tuple(agent.name for agent in agents),
         task=str(experiment.config.config.config.env_config.TrialName),
         observation=_merged([observed_elements(agent, exportable=exportable) for agent in agents]),
         action=_merged([commanded_elements(agent, exportable=exportable) for agent in agents]),
-        distribution="categorical" if action_layout(agents[0]).choices else "gaussian",
+        distribution="categorical" if layout.choices else "gaussian" if layout.coast is None else "hurdle",
         step_size=experiment.spec.step_size,
         configuration={},
     )

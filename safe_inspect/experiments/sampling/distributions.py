@@ -13,12 +13,16 @@ from ray.rllib.core.distribution.torch.torch_distribution import (
 )
 
 from safe_inspect.environments.layout import Layout
+from safe_inspect.experiments.modules.hurdle import TorchHurdle
 from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, SquashedGaussian
+from safe_inspect.random.hurdle_draws import Hurdle
 
 
 def distribution_of(layout: Layout) -> Distribution:
     """Return the distribution of a policy for an action."""
-    return Categorical(layout.choices) if layout.choices else Gaussian(layout.size)
+    if layout.choices:
+        return Categorical(layout.choices)
+    return Gaussian(layout.size) if layout.coast is None else Hurdle(layout.size - 1, len(layout.coast.durations))
 
 
 def distribution_of_module(module: Any) -> Distribution | None:
@@ -28,6 +32,9 @@ def distribution_of_module(module: Any) -> Distribution | None:
     except (AttributeError, NotImplementedError):
         return None
     space = module.action_space
+    for kind in kinds:
+        if issubclass(kind, TorchHurdle):
+            return Hurdle(kind.numbers, kind.choices)
     if isinstance(space, Box) and kinds == {TorchDiagGaussian}:
         return Gaussian(int(np.prod(space.shape)))
     if isinstance(space, Box) and kinds == {TorchSquashedGaussian}:

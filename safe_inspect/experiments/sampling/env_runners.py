@@ -8,6 +8,7 @@ the runner from which they are derived: see `safe_inspect.experiments.sampling.s
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from typing import Any
 
 from ray.rllib.callbacks.utils import make_callback
@@ -18,6 +19,7 @@ from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
 from safe_inspect.experiments.adapters.callbacks import log_reports, set_threads
 from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, seed_of
+from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
 from safe_inspect.experiments.sampling.policy_net import PolicyNet, why_not_served
@@ -117,13 +119,17 @@ class _Batched:
 
     def _roll(self, steps: int | None, episodes: int | None, explore: bool, random: bool, force: bool) -> Rollout:
         if self._sampler is None:
-            self._sampler = Sampler(
+            make: Any = Sampler
+            if self.env.team.decides:
+                make = partial(DecisionSampler, gamma=self.config.gamma)
+            self._sampler = make(
                 self.env.team,
                 self.agent_slots,
                 lambda policy, rows: PolicyNet(self._module_of(policy), rows, self._device),  # type: ignore[attr-defined]
                 seed=self._seed_of_slots,
                 first_slot=self._slot,
             )
+        assert self._sampler is not None
         lifetime = self.num_env_steps_sampled_lifetime  # type: ignore[attr-defined]
         if steps is None:
             self._needs_initial_reset = True

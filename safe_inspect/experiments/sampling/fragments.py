@@ -81,9 +81,9 @@ def _place(slot: AgentSlot, rollout: Rollout) -> int:
 
 def _part(rollout: Rollout, slot: AgentSlot, piece: Piece, span: Span, weights: int) -> EpisodePart:
     track, member, env = rollout.tracks[slot.group], slot.member, piece.env
-    start, stop = piece.start, piece.start + span.length
-    # Behind the end of an episode stands the first observation of the next one.
-    final = piece.finals[slot.group][member] if piece.over and stop == piece.stop else None
+    start, stop = span.start, span.start + span.length
+    # Behind the end of an episode of steps stands the first observation of the next one.
+    final = piece.finals[slot.group][member] if piece.finals and stop == piece.stop else None
     return EpisodePart(
         track.observations[member, env, start : stop + 1],
         final,
@@ -93,4 +93,5 @@ def _part(rollout: Rollout, slot: AgentSlot, piece: Piece, span: Span, weights: 
         track.rewards[member, env, start:stop],
         span.terminated,
         weights,
+        None if track.steps is None else track.steps[member, env, start:stop],
     )

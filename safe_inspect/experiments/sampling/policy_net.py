@@ -43,6 +43,8 @@ class PolicyNet:
         #: The observations of the next call, float32, shape (rows, O).
         self.observations: AnyArray = batch.numpy()[:rows]
         self._plain = self._plain_layers()
+        #: The action distribution that takes the outputs; None where it is not known.
+        self.distribution = distribution_of_module(module)
 
     def __call__(self, explore: bool, step: int) -> AnyArray:
         """Return the inputs of the action distributions, float32, shape (rows, I).

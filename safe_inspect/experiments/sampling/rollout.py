@@ -20,7 +20,10 @@ class Track:
         inputs: Inputs of the action distribution, float32, shape (G, N, T, I).
         log_probabilities: Of the actions, float32, shape (G, N, T).
         rewards: Rewards, float32, shape (G, N, T).
+        steps: Control steps of each decision, where the rows are decisions; see `DecisionTrack`.
     """
+
+    steps: IntArray | None = None
 
     def __init__(self, size: tuple[int, int, int, int], envs: int, steps: int) -> None:
         agents, observation, action, inputs = size
@@ -42,11 +45,13 @@ class Span:
     """The part of one agent in a piece.
 
     Attributes:
-        length: Steps that it took part in, from the beginning of the piece.
+        start: Index in the track of its first step, or decision.
+        length: Steps that it took part in, from the beginning of the piece, or decisions.
         terminated: Its episode ended with the last of them, in the task's own way.
         truncated: Its episode ended with the last of them, by a limit of time.
     """
 
+    start: int
     length: int
     terminated: bool
     truncated: bool
@@ -63,8 +68,8 @@ class Piece:
         begun: Steps of the episode before it.
         episode: Index of the episode within the environment's slot; -1 while it goes on.
         spans: The part of each agent.
-        finals: For each group the last observations where the episode has ended, shape (G, O); else nothing, as they
-            stand in the track.
+        finals: For each group the last observations where the episode has ended and they do not stand in the track,
+            shape (G, O).
     """
 
     env: int
@@ -165,7 +170,7 @@ class Rollout:
     def _cut(self, env: int, stop: int, episode: int, finals: Sequence[AnyArray]) -> None:
         start = int(self._start[env])
         spans = tuple(
-            Span((ended if ended >= 0 else stop) - start if flying else 0, terminated, truncated)
+            Span(start, (ended if ended >= 0 else stop) - start if flying else 0, terminated, truncated)
             for ended, flying, terminated, truncated in zip(
                 self.ended[:, env].tolist(),
                 self._flying[:, env].tolist(),

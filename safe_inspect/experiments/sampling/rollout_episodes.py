@@ -18,13 +18,15 @@ from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 
 from safe_inspect.types import AnyArray
 
+#: Name among RLlib's outputs of a module of the control steps of each decision.
+DECISION_STEPS = "decision_steps"
 #: Observation and action space of an agent.
 Spaces = tuple[Any, Any]
 
 
 @dataclass(slots=True)
 class EpisodePart:
-    """T steps of one agent within one episode.
+    """T steps, or decisions, of one agent within one episode.
 
     Attributes:
         observations: At the beginning of each step and behind the last, shape (T + 1, O).
@@ -35,6 +37,7 @@ class EpisodePart:
         rewards: Shape (T,).
         terminated: Whether the task ended with the last step.
         weights: Number of the weights that flew it; None: unknown.
+        steps: Control steps of each decision, where the rows are decisions, shape (T,); None: one each.
     """
 
     observations: AnyArray
@@ -45,6 +48,7 @@ class EpisodePart:
     rewards: AnyArray
     terminated: bool
     weights: float | None
+    steps: AnyArray | None = None
 
     def __len__(self) -> int:
         return len(self.rewards)
@@ -144,6 +148,8 @@ class RolloutEpisode(_Lazy, SingleAgentEpisode):  # type: ignore[misc]
         outputs = {} if part.weights is None else {WEIGHTS_SEQ_NO: np.full(len(part), part.weights)}
         if part.inputs is not None and part.log_probabilities is not None:
             outputs |= {Columns.ACTION_DIST_INPUTS: part.inputs, Columns.ACTION_LOGP: part.log_probabilities}
+        if part.steps is not None:
+            outputs[DECISION_STEPS] = part.steps
         observations: Any = part.whole_observations
         rewards: Any = part.rewards
         SingleAgentEpisode.__init__(
@@ -219,7 +225,7 @@ def part_of_episode(episode: Any) -> EpisodePart:
         part = episode.part
         return part if part.terminated == episode.is_terminated else replace(part, terminated=episode.is_terminated)
     outputs = episode.extra_model_outputs
-    weights = outputs.get(WEIGHTS_SEQ_NO)
+    weights, steps = outputs.get(WEIGHTS_SEQ_NO), outputs.get(DECISION_STEPS)
     return EpisodePart(
         _data(episode.observations),
         None,
@@ -229,6 +235,7 @@ def part_of_episode(episode: Any) -> EpisodePart:
         _data(episode.rewards),
         bool(episode.is_terminated),
         None if weights is None else float(_data(weights).mean()),
+        None if steps is None else _data(steps),
     )
 
 

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.sampling.distributions import distribution_of
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.experiments.sampling.policy_net import PolicyNet
 from safe_inspect.experiments.sampling.rollout import Rollout
-from safe_inspect.random.action_draws import DrawRows
+from safe_inspect.random.action_draws import Distribution, DrawRows
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 
@@ -88,7 +90,11 @@ class Sampler:
         self._nets = {policy: nets(policy, count * len(indices)) for policy, indices in self._slots_by_policy.items()}
         self._where = [environment.groups.index(group) for group in environment.acting]
         self._actions = [np.zeros((count, group.size, group.action_layout.size)) for group in environment.acting]
-        self._distributions = [distribution_of(group.action_layout) for group in environment.acting]
+        self._distributions = [self._distribution(index) for index in range(len(environment.acting))]
+        self._sizes = [
+            (group.size, group.observation_layout.size, group.action_layout.size, distribution.inputs)
+            for group, distribution in zip(environment.acting, self._distributions, strict=True)
+        ]
         self._generator = np.random.default_rng(seed)
         self._sums = EpisodeAccumulator(environment)
         self._step: IntArray = np.zeros(count, dtype=np.int64)
@@ -140,15 +146,30 @@ class Sampler:
             time += 1
         return rollout
 
-    def _rollout(self, steps: int, wanted: IntArray | None = None) -> Rollout:
-        sizes = [
-            (group.size, group.observation_layout.size, group.action_layout.size, distribution.inputs)
-            for group, distribution in zip(self.environment.acting, self._distributions, strict=True)
-        ]
-        begun = self._step.copy()
-        return Rollout(sizes, self.environment.num_envs, steps, begun, self._flying.copy(), wanted)
+    def _distribution(self, group: int) -> Distribution:
+        """Return the action distribution of a group of agents.
 
-    def _advance(self, rollout: Rollout, time: int, explore: bool, random: bool, lifetime: int) -> None:
+        Raises:
+            SafeInspectError: The policies of its agents have different ones.
+        """
+        found = {
+            slot.policy: getattr(self._nets[slot.policy], "distribution", None)
+            for slot in self.agent_slots
+            if slot.group == group
+        }
+        first, *others = found.values()
+        if any(type(other) is not type(first) for other in others):
+            raise SafeInspectError(
+                f"the policies {', '.join(found)} fly equal agents with different action distributions; give all of "
+                "them `hurdle`, or none"
+            )
+        return first or distribution_of(self.environment.acting[group].action_layout)
+
+    def _rollout(self, steps: int, wanted: IntArray | None = None) -> Rollout:
+        begun = self._step.copy()
+        return Rollout(self._sizes, self.environment.num_envs, steps, begun, self._flying.copy(), wanted)
+
+    def _advance(self, rollout: Any, time: int, explore: bool, random: bool, lifetime: int) -> None:
         for track, observation in zip(rollout.tracks, self._observations, strict=True):
             track.observations[:, :, time] = observation.transpose(1, 0, 2)
         if random:
@@ -196,15 +217,15 @@ class Sampler:
             actions[...] = group.action_layout.draw(self._generator, actions.shape[:-1])
             track.actions[:, :, time] = actions.transpose(1, 0, 2)
 
-    def _begin_again(self, rollout: Rollout, time: int, transition: TeamTransition) -> None:
-        """Cut what has ended, report it and begin new episodes in its place."""
+    def _finish(self, rollout: Any, row: int, stop: int, episode: int) -> bool:
+        """Cut at the end of an episode; return whether it is kept."""
+        return bool(rollout.finish(row, stop, episode, [found[row].copy() for found in self._observations]))
+
+    def _begin_again(self, rollout: Any, time: int, transition: TeamTransition) -> list[int]:
+        """Cut what has ended, report it and begin new episodes in its place; return the rows that are kept."""
         rows = np.flatnonzero(transition.over)
         episodes = self.environment.simulation.episodes
-        kept = [
-            row
-            for row in rows.tolist()
-            if rollout.finish(row, time + 1, int(episodes[row]), [found[row].copy() for found in self._observations])
-        ]
+        kept = [row for row in rows.tolist() if self._finish(rollout, row, time + 1, int(episodes[row]))]
         now = perf_counter()
         for row, report in zip(kept, episode_reports(self.environment, self._sums, kept, transition), strict=True):
             self.reports.append({**report, "seconds": now - self._since[row]})
@@ -215,6 +236,7 @@ class Sampler:
         self._flying[:, rows] = True
         for observation, fresh in zip(self._observations, self.environment.reset(rows), strict=True):
             observation[rows] = fresh
+        return kept
 
 
 def agents_by_policy(slots: tuple[AgentSlot, ...]) -> Mapping[str, tuple[str, ...]]:

@@ -1,0 +1,123 @@
+"""`Hurdle`: nothing at all, or numbers drawn from a Gaussian; and, where asked for, one of a few choices beside it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from safe_inspect.compiling import njit
+from safe_inspect.random.action_draws import (
+    HALF_LOG_2PI,
+    NO_NOISE,
+    DrawRows,
+    normals_of,
+    uniforms_of,
+)
+from safe_inspect.types import AnyArray
+
+
+class Hurdle:
+    """A hurdle distribution over A real numbers, with a categorical one over K indices beside it.
+
+    With the probability 1 - p all numbers are exactly 0, else they are drawn from independent normal distributions.
+    So a policy of continuous thrust can prefer to coast outright. The inputs are, in this order, the logit of p, the
+    means, the logarithms of the standard deviations, and the logits of the choices. Source of the model: Mullahy,
+    Specification and testing of some modified count data models, Journal of Econometrics 33, 1986, section 2.
+
+    Without exploration the numbers are the means where p > 1/2, else 0, and the choice is the most likely one.
+
+    Args:
+        numbers: A.
+        choices: K, the number of values of a last element of the action; 0: there is none.
+    """
+
+    def __init__(self, numbers: int, choices: int = 0) -> None:
+        self.numbers, self.choices = numbers, choices
+        self.width = numbers + bool(choices)
+
+    @property
+    def inputs(self) -> int:
+        """One logit, A means, A logarithms of standard deviations and K logits."""
+        return 1 + 2 * self.numbers + self.choices
+
+    def without_noise(self, inputs: AnyArray) -> AnyArray:
+        """Return inputs whose draws are means where there is anything, shape (R, I); the choices are still drawn."""
+        quiet = np.array(inputs, dtype=np.float32)
+        quiet[:, 1 + self.numbers : 1 + 2 * self.numbers] = NO_NOISE
+        return quiet
+
+    def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
+        """Draw actions; see `Distribution.draw`."""
+        draw_hurdle(inputs, self.numbers, self.choices, explore, rows, *out)
+
+
+@njit
+def draw_hurdle(
+    inputs: AnyArray,
+    numbers: int,
+    choices: int,
+    explore: bool,
+    rows: DrawRows,
+    action: AnyArray,
+    log_probability: AnyArray,
+) -> None:
+    """Draw whether there is anything, the numbers, and the choice; the log-probability is that of the float32 action.
+
+    Args:
+        inputs: See `Hurdle`, float32, shape (R, 1 + 2 A + K).
+        numbers: A.
+        choices: K.
+        explore: See `Distribution.draw`, as for the others.
+        rows: See there.
+        action: See there.
+        log_probability: See there.
+    """
+    blocks = (numbers + 3) // 4
+    width = 4 * (blocks + 1)  # one block more, of uniform numbers
+    normal, uniform = np.empty(4), np.empty(4)
+    for n in range(len(action)):
+        logit = np.float64(inputs[n, 0])
+        burns = logit > 0.0
+        if explore:
+            uniforms_of(rows, n, blocks, width, uniform)
+            burns = uniform[0] < 1.0 / (1.0 + math.exp(-logit))
+        density = log_logistic(logit if burns else -logit)
+        for j in range(numbers):
+            if explore and burns and j % 4 == 0:
+                normals_of(rows, n, j // 4, width, normal)
+            if burns:
+                mean, log_std = np.float64(inputs[n, 1 + j]), np.float64(inputs[n, 1 + numbers + j])
+                std = math.exp(log_std)
+                action[n, j] = np.float32(mean + std * normal[j % 4]) if explore else np.float32(mean)
+                z = (np.float64(action[n, j]) - mean) / std
+                density -= 0.5 * z * z + log_std + HALF_LOG_2PI
+            else:
+                action[n, j] = np.float32(0.0)
+        if choices:
+            first = 1 + 2 * numbers
+            best = 0
+            for k in range(1, choices):
+                if inputs[n, first + k] > inputs[n, first + best]:
+                    best = k
+            largest = np.float64(inputs[n, first + best])
+            mass = 0.0
+            for k in range(choices):
+                mass += math.exp(np.float64(inputs[n, first + k]) - largest)
+            chosen = best
+            if explore:
+                chosen, below = 0, math.exp(np.float64(inputs[n, first]) - largest)
+                while chosen < choices - 1 and below < uniform[1] * mass:
+                    chosen += 1
+                    below += math.exp(np.float64(inputs[n, first + chosen]) - largest)
+            action[n, numbers] = np.float32(chosen)
+            density += np.float64(inputs[n, first + chosen]) - largest - math.log(mass)
+        log_probability[n] = np.float32(density)
+
+
+@njit
+def log_logistic(logit: float) -> float:
+    """Return log(1 / (1 + exp(-logit))), without overflow."""
+    if logit >= 0.0:
+        return -math.log1p(math.exp(-logit))
+    return logit - math.log1p(math.exp(logit))
