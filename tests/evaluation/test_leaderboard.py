@@ -93,6 +93,7 @@ def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypa
     code, _, err = typed("boards.yml", "more.yml", "--output", "board.md", "--results", "kept")
     assert code == 0, err
     page = (tmp_path / "board.md").read_text()
+    assert "    safe-inspect leaderboard boards.yml more.yml --output board.md\n" in page
     assert "[1/2] Small: zero-thrust" in err
     assert "| `mine` |" in page
     assert "| 12 | 3 min |" in page

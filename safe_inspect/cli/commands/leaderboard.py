@@ -75,7 +75,7 @@ def run_leaderboard(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt as stop:
         stop.add_note(f"the rows that are done are in {arguments.results}; the same command goes on from there")
         raise
-    page = leaderboard_page(leaderboard, standings, shlex.join(["safe-inspect", *sys.argv[1:]]))
+    page = leaderboard_page(leaderboard, standings, _command(arguments))
     if arguments.output is None:
         print(page)
         return 0
@@ -83,6 +83,15 @@ def run_leaderboard(arguments: argparse.Namespace) -> int:
         work.write_text(page, encoding="utf-8")
     print(f"the leaderboard: {arguments.output}")
     return 0
+
+
+def _command(arguments: argparse.Namespace) -> str:
+    """Return the command that makes the page, without where the rows are kept."""
+    words = [str(path) for path in arguments.files]
+    words += [word for title in arguments.board for word in ("--board", title)]
+    words += ["--episodes", str(arguments.episodes)] if arguments.episodes else []
+    words += ["--output", str(arguments.output)] if arguments.output else []
+    return shlex.join(["safe-inspect", "leaderboard", *words])
 
 
 def _entries(board: Board, leaderboard: Leaderboard) -> list[_Entry]:

@@ -66,7 +66,12 @@ def warm_start(
         return rllib, policies
     folder = folder.absolute()
     if not all(_is_finished(folder / name) for name in wanted):
-        _imitate(experiment, rllib, policies, wanted, folder, stream)
+        threads = torch.get_num_threads()
+        torch.set_num_threads(int(rllib.settings["torch_num_threads"]))  # many wait for each other on small nets
+        try:
+            _imitate(experiment, rllib, policies, wanted, folder, stream)
+        finally:
+            torch.set_num_threads(threads)
     begun = {name: str(folder / name) for name in wanted}
     if not policies:
         return replace(rllib, settings=_beginning_with(rllib.settings, begun[SINGLE])), policies
