@@ -1,7 +1,8 @@
 """Train with Stable-Baselines3 on the batch: ``pip install 'safe_inspect[sb3]'; python examples/learners/sb3_ppo.py``.
 
 100,000 steps take about a quarter of a minute on one core and inspect 97 % of the points; ``--algorithm SAC`` needs
-fewer steps and more time for each.
+fewer steps and more time for each. A step is a decision, a burn and how long to coast after it,
+with ``--task configs/translational-inspection/experiment-burn-and-coast.yml``.
 """
 
 import argparse
@@ -13,13 +14,13 @@ from safe_inspect.integrations.stable_baselines3 import BatchedVecEnv
 TASK = "safe_inspect/TranslationalInspection-v0"
 
 
-def main(algorithm: str, steps: int) -> None:
+def main(algorithm: str, steps: int, task: str) -> None:
     """Train, and fly the policy in one environment."""
     if algorithm == "PPO":
-        envs = BatchedVecEnv(TASK, num_envs=64, seed=1)
+        envs = BatchedVecEnv(task, num_envs=64, seed=1)
         model = PPO("MlpPolicy", envs, n_steps=64, batch_size=512, gamma=0.999, verbose=1)
     else:
-        envs = BatchedVecEnv(TASK, num_envs=8, seed=1)
+        envs = BatchedVecEnv(task, num_envs=8, seed=1)
         model = SAC("MlpPolicy", envs, batch_size=256, gradient_steps=1, learning_starts=1000, verbose=1)
     model.learn(steps)
     observations, seen = envs.reset(), []
@@ -35,5 +36,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algorithm", choices=("PPO", "SAC"), default="PPO")
     parser.add_argument("--steps", type=int, default=100_000)
+    parser.add_argument("--task", default=TASK, help="a registered id, or an experiment's file")
     arguments = parser.parse_args()
-    main(arguments.algorithm, arguments.steps)
+    main(arguments.algorithm, arguments.steps, arguments.task)

@@ -91,13 +91,14 @@ class AgentGroup:
             for named in agent.dones
             if type(named.functor).remember is not DoneFunction.remember
         }
+        asked = agent.scripted_policy or agent.teacher
         self.group = Group(
             self.name,
             first,
             len(specs),
             agent.sensors,
             self.safety_filter,
-            agent.scripted_policy or agent.teacher,
+            asked,
             self.remembering,
             decides=action_layout(agent).coast is not None and not self.scripted,
         )

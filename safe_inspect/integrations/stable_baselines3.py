@@ -29,6 +29,7 @@ class BatchedVecEnv(VecEnv):
         num_envs: Number of environments, N.
         overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
         seed: Seed of the first reset, unless `seed` gives one; without either a fresh one is drawn.
+        gamma: As for `InspectionVectorEnv`.
         render_mode: As for `InspectionVectorEnv`.
 
     Raises:
@@ -43,11 +44,12 @@ class BatchedVecEnv(VecEnv):
         overrides: Iterable[str] = (),
         *,
         seed: int | None = None,
+        gamma: float = 1.0,
         render_mode: str | None = None,
     ) -> None:
         mode = AutoresetMode.SAME_STEP
         self.environment = InspectionVectorEnv(
-            load_spec(cfg, overrides), num_envs, autoreset_mode=mode, seed=seed, render_mode=render_mode
+            load_spec(cfg, overrides), num_envs, autoreset_mode=mode, seed=seed, gamma=gamma, render_mode=render_mode
         )
         self.render_mode = render_mode
         self._actions: AnyArray = np.zeros(0)

@@ -53,7 +53,7 @@ class Decisions(Metric):
         """Return 1 in the rows whose action was taken in this step, else 0, shape (R,)."""
         if not step.before.group.decides:
             return np.ones(step.after.num_rows)
-        return (step.before.memory(DECISION, REMAINING) == 0).astype(np.float64)
+        return np.asarray(step.before.memory(DECISION, REMAINING) == 0, dtype=np.float64)
 
 
 class SmallestRange(Metric):

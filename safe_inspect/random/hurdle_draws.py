@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +11,13 @@ from safe_inspect.compiling import njit
 from safe_inspect.random.action_draws import (
     HALF_LOG_2PI,
     NO_NOISE,
+    Categorical,
     DrawRows,
+    draw_in_rollout,
     normals_of,
     uniforms_of,
 )
-from safe_inspect.types import AnyArray
+from safe_inspect.types import AnyArray, FloatArray
 
 
 class Hurdle:
@@ -50,6 +53,21 @@ class Hurdle:
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
         """Draw actions; see `Distribution.draw`."""
         draw_hurdle(inputs, self.numbers, self.choices, explore, rows, *out)
+
+
+def draw_choices(distribution: Any, inputs: AnyArray, seed: int) -> FloatArray:
+    """Return actions with the choices drawn and the numbers at their means, shape (R, A).
+
+    Args:
+        distribution: Any of the distributions of a policy.
+        inputs: Outputs of the net, float32, shape (R, I).
+        seed: Seed of the draws.
+    """
+    rows = np.arange(len(inputs))
+    hurdle = isinstance(distribution, Hurdle)
+    drawn = hurdle or isinstance(distribution, Categorical)
+    inputs = distribution.without_noise(inputs) if hurdle else inputs
+    return draw_in_rollout(distribution, inputs, drawn, seed, rows, np.zeros_like(rows), 0)
 
 
 @njit

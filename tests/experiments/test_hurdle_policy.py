@@ -40,7 +40,7 @@ def test_the_loss_and_its_gradient_are_those_of_torch(choices):
     (-surrogate - 0.03 * entropy + 0.2 * divergence).mean().backward()
     gradient, sums = np.empty(inputs.shape), np.empty(3)
     hurdle_gradient(
-        rows, inputs.detach().numpy(), 3, choices, actions.numpy(), old.numpy(), old_log.numpy(),
+        rows, inputs.detach().numpy(), (3, choices), actions.numpy(), old.numpy(), old_log.numpy(),
         advantages.numpy(), 0.2, 0.03, 0.2, gradient, sums,
     )  # fmt: skip
     np.testing.assert_allclose(gradient, inputs.grad.numpy(), atol=1e-12)
@@ -128,6 +128,12 @@ def test_checkpoint_and_file_fly_alike(tmp_path, path, model):
     actions = [policy.predict(observation) for policy in policies]
     np.testing.assert_allclose(*actions, atol=1e-5)
     assert env.action_space.contains(actions[0])
+    drawn = [
+        np.stack([policy.predict(observation, generator) for _ in range(40)])
+        for policy, generator in zip(policies, map(np.random.default_rng, (3, 3)), strict=True)
+    ]
+    np.testing.assert_allclose(*drawn, atol=1e-5)
+    assert len(np.unique(drawn[0], axis=0)) > 1
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,10 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight
 from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo, read_file
-from safe_inspect.evaluation.policy_files.raw_values import STEPS, element_columns, raw_task
+from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS, element_columns, raw_task
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
 from safe_inspect.random.action_draws import Categorical, Gaussian, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 #: Rows are filled up to a multiple of this, so that a row's result does not depend on how many stand beside it.
@@ -56,7 +56,7 @@ class OnnxPolicy:
             element_columns(info.action, name) for name in ("low", "high", "gain", "offset")
         )
         self._levels = [np.array(element.levels) for element in info.action]
-        self._coasts = bool(info.action) and info.action[-1].unit == STEPS
+        self._coasts = bool(info.action) and info.action[-1].unit == CONTROL_STEPS
         self._distribution = self._distribution_of()
 
     @property
@@ -130,8 +130,7 @@ class OnnxPolicy:
 
         This serves environments that `prepare` has not changed. Readings are rounded to float32 once more.
         """
-        centre, width = (element_columns(self.info.observation, name) for name in ("centre", "width"))
-        values = self((observation * width + centre).astype(np.float32))
+        values = self(self._readings(observation))
         actions = (values - self._offset) / self._gain
         for column, levels in enumerate(self._levels):
             if self._is_coast(column):
@@ -139,6 +138,15 @@ class OnnxPolicy:
             elif len(levels):
                 actions[:, column] = np.abs(values[:, column, None] - levels).argmin(axis=1)
         return actions
+
+    def draw(self, observation: NDArray[np.float32], seed: int) -> FloatArray:
+        """Return actions of the task itself (R, A), with the choices drawn and the numbers at their means."""
+        return draw_choices(self._distribution, self.outputs(self._readings(observation))[1], seed)
+
+    def _readings(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what the sensors read in SI units, shape (R, O), for observations of the task (R, O)."""
+        centre, width = (element_columns(self.info.observation, name) for name in ("centre", "width"))
+        return np.asarray(observation * width + centre, dtype=np.float32)
 
     def outputs(self, observation: NDArray[np.float32]) -> tuple[AnyArray, AnyArray]:
         """Return both outputs of the file: `thrust` (R, A) and `action_dist_inputs` (R, I), float32.

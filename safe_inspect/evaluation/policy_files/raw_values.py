@@ -29,7 +29,7 @@ from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Unit of the element of an action that says for how many control steps it holds.
-STEPS = "steps"
+CONTROL_STEPS = "steps"
 
 _OFF = Normalization(enabled=False)
 
@@ -145,7 +145,7 @@ def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[Commanded
     names = glue.names(agent.parts)
     if isinstance(glue, CoastGlue):
         durations = tuple(float(steps) for steps in glue.durations)
-        return [CommandedElement(names[0], STEPS, durations[0], durations[-1], levels=durations)]
+        return [CommandedElement(names[0], CONTROL_STEPS, durations[0], durations[-1], levels=durations)]
     if isinstance(glue, DiscreteControllerGlue):
         unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
         levels = tuple(float(level) for level in glue.levels)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
-from safe_inspect.evaluation.policy_files.raw_values import STEPS
+from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS
 from safe_inspect.experiments.adapters.registration import ENVIRONMENT
 from safe_inspect.experiments.modules.policy_info import policy_texts
 from safe_inspect.experiments.runs.checkpoints import SINGLE
@@ -104,7 +104,7 @@ def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[st
         ConfigError: Something else than PPO with the batched runner and the fast learner is asked for.
     """
     wanted = {"algorithm": "PPO", "env_runner": "batched", "learner": "fast"}
-    lasts = any(json.loads(text["action"])[-1]["unit"] == STEPS for text in texts.values())
+    lasts = any(json.loads(text["action"])[-1]["unit"] == CONTROL_STEPS for text in texts.values())
     wrong = [key for key, value in wanted.items() if settings[key] != value] if lasts else []
     if wrong:
         needs = ", ".join(f"`{key}: {value}`" for key, value in wanted.items())

@@ -17,8 +17,7 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 def hurdle_gradient(
     rows: IntArray,
     inputs: AnyArray,
-    numbers: int,
-    choices: int,
+    sizes: tuple[int, int],
     actions: AnyArray,
     old_inputs: AnyArray,
     old_log_probability: AnyArray,
@@ -37,8 +36,7 @@ def hurdle_gradient(
     Args:
         rows: The minibatch: indices of the batch's R rows, shape (B,).
         inputs: Of the minibatch, see `Hurdle`, shape (B, 1 + 2 A + K).
-        numbers: A.
-        choices: K; 0: the action has no choice.
+        sizes: A and K; K is 0 where the action has no choice.
         actions: Of the batch, shape (R, A), or (R, A + 1) with a choice; numbers that are all 0 mean no burn.
         old_inputs: Those with which the actions were drawn, shape (R, 1 + 2 A + K).
         old_log_probability: Logarithms of the actions' probability densities when they were drawn, shape (R,).
@@ -50,6 +48,7 @@ def hurdle_gradient(
         sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
     """
     sums[:] = 0.0
+    numbers, choices = sizes
     count, first = len(rows), 1 + 2 * numbers
     logs, old_logs = np.empty(inputs.shape[1]), np.empty(inputs.shape[1])
     for i in range(count):

@@ -190,7 +190,7 @@ def _work_for(distribution: Any) -> tuple[Any, tuple[Any, ...]]:
     if isinstance(distribution, Categorical):
         return choice_gradient, (distribution.sizes,)
     if isinstance(distribution, Hurdle):
-        return hurdle_gradient, (distribution.numbers, distribution.choices)
+        return hurdle_gradient, ((distribution.numbers, distribution.choices),)
     return policy_gradient, ()
 
 

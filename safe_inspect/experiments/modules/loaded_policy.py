@@ -13,7 +13,6 @@ from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.evaluation.policies import Policy
 from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy
 from safe_inspect.experiments.modules.sources import Wanted, is_scripted, open_candidates
 from safe_inspect.types import AnyArray
@@ -27,18 +26,19 @@ class LoadedPolicy:
         agent: Name of the agent that it flies.
     """
 
-    def __init__(self, spec: EnvironmentSpec, agent: AgentSpec, policy: Policy) -> None:
+    def __init__(self, spec: EnvironmentSpec, agent: AgentSpec, policy: Any) -> None:
         self.spec, self.agent = spec, agent.name
-        self._policy = policy
+        self._policy, self._file = policy, isinstance(policy, OnnxPolicy)
         self._size = observation_layout(agent).size
         self._discrete = bool(action_layout(agent).choices)
 
-    def predict(self, observation: AnyArray) -> AnyArray:
-        """Return the action: the mean of a Gaussian policy, the most likely levels of a categorical one.
+    def predict(self, observation: AnyArray, generator: np.random.Generator | None = None) -> AnyArray:
+        """Return the action: the mean of a Gaussian policy, the likeliest levels of a categorical, both of a hurdle.
 
         Args:
             observation: Observations as `make`, `make_vec` or any environment of the task gives them, shape (O,) or
                 (N, O).
+            generator: Draws what `evaluate` draws: choices, such as whether to burn, but not the size of a burn.
 
         Returns:
             Actions that the environment takes, shape (A,) or (N, A): int64 where they are levels, else float32.
@@ -51,7 +51,11 @@ class LoadedPolicy:
             raise ValueError(
                 f"the observations have the shape {rows.shape}; ({self._size},) or (N, {self._size}) is wanted"
             )
-        actions = np.asarray(self._policy(np.atleast_2d(rows)))
+        whole = np.atleast_2d(rows)
+        if generator is None:
+            actions = self._policy.in_task_units(whole) if self._file else np.asarray(self._policy(whole))
+        else:
+            actions = self._policy.draw(whole, int(generator.integers(2**63)))
         actions = actions.astype(np.int64 if self._discrete else np.float32)
         return actions if rows.ndim == 2 else actions[0]
 
@@ -101,6 +105,4 @@ def load_policy(
     policy: Any = flying[name]
     if getattr(policy, "recurrent", False):
         raise SafeInspectError(f"{text}: the policy is recurrent, and `predict` keeps nothing; fly it with `evaluate`")
-    if isinstance(policy, OnnxPolicy):
-        policy = policy.in_task_units
     return LoadedPolicy(spec, outside[name], policy)

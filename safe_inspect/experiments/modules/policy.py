@@ -20,7 +20,7 @@ from safe_inspect.experiments.modules.weights_file import info_of, read_weights
 from safe_inspect.experiments.runs.checkpoints import policy_folder
 from safe_inspect.experiments.sampling.distributions import distribution_of_module
 from safe_inspect.random.action_draws import Categorical, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 from safe_inspect.types import AnyArray, FloatArray
 
 
@@ -79,6 +79,10 @@ class TrainedPolicy:
             outputs = self.module.forward_inference(batch)
             self._memory = outputs[Columns.STATE_OUT]
         return np.asarray(outputs[Columns.ACTION_DIST_INPUTS][:, 0].numpy())
+
+    def draw(self, observation: NDArray[np.float32], seed: int) -> FloatArray:
+        """Return actions (R, A) for observations (R, O), with the choices drawn and the numbers at their means."""
+        return draw_choices(self._distribution, self.inputs(observation), seed)
 
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
         """Return the actions (R, A) for observations (R, O)."""

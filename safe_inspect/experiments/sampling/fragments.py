@@ -16,7 +16,7 @@ from safe_inspect.experiments.sampling.sampler import AgentSlot
 def single_agent_episodes(
     rollout: Rollout, slot: AgentSlot, spaces: Spaces, names: Sequence[str], weights: int
 ) -> list[SingleAgentEpisode]:
-    """Return the pieces of a rollout with one agent.
+    """Return the pieces of a rollout with one agent; those without a decision that has elapsed are left out.
 
     Args:
         rollout: What was sampled.
@@ -29,6 +29,7 @@ def single_agent_episodes(
         RolloutEpisode(_part(rollout, slot, piece, span, weights), name, spaces, piece.begun, span.truncated)
         for piece, name in zip(rollout.pieces, names, strict=True)
         for span in piece.spans
+        if span.length
     ]
 
 
