@@ -246,3 +246,44 @@ def test_other_algorithms_have_no_teacher():
     given = [algorithm, f"agent_config.0.policy.config.imitation={IMITATION}"]
     problems = settings_of(load_experiment(LEVELS, given)).problems
     assert any("only PPO has the key `imitation`" in problem.message for problem in problems)
+
+
+class _BurnsNowAndThen:
+    """Burns along x in steps 5, 6 and 21 of an episode."""
+
+    commands_attitude = False
+    registered_name = "BurnsNowAndThen"
+
+    def memory(self, world):
+        return {}
+
+    def __call__(self, view, limits):
+        thrust = np.zeros((view.num_rows, 3))
+        thrust[np.isin(view.step, (5, 6, 21)), 0] = 0.05
+        return thrust
+
+
+class TestDecisions:
+    task = LEVELS.with_name("experiment-burn-and-coast.yml")
+
+    def flown(self, acting):
+        environment = taught(self.task, _BurnsNowAndThen(), "horizon=26", num_envs=2)
+        slots = agent_slots(environment, lambda agent: "p")
+        actions = fly_round(environment, slots, acting, ("p",), 0.9).steps["p"].actions
+        return actions.reshape(-1, 2, 4)[:, 0]
+
+    def test_a_decision_lasts_until_the_teacher_burns(self):
+        actions = self.flown({})
+        assert np.flatnonzero(actions[:, 0]).tolist() == [5, 6, 21]
+        until = [*(5 - np.arange(5)), 1, *(21 - np.arange(6, 21))]
+        assert actions[:21, 3].tolist() == np.floor(np.log2(until)).tolist()  # durations 1, 2, 4, ...
+        assert (actions[21:, 3] == 6).all()  # nobody knows what comes behind the end
+
+    def test_a_decision_of_the_policy_counts_as_well(self):
+        policy = {"p": lambda seen: np.tile([0.1, 0.0, 0.0, 3.0], (len(seen), 1))}  # burns in steps 0, 8, 16 and 24
+        actions = self.flown(policy)
+        assert np.flatnonzero(actions[:, 0]).tolist() == [5, 6, 21]
+        assert actions[7, 3] == 0.0
+        assert actions[8, 3] == 3.0
+        assert actions[16, 3] == 2.0
+        assert actions[21, 3] == 1.0

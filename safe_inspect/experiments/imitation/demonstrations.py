@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.rollouts.collector import EpisodeCollector
 from safe_inspect.experiments.imitation.inverse import ActionInverse
 from safe_inspect.experiments.sampling.sampler import AgentSlot
+from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 #: From observations, float32, shape (R, O), to actions, shape (R, A).
@@ -19,11 +21,12 @@ Act = Callable[[AnyArray], AnyArray]
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of the agents of one policy.
+    """Control steps of the agents of one policy.
 
     Attributes:
         observations: What they saw, float32, shape (M, O).
-        actions: What their teacher would have done, float32, shape (M, A); without a teacher what they did.
+        actions: What their teacher would have done, float32, shape (M, A); without a teacher what they did. A decision
+            that may last does so until the teacher would burn, or the agent did.
         returns: Discounted sum of the rewards from there to the end of the episode [-], float32, shape (M,).
     """
 
@@ -75,14 +78,14 @@ def fly_round(
     collector = EpisodeCollector(environment, ())
     inverses = {slot.group: ActionInverse(environment.acting[slot.group]) for slot in slots if slot.policy in taught}
     numbers = {index: environment.groups.index(environment.acting[index]) for index in range(len(environment.acting))}
-    kept: list[list[tuple[AnyArray, AnyArray, FloatArray, BoolArray]]] = [[] for _ in slots]
+    kept: list[list[_Moment]] = [[] for _ in slots]
     running = collector.running
     while running.any():
-        wanted = {}
+        wanted, asked = {}, {}
         for index, inverse in inverses.items():
             group = environment.acting[index]
-            control = group.fly(environment.view(numbers[index]))
-            wanted[index] = inverse(control).reshape(environment.num_envs, group.size, -1)
+            asked[index] = group.fly(environment.view(numbers[index]))
+            wanted[index] = inverse(asked[index]).reshape(environment.num_envs, group.size, -1)
         actions = [np.zeros((environment.num_envs, g.size, g.action_layout.size)) for g in environment.acting]
         for slot in slots:
             seen = np.ascontiguousarray(observations[slot.group][:, slot.member])
@@ -94,7 +97,11 @@ def fly_round(
             told = wanted.get(slot.group, actions[slot.group])[:, slot.member]
             reward = transition.groups[numbers[slot.group]].reward[:, slot.member]
             flies = flying[:, slot.deputy] & running
-            kept[place].append((observations[slot.group][:, slot.member].copy(), told.copy(), reward.copy(), flies))
+            burns = _burns(environment, numbers[slot.group], slot, transition.groups[numbers[slot.group]].step.control)
+            if slot.group in asked:
+                burns |= _burns(environment, numbers[slot.group], slot, asked[slot.group])
+            seen = observations[slot.group][:, slot.member].copy()
+            kept[place].append(_Moment(seen, told.copy(), reward.copy(), flies, burns))
         observations = tuple(transition.groups[numbers[index]].observation for index in range(len(environment.acting)))
         collector.add(transition)
         running = collector.running
@@ -102,14 +109,38 @@ def fly_round(
     found = collector.episodes(0, [])
     by_policy: dict[str, list[Steps]] = {}
     for place, slot in enumerate(slots):
-        by_policy.setdefault(slot.policy, []).append(_steps(kept[place], gamma))
+        coast = environment.acting[slot.group].action_layout.coast
+        by_policy.setdefault(slot.policy, []).append(
+            _steps(kept[place], gamma, coast if slot.policy in taught else None)
+        )
     steps = {policy: Steps.join(parts) for policy, parts in by_policy.items()}
     return FlownRound(steps, float(found.success.mean()), float(found.delta_v.mean()))
 
 
-def _steps(kept: Sequence[tuple[AnyArray, AnyArray, FloatArray, BoolArray]], gamma: float) -> Steps:
-    """Return the steps of one agent in its episodes, with their returns."""
-    observations, actions, rewards, flies = (np.stack(column) for column in zip(*kept, strict=True))
+class _Moment(NamedTuple):
+    """One control step of one agent: what it saw, was told and earned, whether it flew, and whether anyone burned."""
+
+    observation: AnyArray
+    action: AnyArray
+    reward: FloatArray
+    flies: BoolArray
+    burns: BoolArray
+
+
+def _burns(environment: TeamEnvironment, group: int, slot: AgentSlot, control: FloatArray) -> BoolArray:
+    """Return whether the control of an agent is none of zeros, shape (N,)."""
+    whole = control.reshape(environment.num_envs, environment.groups[group].size, -1)
+    return np.asarray(whole[:, slot.member].any(axis=-1))
+
+
+def _steps(kept: Sequence[_Moment], gamma: float, coast: CoastGlue | None) -> Steps:
+    """Return the steps of one agent in its episodes, with their returns; how long decisions last is seen afterwards."""
+    observations, actions, rewards, flies, burns = (np.stack(column) for column in zip(*kept, strict=True))
+    if coast is not None:
+        later = np.full(burns.shape[1], coast.durations[-1])
+        for time in reversed(range(len(burns))):
+            actions[time, :, -1] = np.searchsorted(coast.table, np.maximum(later, coast.table[0]), side="right") - 1
+            later = np.where(burns[time], 1, later + 1)
     returns = np.zeros_like(rewards)
     later = np.zeros(rewards.shape[1])
     for time in reversed(range(len(rewards))):

@@ -13,7 +13,7 @@ class ActionInverse:
     """The actions whose controls are nearest to given ones.
 
     Each element of the action commands an axis of the control of its own: a level is the nearest, a real number that of
-    the straight line between the element's bounds.
+    the straight line between the element's bounds. That of a `CoastGlue` says how long it lasts: as short as it can.
 
     Args:
         group: The agents.
@@ -26,8 +26,9 @@ class ActionInverse:
         layout, thrusters = group.action_layout, group.thrusters
         self._low, self._high = layout.low, layout.high
         self._tables: list[tuple[int, FloatArray]] = []
+        self.coast = layout.coast
         counts = layout.choices or (0,) * layout.size
-        for element, count in enumerate(counts):
+        for element, count in enumerate(counts[:-1] if layout.coast is not None else counts):
             values = np.arange(count) if count else np.array([layout.low[element], layout.high[element]])
             tried = np.repeat(layout.low[None], len(values), axis=0)
             tried[:, element] = values
@@ -43,7 +44,7 @@ class ActionInverse:
 
     def __call__(self, control: FloatArray) -> FloatArray:
         """Return the actions, shape (R, A), for controls [N, N m], shape (R, C)."""
-        found = np.empty((len(control), len(self._tables)))
+        found = np.zeros((len(control), len(self._low)))
         for element, (axis, table) in enumerate(self._tables):
             wanted = control[:, axis]
             if self._discrete:
