@@ -22,11 +22,14 @@ from safe_inspect.rta.filters import (
     DecentralisedFilter,
     SimplexFilter,
     SimplexMemory,
+    TubeFilter,
 )
 from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS
+from safe_inspect.rta.filters.tube.safety_filter import MEMORY
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import SAFETY_FILTER, View
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import (
     PositiveLength,
@@ -53,6 +56,8 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         delta_v_limit: Delta-v that an episode keeps with the method ``simplex`` [m/s], if the plan of its initial state
             does: when it leaves no room for more than a plan, the plan is flown, and the deputy coasts. None: no limit.
         recoverable: Whether `refusals` also refuses states without a backup plan.
+        disturbance: Bounds of the disturbances under which the method ``backup`` keeps the constraints, for one deputy
+            by itself; see `TubeFilter`. None: the motion is exactly that of the model.
     """
 
     state_observation_names: tuple[str, ...] = ()
@@ -62,6 +67,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     infeasible: Literal["least_violating", "pass"] = "least_violating"
     delta_v_limit: PositiveSpeed | None = None
     recoverable: bool = False
+    disturbance: DisturbanceBounds | None = None
 
     @model_validator(mode="after")
     def _check_constraints(self) -> RTAGlueCWHInspection1v1:
@@ -72,6 +78,9 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             raise ValueError(
                 f"the method {self.method!r} does not keep {self._pairs[0]!r}; use the method 'backup', or leave it out"
             )
+        if self.disturbance is not None and (self._pairs or self.method != "backup"):
+            what = f"the constraint {self._pairs[0]!r}" if self._pairs else f"the method {self.method!r}"
+            raise ValueError(f"{what} withstands no `disturbance`; remove one of them")
         if self._pairs and self.enabled:
             assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
@@ -99,6 +108,8 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     @cached_property
     def backup_filter(self) -> BackupFilter:
         """The filter of the method `backup`, with these parameters and constraints."""
+        if self.disturbance is not None:
+            return TubeFilter(self._given, self._names, self.disturbance)
         return BackupFilter(self._given, self._names)
 
     @cached_property
@@ -161,13 +172,18 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         if self.method == "backup":
             if self._pairs and view.world.num_deputies > 1:
                 return Filtered(self._decentralised(state, desired, view.others_position, view.others_velocity))
+            if isinstance(self.backup_filter, TubeFilter):
+                result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
+                return Filtered(result, {"plan": plan})
             return Filtered(self.backup_filter(state, desired))
         before = SimplexMemory(view.delta_v, view.memory(SAFETY_FILTER, "latched"))
-        result, after = self._simplex(state, desired, before)
-        return Filtered(result, {"latched": after.latched})
+        switched, after = self._simplex(state, desired, before)
+        return Filtered(switched, {"latched": after.latched})
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare whether the switching filter has latched its backup controller."""
+        """Declare whether the switching filter has latched its backup controller, or the plan that is tracked."""
+        if self.disturbance is not None:
+            return {"plan": ArraySpec((MEMORY,))}
         return {"latched": ArraySpec((), np.bool_)} if self.method == "simplex" else {}
 
     def for_starts(self) -> RTAGlueCWHInspection1v1:

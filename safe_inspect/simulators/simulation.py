@@ -44,6 +44,7 @@ class Simulation:
         views: The current state as each group of agents sees it.
         reset_info: Statistics of the draws that began the current episodes, each of shape (N,).
         running: Environments whose episode runs, shape (N,); see `end`.
+        flown: The control that was flown in the last step, from which the commanded one may differ, shape (N, D, C).
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class Simulation:
         self._prefetcher = InitialStatePrefetcher(num_envs, self._specs, self._draw_initial_states)
         self.reset_info: dict[str, IntArray] = {}
         self.running = np.zeros(num_envs, dtype=np.bool_)
+        self.flown = self.state["control"]
         self.views = self._views(self.state)
 
     @property
@@ -207,6 +209,7 @@ class Simulation:
             after.step,
         )
         after.control[...] = control
+        self.flown = flown
         for component in self.components.values():
             component.step(after, self.running)
         self.views = self._remember(after)

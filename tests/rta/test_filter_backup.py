@@ -135,7 +135,7 @@ def test_closed_motions_are_certified_as_dense_samples_say(run):
         [
             closed_motion(
                 run._model, (*state.position[i], *state.velocity[i]),
-                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), Margins(1e-3, 1e-5), work,
+                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), Margins(1e-3, 1e-5, 1e-3), work,
             ) == SAFE
             for i in range(len(state))
         ]
@@ -167,7 +167,8 @@ def test_holds_are_certified_as_dense_samples_say(run):
         [
             hold(
                 run._model, (*state.position[i], *state.velocity[i]),
-                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), control[i], Margins(1e-3, 1e-5), cells, where,
+                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), control[i],
+                Margins(1e-3, 1e-5, 1e-3), cells, where,
             ) == SAFE
             for i in range(3000)
         ]

@@ -168,7 +168,7 @@ def test_holds_are_certified_as_dense_samples_say(constraint):
     run, state = BackupFilter({}, [constraint]), drawn(2, 1500, fastest=0.5)
     control = np.random.default_rng(3).uniform(-0.5, 0.5, (1500, 3))
     least = np.min([constraint.phi(flown(state, control, time)) for time in np.linspace(0.0, DT, 81)], axis=0)
-    cells, where, margins = np.empty((64, 4), np.int64), np.empty(2, np.int64), Margins(1e-3, 1e-5)
+    cells, where, margins = np.empty((64, 4), np.int64), np.empty(2, np.int64), Margins(1e-3, 1e-5, 1e-3)
     model = run._model
     safe = np.array(
         [
@@ -190,7 +190,7 @@ def test_closed_motions_are_certified_as_dense_samples_say(constraint):
     state.velocity[:, 1] = -2.0 * N * state.position[:, 0]
     zero = np.zeros((400, 3))
     least = np.min([constraint.phi(flown(state, zero, time)) for time in np.linspace(0.0, PERIOD, 1501)], axis=0)
-    work, model, margins = np.empty(NODE_STACK), run._model, Margins(1e-3, 1e-5)
+    work, model, margins = np.empty(NODE_STACK), run._model, Margins(1e-3, 1e-5, 1e-3)
     safe = np.array(
         [
             closed_motion(model, (*state.position[i], *state.velocity[i]), (1.0, 0.0), margins, work) == SAFE

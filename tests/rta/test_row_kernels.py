@@ -44,12 +44,12 @@ def test_a_state_is_broken_and_without_slack_where_phi_is_negative(code):
     assert 0 < (phi < 0.0).sum() < 300
     alone = numbers(NAMES[code])
     for value, (x, sun) in zip(phi, rows(), strict=True):
-        assert _broken(alone, x, sun, Margins(0.0, 0.0)) == (code if value < 0.0 else SAFE)
+        assert _broken(alone, x, sun, Margins(0.0, 0.0, 0.0)) == (code if value < 0.0 else SAFE)
         assert (_slack(alone, code, x, sun) < 0.0) == (value < 0.0)
 
 
 def test_constraints_that_do_not_count_refuse_nothing():
-    assert all(_broken(numbers(), x, sun, Margins(1e-3, 1e-5)) == SAFE for x, sun in rows())
+    assert all(_broken(numbers(), x, sun, Margins(1e-3, 1e-5, 1e-3)) == SAFE for x, sun in rows())
 
 
 def test_each_constraint_but_passive_safety_certifies_closed_motions():

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.models.learning import check_learning, flight_note, placed
 from safe_inspect.environments import TeamEnvironment
@@ -21,7 +23,6 @@ from safe_inspect.experiments.runs.trials import trial_table
 from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.learning_curve import learning_curve_figure
-from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.rta.team import TeamSafety
@@ -112,8 +113,8 @@ def _describe(group: AgentGroup) -> list[str]:
     return [*lines, f"rewards: {terms}", f"dones: {ends}", f"safety filter: {filters[0] if filters else 'none'}"]
 
 
-def _fields(plugin: Plugin) -> str:
-    """Return the fields of a plugin that differ from their defaults."""
+def _fields(plugin: BaseModel) -> str:
+    """Return the fields that differ from their defaults."""
     return ", ".join(f"{name} {value}" for name, value in plugin.model_dump(exclude_defaults=True).items())
 
 
@@ -121,7 +122,9 @@ def _named(safety: SafetyGlue | TeamSafety) -> str:
     """Return the name of a safety filter, its method, and the constraints that it keeps."""
     method, constraints = getattr(safety, "method", None), getattr(safety, "constraints", ())
     named = safety.registered_name + (f", {method}" if method else "")
-    return f"{named}, keeps {', '.join(map(name_of, constraints))}" if constraints else named
+    named += f", keeps {', '.join(map(name_of, constraints))}" if constraints else ""
+    withstood = getattr(safety, "disturbance", None)
+    return named if withstood is None else f"{named}, under {_fields(withstood)}"
 
 
 def _closing(result: Any) -> str:

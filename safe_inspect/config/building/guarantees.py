@@ -18,9 +18,11 @@ from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.constraints.sets import name_of
+from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import Simulator
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.types import FloatArray
 
@@ -76,6 +78,7 @@ def _check_filter(
     environment, kept = config.config.config.env_config, _kept(plugin)
     components = environment.simulator.compose()[1]
     orbit = environment.simulator.compose()[0].offers().get("mean_motion")
+    _check_disturbance(plugin, where, environment.simulator.disturbance, report)
     for sun in components:
         if "sun" in kept and isinstance(sun, Sun) and orbit and not math.isclose(sun.rate, orbit, rel_tol=1e-9):
             text = f"the constraint `sun` needs a sun that turns once an orbit, at {orbit:g} rad/s, and this one turns "
@@ -91,6 +94,23 @@ def _check_filter(
             text = f"deputies collide within {done.safety_constraint:g} m, and the filter keeps them {apart:g} m apart"
             place = (*_ENVIRONMENT, "dones", "shared", index, "config", "safety_constraint")
             report(place, f"{text}; lower this, or raise the filter's `deputy_radius`")
+
+
+def _check_disturbance(plugin: Any, where: KeyTuple, disturbance: Component | None, report: ReportProblem) -> None:
+    """Check that a filter withstands what disturbs the simulation."""
+    if disturbance is None or getattr(plugin, "method", None) == "continuous":
+        return
+    bounds = getattr(plugin, "disturbance", None)
+    if bounds is None:
+        text = "the simulation is disturbed, and this filter promises nothing then; "
+        if "disturbance" in type(plugin).model_fields:
+            report((*where, "disturbance"), f"{text}give it the bounds, or switch it off")
+        else:
+            report((*where, "enabled"), f"{text}switch it off, or remove the simulator's `disturbance`")
+    elif isinstance(disturbance, DisturbanceBounds):
+        for name in bounds.exceeded(disturbance):
+            text = f"the simulator's `{name}` is {getattr(disturbance, name):g}, beyond this bound"
+            report((*where, "disturbance", name), f"{text}; raise it, or lower the simulator's")
 
 
 def _moving_bodies(simulator: Simulator, reset: ResetPlan) -> Iterator[str]:

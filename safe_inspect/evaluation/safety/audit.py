@@ -12,10 +12,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.linalg import expm
 
+from safe_inspect.evaluation.safety.disturbances import DisturbanceAdversary
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.tube.safety_filter import TubeFilter
 from safe_inspect.types import FloatArray, IntArray
 
 #: Parts of a hold at whose ends the constraints are looked at.
@@ -37,6 +39,7 @@ class Audit:
         steps: Filtered steps.
         infeasible: Steps in which the filter found no plan, though it had accepted the initial state.
         violations: Moments at which a constraint was broken.
+        interventions: Steps in which the filter changed the desired thrust.
         least: The smallest plain safety quantity of each constraint.
     """
 
@@ -46,6 +49,7 @@ class Audit:
     steps: int = 0
     infeasible: int = 0
     violations: int = 0
+    interventions: int = 0
 
     def __post_init__(self) -> None:
         self.least = dict.fromkeys(NAMES, np.inf)
@@ -89,7 +93,8 @@ def audit(
         rows: Lines of states of each of three kinds on which a setting's initial states are looked for.
         steps: Steps of each flight.
         seed: Seed of everything.
-        first: A filter that is flown before the others.
+        first: A filter that is flown before the others. Where it withstands a disturbance, the others withstand the
+            same, and all flights are disturbed as much as that allows; see `DisturbanceAdversary`.
         progress: Called after each setting.
     """
     result = Audit()
@@ -105,11 +110,12 @@ def audit(
 def _filters(count: int, seed: int, first: BackupFilter | None, result: Audit) -> Iterator[BackupFilter]:
     if first is not None:
         yield first
+    bounds = first.bounds if isinstance(first, TubeFilter) else None
     for values, names in settings(seed):
         if not count:
             return
         try:
-            found = BackupFilter(values, names)
+            found = BackupFilter(values, names) if bounds is None else TubeFilter(values, names, bounds)
         except ValueError:  # no position is safe, or the thrusters are too weak
             result.refused += 1
             continue
@@ -124,16 +130,26 @@ def _fly(run: BackupFilter, state: RelativeState, steps: int, rng: np.random.Gen
     watch = _Watch(run.parameters, run.names)
     kind = rng.integers(0, 4, len(state))[:, None]
     result.starts += len(state)
+    adversary = DisturbanceAdversary(run.bounds, len(state), rng) if isinstance(run, TubeFilter) else None
+    memory = TubeFilter.memory(len(state))
     for _ in range(steps):
         noise = rng.normal(size=state.position.shape)
         inward = -state.position / np.linalg.norm(state.position, axis=1, keepdims=True)
         desired = run.parameters.u_max * np.select(
             [kind == 1, kind == 2, kind == 3], [0.05 * noise, noise, inward], 0.0
         )
-        flown = run(state, desired)
+        if isinstance(run, TubeFilter) and adversary is not None:
+            flown, memory = run.track(adversary.estimate(state, watch.quantities(state)), desired, memory)
+            held = adversary.flown(flown.control)
+        else:
+            flown = run(state, desired)
+            held = flown.control
         result.steps += len(state)
         result.infeasible += int(flown.infeasible.sum())
-        state = watch.advance(state, flown.control, result)
+        result.interventions += int(flown.intervening.sum())
+        state = watch.advance(state, held, result)
+        if adversary is not None:
+            state = adversary.disturbed(state)
 
 
 class _Watch:
@@ -149,6 +165,10 @@ class _Watch:
         self._coast = np.stack([expm(drift[:6, :6] * t)[:3] for t in coasting])
         drift[3:6, 6:] = np.eye(3) / p.m
         self._parts = [expm(drift * p.step_size * part / _PARTS)[:6] for part in range(1, _PARTS + 1)]
+
+    def quantities(self, state: RelativeState) -> dict[str, FloatArray]:
+        """Return the plain safety quantities of states, but for passive safety."""
+        return self._quantities(state.position, state.velocity, state.sun_angle, False)
 
     def advance(self, state: RelativeState, control: FloatArray, result: Audit) -> RelativeState:
         """Return the states after a hold; what is broken within it is counted."""

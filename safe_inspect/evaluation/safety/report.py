@@ -123,7 +123,7 @@ def safety_report(
         share = adversarial_thrust(environment.view(), hold, slots, seed)
         action = layout.low + 0.5 * (share + 1.0) * (layout.high - layout.low)
         transition = environment.step((np.rint(action) if layout.choices else action)[:, None])
-        history.append(watch.end(transition.step.control))
+        history.append(watch.end(environment.simulation.flown[:, 0]))
         flown += np.bincount(kinds, minlength=len(ADVERSARIES))
         interventions += np.bincount(kinds[transition.step.intervening], minlength=len(ADVERSARIES))
         if transition.step.filtered is not None:

@@ -9,12 +9,10 @@ from pydantic import Field
 from safe_inspect.rendezvous.plugins.base import DepthCameraModel, StateEstimator
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthCamera, DepthRenderer
 from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.units import NonNegativeAngularRate, PositiveLength, quantity
+from safe_inspect.units import NonNegativeAngle, NonNegativeAngularRate, PositiveLength
 
 if TYPE_CHECKING:
     from safe_inspect.rendezvous.estimate import EstimatorContext, TruthWithErrors
-
-NonNegativeAngle = quantity("rad", ge=0)
 
 
 class TimeOfFlightCamera(DepthCameraModel):

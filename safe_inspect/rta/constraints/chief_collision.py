@@ -38,12 +38,12 @@ def _uncertain(p: CollisionNumbers, cell: Any, margins: Margins) -> bool:
 
 @njit(**INLINED)
 def _closed_broken(p: CollisionNumbers, at: Any, margins: Margins) -> bool:
-    return bool(at.range < p.closed_near + margins.length)
+    return bool(at.range < p.closed_near + margins.coasting)
 
 
 @njit(**INLINED)
 def _closed_uncertain(p: CollisionNumbers, cell: Any, margins: Margins) -> bool:
-    return bool(cell.size <= 0.0 or lowest(cell.near_a, cell.near_b, cell.dip) < p.closed_near + margins.length)
+    return bool(cell.size <= 0.0 or lowest(cell.near_a, cell.near_b, cell.dip) < p.closed_near + margins.coasting)
 
 
 @njit(**INLINED)

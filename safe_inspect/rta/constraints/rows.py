@@ -32,10 +32,11 @@ SunAngle = tuple[float, float]
 
 
 class Margins(NamedTuple):
-    """By how much a constraint must be met: ranges and the sun cone [m], speeds [m/s]."""
+    """By how much a constraint must be met: ranges and the sun cone [m], speeds [m/s], ranges of coasting [m]."""
 
     length: float
     speed: float
+    coasting: float
 
 
 class Node(NamedTuple):
@@ -167,7 +168,7 @@ class RowKernels:
 @njit(**INLINED)
 def scaled(margins: Margins, factor: float) -> Margins:
     """Return margins that are so many times as large."""
-    return Margins(factor * margins.length, factor * margins.speed)
+    return Margins(factor * margins.length, factor * margins.speed, factor * margins.coasting)
 
 
 @njit(**INLINED)

@@ -6,6 +6,7 @@ from safe_inspect.rta.filters.continuous import ContinuousFilter
 from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
 from safe_inspect.rta.filters.team.decentralised import DecentralisedFilter
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamResult, TeamState
+from safe_inspect.rta.filters.tube.safety_filter import TubeFilter
 from safe_inspect.rta.numerics.qp import QPSolution, solve_qp
 
 __all__ = [
@@ -19,5 +20,6 @@ __all__ = [
     "TeamFilter",
     "TeamResult",
     "TeamState",
+    "TubeFilter",
     "solve_qp",
 ]

@@ -16,6 +16,7 @@ from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import checked, differs
+from safe_inspect.rta.numerics.regulator import regulator
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
@@ -175,14 +176,3 @@ class SimplexFilter:
         position = np.stack((size * sine, 2.0 * size * cosine, rest), axis=1)
         velocity = np.stack((size * n * cosine, -2.0 * size * n * sine, rest), axis=1)
         return position, velocity
-
-
-def regulator(p: ConstraintParameters, position_weight: float, velocity_weight: float) -> FloatArray:
-    """Return the gain K of u = -K e that minimises the sum of e'Qe + u'u over steps of one hold, shape (3, 6)."""
-    from scipy.linalg import solve_discrete_are
-
-    phi, gamma = transition(float(p.n), float(p.m), float(p.step_size))
-    weights = np.diag([position_weight] * 3 + [velocity_weight] * 3)
-    cost = solve_discrete_are(phi, gamma, weights, np.eye(3))
-    gain = np.linalg.solve(np.eye(3) + gamma.T @ cost @ gamma, gamma.T @ cost @ phi)
-    return np.asarray(gain, dtype=np.float64)

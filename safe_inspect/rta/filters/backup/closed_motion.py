@@ -30,6 +30,8 @@ _EIGHTH = 0.5 * (math.pi / FINEST) ** 2
 #: What the finest cells may miss of a distance [m], with a quarter of the margin: half of the margin of a plan, and
 #: more once there is a plan that is asked again with half margins.
 _MOST_MISSED = 7.5e-4
+#: The margin of a plan [m], where there is no tube about it.
+_WHOLE = 1e-3
 #: Columns of a node: angle in finest cells, position, cosine and sine of the sun angle, and the rest of a `ClosedNode`.
 _COLUMNS = 10
 #: Shape of the stack of nodes that `closed_motion` works with.
@@ -106,7 +108,7 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
     centre, rho = x[1] - 2.0 * u, math.sqrt(4.0 * in_plane * in_plane + across * across)
     size = abs(centre) + rho
     # the direction of a cell's chord misses the one part at its ends, the bound between them the other
-    if _EIGHTH * size * (size * m.turning + 4.0) > _MOST_MISSED - 0.25 * margins.length:
+    if _EIGHTH * size * (size * m.turning + 4.0) > _MOST_MISSED - 0.25 * min(margins.length, _WHOLE):
         return COLLISION
     for first in range(4):
         for place in range((0, 2, 1, 3)[first], ORBIT_CELLS, 4):

@@ -90,14 +90,14 @@ def cut_near(
             reach = sx * px + sy * py + sz * pz if own_side else math.sqrt(px * px + py * py + pz * pz)
             if reach < worst:
                 worst, at_k, at_j = reach, k, j
-    if worst >= near + margins.length and not always:
+    if worst >= near + margins.coasting and not always:
         return count
     if not own_side:
         sx, sy, sz = coasted(m, x, u, at_k, at_j)
         sx, sy, sz = direction(sx, sy, sz)
     for i in range(6):
         s.d[i] = sx * m.coast[at_j, 0, i] + sy * m.coast[at_j, 1, i] + sz * m.coast[at_j, 2, i]
-    return int(add(m, near + margins.length, held(m, x, u, at_k), u, at_k, s, count))
+    return int(add(m, near + margins.coasting, held(m, x, u, at_k), u, at_k, s, count))
 
 
 @njit(**INNER)

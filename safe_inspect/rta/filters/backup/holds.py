@@ -57,7 +57,7 @@ def hold(
             return int(code)
         top += 1
         work[top, 0] = time + (end - time) // 2
-    if m.near_psm > 0.0 and not _coasting(m, x, u, margins.length, work, where):
+    if m.near_psm > 0.0 and not _coasting(m, x, u, margins.coasting, work, where):
         return PSM
     return SAFE
 

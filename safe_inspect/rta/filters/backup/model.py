@@ -25,6 +25,14 @@ ORBIT_CELLS = 16
 FINEST = ORBIT_CELLS * 2**16
 #: Nodes of an orbit at which its slack is made linear.
 FINE_NODES = 64
+#: Radial and cross-track speeds of a plan in units of n r; the radial one is counted from that of the centred ellipse.
+RADIAL = (0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
+CROSS = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
+#: Parts of the motion for which a tube has margins: a hold of a thrust, the hold of the plan after it, the closed
+#: motion after that; and the last two of a plan without a hold before it.
+HOLD, PLAN, CLOSED, FIRST_PLAN, FIRST_CLOSED = range(5)
+#: The margins of no tube.
+NO_TUBE = np.zeros((5, 4, 3))
 _COAST_ANGLE = 0.2
 _COAST_PIECES = 64
 
@@ -54,6 +62,9 @@ class FilterModel(NamedTuple):
         further: How many further constraints there are; see `half_spaces`.
         kernels: Address of the addresses of their kernels and parameters; see `KernelTable`. Two numbers instead of
             arrays, for models are handed on by value.
+        tube: How far the real motion may be from that of the model, in each part: in lengths [m], speeds [m/s], ranges
+            of coasting [m] and the thrust of an axis [N], each a multiple of 1, of the thrust of the hold [N] and of
+            that of the plan [N], shape (5, 4, 3).
     """
 
     n: float
@@ -75,6 +86,7 @@ class FilterModel(NamedTuple):
     plan: FloatArray
     further: int
     kernels: int
+    tube: FloatArray
 
 
 def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) -> FilterModel:
@@ -115,5 +127,5 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) 
         orbit=np.stack((np.cos(circle), np.sin(circle)), axis=-1),
         fine=np.stack((np.cos(nodes), np.sin(nodes)), axis=-1),
         turning=turning, plan=np.asarray(np.linalg.inv(closing), dtype=np.float64),
-        further=0, kernels=0,
+        further=0, kernels=0, tube=NO_TUBE,
     )  # fmt: skip

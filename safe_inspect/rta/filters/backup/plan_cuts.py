@@ -12,17 +12,29 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.certified import COLLISION
-from safe_inspect.rta.constraints.rows import INNER, Node, SunAngle, node
+from safe_inspect.rta.constraints.rows import INNER, Margins, Node, SunAngle, node
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.half_spaces import further_slack
-from safe_inspect.rta.filters.backup.model import FINE_NODES, FURTHER, HOLD_PIECES, ORBIT_CELLS, FilterModel
+from safe_inspect.rta.filters.backup.model import (
+    CLOSED,
+    FINE_NODES,
+    FURTHER,
+    HOLD_PIECES,
+    ORBIT_CELLS,
+    PLAN,
+    FilterModel,
+)
 from safe_inspect.rta.filters.backup.plans import ORDER, QUICK, plan_thrust
-from safe_inspect.rta.filters.backup.sequences import least_slack, slack_of
+from safe_inspect.rta.filters.backup.sequences import bits_of, least_slack, slack_of
 from safe_inspect.rta.filters.backup.workspace import Workspace
+from safe_inspect.rta.filters.tube.margins import tracking_thrust, widened
 from safe_inspect.types import FloatArray
 
 #: What a newton of thrust to spare counts beside distances [m].
 _METRES_PER_NEWTON = 100.0
+#: Bits of the constraints that are speeds.
+_SPEEDS = bits_of("allowed_speed")
+_NO_MARGINS = Margins(0.0, 0.0, 0.0)
 #: Step of the differences [N].
 _STEP = 1e-4
 
@@ -94,12 +106,15 @@ def cut_recovery(
     differences.
     """
     w = s.w
+    effort = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     sun_b = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     start = turned(sun_b, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     after = held(m, x, u, HOLD_PIECES)
     plan, which = _best_plan(m, after, start, w)
     plan_thrust(m, after, plan, w)
     b, over = held(m, after, w, HOLD_PIECES), _excess(m, w)
+    tube = widened(m, _NO_MARGINS, CLOSED, effort, math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
+    spare = margin + _METRES_PER_NEWTON * tracking_thrust(m, PLAN, effort)
     # the same after a small step of the control along each axis
     u[0] += _STEP
     after = held(m, x, u, HOLD_PIECES)
@@ -116,17 +131,18 @@ def cut_recovery(
     u[2] -= _STEP
     plan_thrust(m, after, plan, w)
     b2, over2 = held(m, after, w, HOLD_PIECES), _excess(m, w)
-    if over < margin:
-        count = _add_linear((over, over0, over1, over2), margin, u, s, count)
+    if over < spare:
+        count = _add_linear((over, over0, over1, over2), spare, u, s, count)
     for code in range(FURTHER + m.further):
         if not m.active >> code & 1:
             continue
         previous, falling = math.inf, False
+        wanted = margin + (tube.speed / m.n if _SPEEDS >> code & 1 else tube.coasting)
         for place in range(FINE_NODES + 1):
             cos, sin = m.fine[place % FINE_NODES, 0], m.fine[place % FINE_NODES, 1]
             here = _slack(m, _orbit_node(m.n, b, start, cos, sin), code)
             # only the nodes at which the slack is least count
-            if falling and here >= previous and previous < margin:
+            if falling and here >= previous and previous < wanted:
                 cos, sin = m.fine[place - 1, 0], m.fine[place - 1, 1]
                 slacks = (
                     previous,
@@ -134,7 +150,7 @@ def cut_recovery(
                     _slack(m, _orbit_node(m.n, b1, start, cos, sin), code),
                     _slack(m, _orbit_node(m.n, b2, start, cos, sin), code),
                 )
-                count = _add_linear(slacks, margin, u, s, count)
+                count = _add_linear(slacks, wanted, u, s, count)
             falling = here < previous
             previous = here
     return count, which

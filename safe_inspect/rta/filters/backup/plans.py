@@ -14,15 +14,15 @@ from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
+from safe_inspect.rta.filters.backup.model import CROSS, FIRST_PLAN, HOLD_PIECES, PLAN, RADIAL, FilterModel
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import Workspace
+from safe_inspect.rta.filters.tube.margins import tracking_thrust, widened
 from safe_inspect.types import FloatArray
 
 NO_PLAN = -1
-#: Radial and cross-track speeds of a plan in units of n r; the radial one is counted from that of the centred ellipse.
-RADIAL = (0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
-CROSS = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
+#: In place of an effort: there is no hold before a plan.
+NO_HOLD = -1.0
 _R, _C = len(RADIAL) + 1, len(CROSS) + 1
 #: How many plans there are.
 PLANS = _R * _C
@@ -71,25 +71,32 @@ def still(m: FilterModel, u: FloatArray) -> bool:
 
 @njit(**INNER)
 def try_plan(
-    m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, u: FloatArray, s: Workspace
+    m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray, s: Workspace
 ) -> bool:  # fmt: skip
-    """Write the thrust of a plan from x; True where it is admissible and safe in the hold and ever after."""
+    """Write the thrust of a plan from x; True where it is admissible and safe in the hold and ever after.
+
+    `effort` is the size of the thrust before it [N], on which the tube about the plan depends; negative without one.
+    """
+    hold_part = PLAN if effort >= 0.0 else FIRST_PLAN
     # with half margins the thrust may exceed the thrusters by rounding: 1e-9 of them, which is not flown
-    if plan_thrust(m, x, index, u) > m.u_max * (1.0 + max(0.0, 2e-9 - 2e-6 * margins.length)):
+    most = m.u_max * (1.0 + max(0.0, 2e-9 - 2e-6 * margins.length)) - tracking_thrust(m, hold_part, effort)
+    if plan_thrust(m, x, index, u) > most:
         return False
+    size = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     for axis in range(3):
         u[axis] = min(max(u[axis], -m.u_max), m.u_max)
     after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
-    if closed_motion(m, after, later, margins, s.work) != SAFE:
+    if closed_motion(m, after, later, widened(m, margins, hold_part + 1, effort, size), s.work) != SAFE:
         return False
     if index == STAY and still(m, u):
         return True  # the hold is a part of the closed motion
-    return bool(hold(m, x, sun, u, margins, s.cells, s.at) == SAFE)
+    return bool(hold(m, x, sun, u, widened(m, margins, hold_part, effort, size), s.cells, s.at) == SAFE)
 
 
 @njit(**INNER)
 def find_plan(
-    m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, first: int, most: int, u: FloatArray, s: Workspace
+    m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, most: int, u: FloatArray,
+    s: Workspace,
 ) -> int:  # fmt: skip
     """Write the thrust of a safe plan and return its index; NO_PLAN where there is none.
 
@@ -98,15 +105,16 @@ def find_plan(
         x: The state.
         sun: Cosine and sine of the sun angle.
         margins: Margins of the constraints.
+        effort: Size of the thrust before the plan [N]; negative without one. See `try_plan`.
         first: A plan to try before the others, or NO_PLAN.
         most: How many plans of `ORDER` to try: PLANS for a search that finds a plan where there is one.
         u: Receives the thrust [N], shape (3,).
         s: Workspace.
     """
-    if first != NO_PLAN and try_plan(m, x, sun, first, margins, u, s):
+    if first != NO_PLAN and try_plan(m, x, sun, first, margins, effort, u, s):
         return first
     for place in range(most):
         index = ORDER[place]
-        if index != first and try_plan(m, x, sun, index, margins, u, s):
+        if index != first and try_plan(m, x, sun, index, margins, effort, u, s):
             return index
     return NO_PLAN

@@ -21,8 +21,8 @@ from safe_inspect.types import FloatArray
 INSIDE = 5.0
 _ROUNDS = 5
 #: Speed to spare [m/s].
-_SPARE = Margins(0.0, 1e-5)
-_NO_MARGINS = Margins(0.0, 0.0)
+_SPARE = Margins(0.0, 1e-5, 0.0)
+_NO_MARGINS = Margins(0.0, 0.0, 0.0)
 #: What is broken by less than this [m], [m/s] counts as met.
 _MET = 1e-6
 #: Bits of the constraints that are distances, which are to grow, and of those that turn with the sun.

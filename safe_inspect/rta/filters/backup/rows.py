@@ -11,12 +11,14 @@ from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle, scaled
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.cuts import Refusal, cut_broken, cut_hold
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
+from safe_inspect.rta.filters.backup.model import HOLD, HOLD_PIECES, PLAN, FilterModel
 from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
-from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, QUICK, STAY, find_plan
+from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, PLANS, QUICK, STAY, find_plan
 from safe_inspect.rta.filters.backup.returning import return_control
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, workspace
+from safe_inspect.rta.filters.tube.margins import widened
+from safe_inspect.rta.filters.tube.rows import begin_plan, follow_plan, plan_after, remembers, tracking
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -24,7 +26,7 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 #: between the backup and that, or the way back from a state without a backup.
 DESIRED, NEAREST, BACKUP, RETURN = range(4)
 #: Margins that a control must leave to be taken; a backup is still one with half of them.
-MARGINS = Margins(1e-3, 1e-5)
+MARGINS = Margins(1e-3, 1e-5, 1e-3)
 #: Bits of what keeps off the chief.
 NEAR_BITS = 1 << COLLISION | 1 << PSM
 #: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
@@ -49,11 +51,12 @@ def _verified(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, first: int, most: int, s: Workspace
 ) -> tuple[int, int]:  # fmt: skip
     """Return the constraint that refuses the hold of u, or SAFE, and a plan for the state after it, or NO_PLAN."""
-    code = hold(m, x, sun, u, MARGINS, s.cells, s.where)
+    effort = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    code = hold(m, x, sun, u, widened(m, MARGINS, as_int(HOLD), effort, 0.0), s.cells, s.where)
     if code != SAFE:
         return code, NO_PLAN
     after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
-    return SAFE, find_plan(m, after, later, MARGINS, first, most, s.w, s)
+    return SAFE, find_plan(m, after, later, MARGINS, effort, first, most, s.w, s)
 
 
 @njit(**INNER)
@@ -64,7 +67,6 @@ def _cut(
 
     Each round adds half-spaces for what the last proposal breaks and proposes the control of the programme.
     """
-    margins = scaled(MARGINS, _EXTRA)
     count, bits, plan, unrecovered = as_int(0), as_int(0), as_int(NO_PLAN), 0
     for axis in range(3):
         u[axis] = desired[axis]
@@ -73,6 +75,9 @@ def _cut(
         if plan != NO_PLAN:
             return bits, True
         broken = 0
+        # the state after the hold is that before a plan, about which the tube is wider
+        effort = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+        margins = widened(m, scaled(MARGINS, _EXTRA), as_int(PLAN), effort, 0.0)
         if code != SAFE:
             count = cut_hold(m, x, sun, u, Refusal(code, s.where[0]), own_side, margins, s, count)
             count, broken = cut_broken(m, x, sun, u, own_side, margins, s, count)
@@ -99,12 +104,16 @@ def _cut(
 
 
 @njit(**INNER)
-def _between(m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace) -> None:
-    """Write into u a verified control on the segment from the backup to u, as near to the desired as it finds."""
+def _between(m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace) -> bool:
+    """Write into u a verified control on the segment from the backup to u, as near to the desired as it finds.
+
+    Returns:
+        Whether it is another one than the backup; the thrust of the plan after it is then in `s.plan`.
+    """
     for axis in range(3):
         s.best[axis], s.proposal[axis] = s.backup[axis], s.backup[axis]
     size = math.sqrt(_squared(u, s.proposal))
-    low, high, plan = 0.0, 1.0, as_int(STAY)
+    low, high, plan, moved = 0.0, 1.0, as_int(STAY), False
     for _ in range(_HALVINGS):
         if size * (high - low) < _FINE:
             break
@@ -113,13 +122,14 @@ def _between(m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u:
             s.trial[axis] = s.proposal[axis] + middle * (u[axis] - s.proposal[axis])
         _, found = _verified(m, x, sun, s.trial, plan, as_int(_FEW), s)
         if found != NO_PLAN and _squared(s.trial, desired) < _squared(s.best, desired):
-            low, plan = middle, found
+            low, plan, moved = middle, found, True
             for axis in range(3):
-                s.best[axis] = s.trial[axis]
+                s.best[axis], s.plan[axis] = s.trial[axis], s.w[axis]
         else:
             high = middle
     for axis in range(3):
         u[axis] = s.best[axis]
+    return moved
 
 
 @njit(**INNER)
@@ -127,42 +137,77 @@ def _squared(a: FloatArray, b: FloatArray) -> float:
     return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
+@njit(**INNER)
+def _propose(
+    m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace
+) -> tuple[int, bool]:  # fmt: skip
+    """Look for a verified control; return the bits of what refuses the desired one and whether u is verified.
+
+    The desired one, clipped, is written into `s.desired`, and the thrust of the plan after a verified u into `s.w`.
+    """
+    for axis in range(3):
+        s.desired[axis] = min(max(desired[axis], -m.u_max), m.u_max)
+    refused, done = 0, False
+    for side in range(2):
+        bits, done = _cut(m, x, sun, s.desired, side == 1, u, s)
+        if side == 0:
+            refused = bits
+        if done or not bits & NEAR_BITS:
+            break
+    return refused, done
+
+
+@njit(**INNER)
+def _first_plan(m: FilterModel, x: RowState, sun: SunAngle, s: Workspace) -> bool:
+    """Look for a plan from a state and write its thrust into `s.backup`.
+
+    What was taken with the whole margins is still safe with half of them, whatever the rounding since.
+    """
+    for half in range(2):
+        margins = scaled(MARGINS, 1.0 - 0.5 * half)
+        if find_plan(m, x, sun, margins, NO_HOLD, as_int(NO_PLAN), as_int(PLANS), s.backup, s) != NO_PLAN:
+            return True
+    return False
+
+
 @njit(error_model="numpy")
 def filter_rows(
     m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
-    control: FloatArray, refused: IntArray, stage: IntArray,
+    gain: FloatArray, memory: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
-    """Write each row's control, the bits of the constraints that refused the desired one, and where it comes from."""
-    s = workspace(MAX_HALF_SPACES)
+    """Write each row's control, the bits of the constraints that refused the desired one, and where it comes from.
+
+    Where `memory` has rows, it holds the plan of each and is written; the plan is tracked with that gain. Without rows
+    plans are found anew.
+    """
+    s, tracks = workspace(MAX_HALF_SPACES), memory.shape[0] > 0
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        for axis in range(3):
-            s.desired[axis] = min(max(desired[i, axis], -m.u_max), m.u_max)
-        done = False
-        for side in range(2):
-            bits, done = _cut(m, x, sun, s.desired, side == 1, control[i], s)
-            if side == 0:
-                refused[i] = bits
-            if done or not bits & NEAR_BITS:
-                break
-        stage[i] = NEAREST if refused[i] else DESIRED
+        refused[i], done = _propose(m, x, sun, desired[i], control[i], s)
         if done:
+            stage[i] = NEAREST if refused[i] else DESIRED
+            if tracks:
+                plan_after(m, x, control[i], s.w, memory[i])
             continue
-        stage[i] = BACKUP
-        # what was taken with the whole margins is still safe with half of them, whatever the rounding since
-        for half in range(2):
-            margins = scaled(MARGINS, 1.0 - 0.5 * half)
-            plan = find_plan(m, x, sun, margins, as_int(NO_PLAN), as_int(PLANS), s.backup, s)
-            if plan != NO_PLAN:
-                break
-        if plan != NO_PLAN:
-            _between(m, x, sun, s.desired, control[i], s)
-        else:
+        known = tracks and remembers(memory[i])
+        if not known and not _first_plan(m, x, sun, s):
             stage[i] = RETURN
             refused[i] = return_control(m, x, sun, control[i], s)
+            continue
+        stage[i] = BACKUP
+        if tracks:
+            if not known:
+                begin_plan(x, s.backup, memory[i])
+            tracking(m, gain, x, memory[i], s.backup)
+        moved = _between(m, x, sun, s.desired, control[i], s)
+        if tracks:
+            if moved:
+                plan_after(m, x, control[i], s.plan, memory[i])
+            else:
+                follow_plan(m, memory[i], s.trial, s.w)
 
 
 @njit(error_model="numpy")
@@ -199,7 +244,7 @@ def recoverable_rows(
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        plan = find_plan(m, x, sun, scaled(MARGINS, share), as_int(STAY), as_int(PLANS), control[i], s)
+        plan = find_plan(m, x, sun, scaled(MARGINS, share), NO_HOLD, as_int(STAY), as_int(PLANS), control[i], s)
         out[i] = plan != NO_PLAN
         if not out[i]:
             for axis in range(3):

@@ -94,11 +94,17 @@ class BackupFilter(SafetyFilter):
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
         """Return the controls to fly; see `SafetyFilter`."""
         desired = checked(state, desired)
+        return self._filtered(state, desired, np.zeros((3, 6)), np.empty((0, 0)))
+
+    def _filtered(
+        self, state: RelativeState, desired: FloatArray, gain: FloatArray, memory: FloatArray
+    ) -> FilterResult:  # fmt: skip
+        """Return the controls to fly; for the last two see `filter_rows`."""
         count = len(state)
         control, refused, stage = np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
         rows = compiled("backup.rows")
         rows.filter_rows(
-            self._model, state.position, state.velocity, state.sun_angle, desired, control, refused, stage
+            self._model, state.position, state.velocity, state.sun_angle, desired, gain, memory, control, refused, stage
         )  # fmt: skip
         active: IntArray = np.zeros(count, np.int64)
         for code, j in self._codes.items():

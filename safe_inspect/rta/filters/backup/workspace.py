@@ -46,6 +46,7 @@ class Workspace(NamedTuple):
     proposal: FloatArray
     trial: FloatArray
     best: FloatArray
+    plan: FloatArray
 
 
 @njit(error_model="numpy")
@@ -54,7 +55,7 @@ def workspace(most: int) -> Workspace:
     return Workspace(
         np.empty(NODE_STACK), np.empty((64, 4), np.int64), np.empty(2, np.int64), np.empty(2, np.int64),
         np.empty((most, 3)), np.empty(most), np.empty(most, np.bool_), projection_workspace(most),
-        np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
+        np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
     )  # fmt: skip
 
 

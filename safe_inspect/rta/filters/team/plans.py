@@ -83,7 +83,7 @@ def alone_safe(
     if t.known[i, plan] == _UNKNOWN:
         u = t.thrust[i, plan]
         t.known[i, plan] = _BAD
-        if try_plan(m, state_of(x, i), sun, plan, margins, u, s):
+        if try_plan(m, state_of(x, i), sun, plan, margins, 0.0, u, s):
             t.known[i, plan] = _GOOD
             end = held(m, state_of(x, i), u, HOLD_PIECES)
             for k in range(6):
@@ -100,7 +100,7 @@ def _pair_safe(
     q, (i, plan), (j, other) = g.pair, first, second
     after = minus(state_of(t.end[i], plan), state_of(t.end[j], other))
     if t.fixed[i] or t.fixed[j]:
-        if not apart(q.n, after, q.constraints[COLLISION].closed_near + margins.length):
+        if not apart(q.n, after, q.constraints[COLLISION].closed_near + margins.coasting):
             return False
     elif closed_motion(q, after, sun, margins, s.work) != SAFE:
         return False

@@ -1,0 +1,152 @@
+"""How far a deputy that tracks its plan can be from it, under a bounded disturbance.
+
+The deputy holds a thrust u, then its plan's thrust v, and then coasts on the plan's closed motion; from the plan on it
+adds K (estimate - plan) to the plan's thrust. Its deviation d from the plan follows
+
+    d' = (Phi + Gamma K) d + Gamma (K e + t) + w,
+
+with the estimation error e, the thrust's error t, |t| <= share |thrust|, and the velocity w, which may come at any
+moments of the hold. So it is a sum over the past, whose terms are bounded one by one by spectral norms: a bound for
+every disturbance, a multiple of 1, |u| and |v|.
+
+Source:
+    Chisci, Rossiter and Zappa, "Systems with persistent disturbances: predictive control with restricted constraints",
+    Automatica 2001; Mayne, Seron and Rakovic, "Robust model predictive control of constrained linear systems with
+    bounded disturbances", Automatica 2005.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.numerics.regulator import regulator
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
+from safe_inspect.types import FloatArray
+
+#: Weights of the regulator, of squared errors of position and velocity in units of what a thrust of 1 N does in a hold.
+#: Thrusts that follow the errors of the estimate cost speed, slow returns cost distance: these keep both margins small.
+_POSITION_WEIGHT, _VELOCITY_WEIGHT = 1.0, 64.0
+#: Moments of a hold at which deviations are computed; a hundredth more than the largest bounds what lies between them.
+_MOMENTS = 9
+_MORE = 1.01
+#: Holds after which the deviation must have settled, and to what share of it.
+_HOLDS = 400
+_SETTLED = 1e-6
+
+
+class Deviations(NamedTuple):
+    """Bounds of a deviation over a hold, each a multiple of (1, |u|, |v|), shape (3,).
+
+    Attributes:
+        length: Distance [m].
+        speed: Size of the velocity's deviation [m/s].
+        thrust: What the tracking adds to the thrust of an axis [N].
+    """
+
+    length: FloatArray
+    speed: FloatArray
+    thrust: FloatArray
+
+
+class Tracker:
+    """Tracking of plans under a bounded disturbance.
+
+    Attributes:
+        bounds: What is withstood.
+        gain: K, from the deviation of position and velocity to thrust [N/m, N s/m], shape (3, 6).
+    """
+
+    def __init__(self, parameters: ConstraintParameters, bounds: DisturbanceBounds) -> None:
+        """Compute the gain and the response to each disturbance."""
+        p = parameters
+        n, mass, dt = float(p.n), float(p.m), float(p.step_size)
+        self.gain = -regulator(p, _POSITION_WEIGHT * (mass / dt**2) ** 2, _VELOCITY_WEIGHT * (mass / dt) ** 2)
+        self.bounds, self._share = bounds, bounds.thrust_error
+        maps = [transition(n, mass, t) for t in np.linspace(0.0, dt, _MOMENTS)]
+        free, input_ = np.stack([m[0] for m in maps]), np.stack([m[1] for m in maps])
+        steered = input_ @ self.gain
+        error, velocity = (bounds.position_error, bounds.velocity_error), bounds.velocity
+        #: Each disturbance: its bound, or None for the thrust's error; its effect in its own hold and at the end of it.
+        self._sources = {
+            "first position": (error[0], free[..., :3], free[-1:, :, :3]),
+            "first velocity": (error[1], free[..., 3:], free[-1:, :, 3:]),
+            "position": (error[0], steered[..., :3], steered[-1:, :, :3]),
+            "velocity": (error[1], steered[..., 3:], steered[-1:, :, 3:]),
+            "disturbance": (velocity, free[..., 3:], free[..., 3:]),
+            "thrust": (1.0, input_, input_[-1:]),
+        }
+        self._responses = self._respond(free + steered)
+
+    def _respond(self, steered: FloatArray) -> dict[str, FloatArray]:
+        """Return what each disturbance does in its own hold and in those after it, shape (1 + holds, 4).
+
+        Columns: distance, speed, size of the tracking thrust, largest thrust of an axis.
+        """
+        responses = {}
+        for name, (bound, now, end) in self._sources.items():
+            rows = [[*_sizes(now), 0.0, 0.0]]
+            power = end
+            for _ in range(_HOLDS if bound > 0.0 else 1):
+                thrust = self.gain @ power
+                along = steered[:, None] @ power
+                axes = np.sqrt(np.square(thrust).sum(axis=-1)).max()
+                rows.append([*_sizes(along), _largest(thrust), axes])
+                if rows[-1][1] < _SETTLED * rows[0][1] and rows[-1][0] < _SETTLED * max(rows[0][0], rows[1][0]):
+                    break
+                power = steered[-1] @ power
+            response = np.zeros((_HOLDS + 1, 4))
+            response[: len(rows)] = rows
+            responses[name] = bound * response
+        return responses
+
+    def follow(self, planned: tuple[int, ...]) -> list[Deviations]:
+        """Return the deviations in each hold.
+
+        Args:
+            planned: For each hold from the first which of (1, |u|, |v|) its planned thrust is; none after these. In the
+                first the deputy flies what was planned for its estimate, so that only the estimate's error counts.
+        """
+        response, found = self._responses, []
+        efforts = np.zeros((_HOLDS, 3))
+        whole = {name: np.cumsum(response[name], axis=0) for name in ("position", "velocity", "disturbance")}
+        measured = _largest(self.gain[:, :3][None]), _largest(self.gain[:, 3:][None])
+        axes = [np.sqrt(np.square(self.gain[:, part]).sum(axis=-1)).max() for part in (slice(3), slice(3, 6))]
+        errors = [self._sources[name][0] for name in ("position", "velocity")]
+        for hold in range(_HOLDS):
+            total = np.zeros((4, 3))
+            total[:, 0] = (
+                response["first position"][hold] + response["first velocity"][hold] + whole["disturbance"][hold]
+            )
+            if hold > 0:
+                for name in ("position", "velocity"):
+                    total[:, 0] += whole[name][hold - 1]
+                total[2, 0] += measured[0] * errors[0] + measured[1] * errors[1]
+                total[3, 0] += axes[0] * errors[0] + axes[1] * errors[1]
+            total += response["thrust"][hold:0:-1].T @ efforts[:hold]
+            efforts[hold] = self._share * total[2]
+            if hold < len(planned):
+                efforts[hold, planned[hold]] += self._share
+            total += np.outer(response["thrust"][0], efforts[hold])
+            found.append(Deviations(_MORE * total[0], _MORE * total[1], _MORE * total[3]))
+        return found
+
+    @property
+    def settles(self) -> bool:
+        """Whether deviations are bounded for ever: nothing is left of a disturbance after the last hold, nor grows."""
+        left = max(float(response[-1].max() / max(response[0].max(), 1e-300)) for response in self._responses.values())
+        feedback = self._share * self._responses["thrust"][:, 2].sum()
+        return left < 1e-3 and feedback < 1.0
+
+
+def _largest(blocks: FloatArray) -> float:
+    """Return the largest spectral norm of a stack of matrices."""
+    return float(np.linalg.norm(blocks, ord=2, axis=(-2, -1)).max())
+
+
+def _sizes(blocks: FloatArray) -> tuple[float, float]:
+    """Return the largest spectral norms of the rows of positions and of velocities."""
+    return _largest(blocks[..., :3, :]), _largest(blocks[..., 3:, :])

@@ -1,0 +1,103 @@
+"""The filter that holds under a bounded disturbance, by tracking the plan that it remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.base import checked, compiled
+from safe_inspect.rta.filters.tube.deviations import Tracker
+from safe_inspect.rta.filters.tube.tables import leaves_nothing, starting_tube, tube_of
+from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
+from safe_inspect.types import BoolArray, FloatArray
+
+#: Elements of what is remembered of a deputy: the plan's state, its thrust, and 1 where there is a plan.
+MEMORY = 10
+
+
+class TubeFilter(BackupFilter):
+    """`BackupFilter` for states that are known to within an error, and for motions and thrusts that are disturbed.
+
+    A desired control is flown if its hold, and a plan after it, keep every constraint for every disturbance within the
+    bounds; the plan is then remembered. In the next step it is the backup: the deputy tracks it, by its thrust plus
+    K (estimate - plan), instead of planning anew, so that nothing has to be found again. The real motion stays in a
+    tube about the plan, whose width is known beforehand; see `deviations`. Every constraint is certified for the
+    model's motion with that width as a margin, which grows with the thrusts whose errors it holds. So from an accepted
+    initial state every step ends in one with a plan, for ever.
+
+    Attributes:
+        bounds: What is withstood.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Any] | ConstraintParameters | None,
+        names: Iterable[str | Constraint],
+        bounds: DisturbanceBounds,
+    ) -> None:
+        """Build the filter; see `BackupFilter` for the first arguments.
+
+        Args:
+            parameters: The task's parameters.
+            names: The constraints.
+            bounds: What is to be withstood.
+
+        Raises:
+            ValueError: An argument is wrong, or the bounds leave no state from which the constraints can be kept.
+        """
+        super().__init__(parameters, names)
+        self.bounds = bounds
+        tracker = Tracker(self.parameters, bounds)
+        known = {constraint.registered_name for constraint in self.constraints.values()}
+        lost = None if tracker.settles else "of anything: a plan cannot be tracked with such errors of the thrust"
+        if lost is None:
+            tube = tube_of(self._tables, tracker, self.parameters, known)
+            lost = leaves_nothing(tube, self.parameters, known)
+        if lost is not None:
+            raise ValueError(f"the bounds of `disturbance` leave nothing {lost}; lower them")
+        self._gain = tracker.gain
+        self._starting = starting_tube(self._tables, tracker, tube, self.parameters, known)
+        self._tables = self._tables._replace(tube=tube)
+
+    def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
+        """Return the controls to fly in the first step of episodes, without a memory; see `track`."""
+        return self.track(state, desired, self.memory(len(state)))[0]
+
+    @staticmethod
+    def memory(rows: int) -> FloatArray:
+        """Return what is remembered at the beginning of R episodes, nothing, shape (R, 10)."""
+        return np.zeros((rows, MEMORY))
+
+    def track(self, state: RelativeState, desired: FloatArray, memory: FloatArray) -> tuple[FilterResult, FloatArray]:
+        """Return the controls to fly, and the memory after the step; `memory` itself stays as it is.
+
+        Args:
+            state: Estimates of the states of R deputies.
+            desired: Desired controls [N], Hill frame, shape (R, 3).
+            memory: What was remembered after the last step, shape (R, 10).
+
+        Raises:
+            ValueError: The shapes differ, or a number is not finite; the message names the first such row.
+        """
+        desired, memory = checked(state, desired), np.array(memory, dtype=np.float64, order="C")
+        return self._filtered(state, desired, self._gain, memory), memory
+
+    def recoverable(self, state: RelativeState) -> BoolArray:
+        """Return the rows from which the filter holds, whatever their estimate within the bounds, shape (R,).
+
+        Args:
+            state: Real initial states.
+        """
+        checked(state, np.zeros((len(state), 3)))
+        found, control = np.empty(len(state), np.bool_), np.empty((len(state), 3))
+        model = self._model._replace(tube=self._starting)
+        compiled("backup.rows").recoverable_rows(
+            model, state.position, state.velocity, state.sun_angle, 1.0, found, control
+        )  # fmt: skip
+        return found
