@@ -38,6 +38,7 @@ def state_info(view: View, *, has_filter: bool = False) -> dict[str, AnyArray]:
 def transition_info(transition: Transition, team: TeamFiltered | None = None) -> dict[str, AnyArray]:
     """Return the info of a step: those of its last state, and ``reward/NAME`` for every term.
 
+    Where invalid actions fly a backup, ``rta/invalid_action`` tells in which rows the action was NaN or infinite.
     With a safety filter also, of this step, ``rta/intervening`` and ``rta/infeasible``; with one of the agent's own
     ``rta/active`` (bit j: the j-th constraint refused the desired thrust) and ``rta/phi_min``, the smallest plain
     safety quantity at its beginning; with one of the whole team ``rta/backup``. No filter intervenes for an agent that
@@ -51,6 +52,8 @@ def transition_info(transition: Transition, team: TeamFiltered | None = None) ->
     info = state_info(step.after, has_filter=team is not None)
     info |= {f"reward/{name}": value.reshape(-1) for name, value in transition.terms.items()}
     filtered = step.filtered
+    if step.invalid is not None:
+        info["rta/invalid_action"] = step.invalid & transition.active.reshape(-1)
     if filtered is not None:
         active = transition.active.reshape(-1)
         info["rta/intervening"] = step.intervening & active

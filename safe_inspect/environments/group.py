@@ -65,6 +65,7 @@ class AgentGroup:
         first: Index of the first deputy among all.
         size: Number of agents, G.
         safety_filter: What filters the thrusts of its agents, where one is enabled.
+        flies_backup: Whether an invalid action flies the backup of a safety filter instead of stopping the run.
         scripted: Whether a scripted policy flies the deputies, so that no action is taken from outside.
         group: What views of the state know of the group.
         observation_layout: Layout of one agent's observation.
@@ -85,6 +86,7 @@ class AgentGroup:
         self.agent = agent
         filters = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
         self.safety_filter = filters[0] if filters else None
+        self.flies_backup = self.safety_filter is not None and self.safety_filter.invalid_actions == "backup"
         self.first, self.size, self.scripted = first, len(specs), agent.scripted_policy is not None
         self.remembering = {
             f"done {named.name}": named.functor

@@ -11,6 +11,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.finite_checks import all_finite, checked_seed, require_finite, require_shape
 from safe_inspect.environments.group import AgentGroup, group_agents
+from safe_inspect.environments.invalid_actions import replaced, with_backup
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.environments.writers import names_writers
 from safe_inspect.rta.team import TeamFiltered
@@ -63,6 +64,9 @@ class TeamEnvironment:
             first_slot=first_slot,
             team_filter=self._safety_filter,
         )
+        if self._safety_filter is not None and self._safety_filter.invalid_actions == "backup":
+            for group in self.acting:
+                group.flies_backup = True
         if _fused:
             from safe_inspect.environments.fused.step import FusedGroup  # compiled: not when only validated
 
@@ -160,11 +164,17 @@ class TeamEnvironment:
         given = iter(actions)
         steps: list[Step] = []
         for group, view, idle in zip(self.groups, views, self._idle, strict=True):
+            invalid = None
             if group.scripted:
                 action = desired = group.fly(view)
+            elif group.flies_backup:
+                action, invalid = replaced(next(given), group.action_layout)
+                action, desired = group.command(action, view)
+                desired = with_backup(desired, invalid, group.safety_filter, view)
             else:
                 action, desired = group.command(next(given), view)
             steps.append(Step(view, view, action, desired, desired, idle, world.step_size))
+            steps[-1].invalid = invalid
         filtered = [
             group.filter(step.writable_control, step.before) for group, step in zip(self.groups, steps, strict=True)
         ]

@@ -17,6 +17,7 @@ from safe_inspect.metrics import (
     BaseMetric,
     DeltaVAfterLastPoint,
     Interventions,
+    InvalidActions,
     LargestRange,
     LargestSpeed,
     SmallestPhi,
@@ -72,7 +73,10 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     The constraints are those of the agents' safety glues and of the team's filter, with their parameters, enabled or
     not.
     """
+    filters = [*(glue for agent in spec.agents for glue in _glues(agent)), spec.team_safety]
     metrics: list[BaseMetric] = [Interventions()]
+    if any(safety is not None and safety.enabled and safety.invalid_actions == "backup" for safety in filters):
+        metrics.append(InvalidActions())
     bodies = [name for name in (*points_of(spec), *spec.reset.entities) if name in spec.reset.entities]
     if bodies:
         metrics += [cls(entity_name=bodies[0]) for cls in (SmallestRange, LargestRange, LargestSpeed)]
@@ -82,7 +86,7 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
             DeltaVAfterLastPoint(inspection_entity_name=name),
         ]
     found: dict[str, BaseMetric] = {}
-    for filtering in (*(glue for agent in spec.agents for glue in _glues(agent)), spec.team_safety):
+    for filtering in filters:
         for metric in _constraints(filtering) if filtering is not None else ():
             found.setdefault(metric.label, metric)
     several = len(spec.agents) > 1

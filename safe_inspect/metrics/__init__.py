@@ -18,7 +18,7 @@ from safe_inspect.metrics.flight import (
     SmallestRange,
     ThrustingSteps,
 )
-from safe_inspect.metrics.safety import ClosestDeputies, Interventions, InterventionShare, SmallestPhi
+from safe_inspect.metrics.safety import ClosestDeputies, Interventions, InterventionShare, InvalidActions, SmallestPhi
 
 __all__ = [
     "BaseMetric",
@@ -32,6 +32,7 @@ __all__ = [
     "InspectedScore",
     "InterventionShare",
     "Interventions",
+    "InvalidActions",
     "LargestRange",
     "LargestSpeed",
     "Metric",

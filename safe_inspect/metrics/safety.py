@@ -28,6 +28,17 @@ class Interventions(Metric):
         return np.where(step.intervening, 1.0, 0.0)
 
 
+class InvalidActions(Metric):
+    """Number of steps in which the agent's action was NaN or infinite and a safety filter's backup was flown; (R,)."""
+
+    unit: ClassVar[str] = "steps"
+    reduce: ClassVar[Reduce] = "sum"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1 in the rows with an invalid action, else 0, shape (R,)."""
+        return np.zeros(step.after.num_rows) if step.invalid is None else np.where(step.invalid, 1.0, 0.0)
+
+
 class InterventionShare(Metric):
     """Share of the steps in which a safety filter changed the agent's thrust [-]; shape (R,)."""
 

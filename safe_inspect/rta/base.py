@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -39,12 +39,15 @@ class SafetyGlue(ActionGlue):
 
     Attributes:
         enabled: True: the thrust is filtered. False: the glue costs nothing.
+        invalid_actions: What an action that is NaN or infinite does where the filter is enabled: ``error`` stops the
+            run, ``backup`` flies the filter's `backup` in that row; infos and evaluations tell of it.
         wrapped: The glues of the controllers.
     """
 
     tests: ClassVar[tuple[str, ...]] = ("position", "velocity", "sun_angle")
 
     enabled: bool = False
+    invalid_actions: Literal["error", "backup"] = "error"
     wrapped: tuple[functor_field("glue"), ...] = ()  # type: ignore[valid-type]
 
     def leaves(self) -> tuple[ActionGlue, ...]:
@@ -100,6 +103,10 @@ class SafetyGlue(ActionGlue):
             desired: Desired thrust [N], Hill frame, shape (R, 3).
             view: The state at the beginning of the step.
         """
+
+    def backup(self, view: View) -> FloatArray:
+        """Return the thrust to ask for where an action is invalid [N], Hill frame, shape (R, 3); zero by default."""
+        return np.zeros((view.num_rows, 3))
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the arrays that the filter remembers, each with its shape for one agent. None by default."""

@@ -161,12 +161,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold in the next step."""
-        offered = view.world.offers.view
-        sun_angle = view.sun_angle if "sun_angle" in offered else None
-        estimated = "estimated_position" in offered
-        position = view.estimated_position if estimated else view.position
-        velocity = view.estimated_velocity if estimated else view.velocity
-        state = self._state(position, velocity, sun_angle)
+        state = self._seen(view)
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
         if self.method == "backup":
@@ -179,6 +174,24 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         before = SimplexMemory(view.delta_v, view.memory(SAFETY_FILTER, "latched"))
         switched, after = self._simplex(state, desired, before)
         return Filtered(switched, {"latched": after.latched})
+
+    def _seen(self, view: View) -> RelativeState:
+        """Return the states that the deputies take for theirs."""
+        offered = view.world.offers.view
+        sun_angle = view.sun_angle if "sun_angle" in offered else None
+        estimated = "estimated_position" in offered
+        position = view.estimated_position if estimated else view.position
+        velocity = view.estimated_velocity if estimated else view.velocity
+        return self._state(position, velocity, sun_angle)
+
+    def backup(self, view: View) -> FloatArray:
+        """Return the thrust of the backup plan [N], Hill frame, shape (R, 3); zero without one."""
+        if self.method == "continuous":
+            return super().backup(view)
+        run, state = self.backup_filter, self._seen(view)
+        if isinstance(run, TubeFilter):
+            return run.tracking(state, view.memory(SAFETY_FILTER, "plan"))
+        return run.backups(state)[1]
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare whether the switching filter has latched its backup controller, or the plan that is tracked."""

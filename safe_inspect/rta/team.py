@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.state import ArraySpec
@@ -38,11 +38,14 @@ class TeamSafety(Plugin):
 
     Attributes:
         enabled: True: the thrusts are filtered. False: the filter costs nothing.
+        invalid_actions: What an action that is NaN or infinite does where the filter is enabled: ``error`` stops the
+            run, ``backup`` asks for no thrust of that deputy; infos and evaluations tell of it.
     """
 
     kind: ClassVar[str] = "rta"
 
     enabled: bool = True
+    invalid_actions: Literal["error", "backup"] = "error"
 
     @abstractmethod
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:

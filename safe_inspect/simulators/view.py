@@ -229,6 +229,7 @@ class Step:
         writable_intervening: `intervening`, likewise.
         dt: Length of the step [s].
         filtered: What the safety filter gave, where one is enabled.
+        invalid: Rows whose action was NaN or infinite, shape (R,); None where such an action stops the run.
     """
 
     def __init__(
@@ -250,6 +251,7 @@ class Step:
         self.writable_intervening = intervening
         self.dt = dt
         self.filtered = filtered
+        self.invalid: BoolArray | None = None
         self._first: BoolArray | None = None
         self._total_thrust: FloatArray | None = None
 

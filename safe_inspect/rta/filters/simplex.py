@@ -111,7 +111,7 @@ class SimplexFilter:
             control[switched], infeasible[switched] = backup.control, backup.infeasible
         latched = memory.latched | (memory.delta_v + self._with_reserve(state, control) > self.delta_v_limit)
         if latched.any():
-            planned, thrust = self._plans(state[latched])
+            planned, thrust = self._safe.backups(state[latched])
             known = np.flatnonzero(latched)[planned]
             control[known], infeasible[known] = thrust[planned], False
         result = FilterResult(
@@ -128,15 +128,7 @@ class SimplexFilter:
         after = RelativeState(
             position, velocity, state.sun_angle + float(self.parameters.n * self.parameters.step_size)
         )
-        return self._delta_v(control) + self._delta_v(self._plans(after)[1])
-
-    def _plans(self, state: RelativeState) -> tuple[BoolArray, FloatArray]:
-        """Return the plans that `BackupFilter` falls back on: with its margins, or else with half of them."""
-        found, thrust = self._safe.plans(state)
-        rest = np.flatnonzero(~found)
-        if len(rest):
-            found[rest], thrust[rest] = self._safe.plans(state[rest], 0.5)
-        return found, thrust
+        return self._delta_v(control) + self._delta_v(self._safe.backups(after)[1])
 
     def _delta_v(self, control: FloatArray) -> FloatArray:
         thrust = np.abs(control)

@@ -137,6 +137,14 @@ class BackupFilter(SafetyFilter):
         )  # fmt: skip
         return found, control
 
+    def backups(self, state: RelativeState) -> tuple[BoolArray, FloatArray]:
+        """Return the plans that are fallen back on: as `plans`, with the whole margins, or else with half of them."""
+        found, thrust = self.plans(state)
+        rest = np.flatnonzero(~found)
+        if len(rest):
+            found[rest], thrust[rest] = self.plans(state[rest], 0.5)
+        return found, thrust
+
     def admissible(self, state: RelativeState, control: FloatArray) -> BoolArray:
         """Return the rows whose control would be flown as it is, shape (R,)."""
         control = checked(state, control)

@@ -88,6 +88,19 @@ class TubeFilter(BackupFilter):
         desired, memory = checked(state, desired), np.array(memory, dtype=np.float64, order="C")
         return self._filtered(state, desired, self._gain, memory), memory
 
+    def tracking(self, state: RelativeState, memory: FloatArray) -> FloatArray:
+        """Return the thrust that tracks the plan, of a new plan where none is remembered [N], shape (R, 3)."""
+        _, thrust = self.backups(state)
+        known = memory[:, MEMORY - 1] > 0.0
+        away = np.concatenate((state.position, state.velocity), axis=1) - memory[:, :6]
+        limit = float(self.parameters.u_max)
+        for axis in range(3):
+            tracked = memory[:, 6 + axis].copy()
+            for k in range(6):
+                tracked += self._gain[axis, k] * away[:, k]
+            thrust[:, axis] = np.where(known, np.clip(tracked, -limit, limit), thrust[:, axis])
+        return thrust
+
     def recoverable(self, state: RelativeState) -> BoolArray:
         """Return the rows from which the filter holds, whatever their estimate within the bounds, shape (R,).
 
