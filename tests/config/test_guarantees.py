@@ -20,6 +20,7 @@ _PAIR = (
     f"{_AGENT}.glues.0.wrapped=[{{functor: RTAGlueCWHInspection1v1, config: {{enabled: True, constraints: [sun]}}, "
     "wrapped: [{functor: ControllerGlue, config: {controller: X Thrust}}]}]"
 )
+_DISTURBANCE = "{functor: BoundedDisturbance, config: {velocity: 1.0e-4}}"
 _PLANE = f"{_AGENT}.parts.2.config.axis=1"  # two controllers along y and none along z
 
 
@@ -68,6 +69,10 @@ def test_constraints_that_are_left_out_ask_nothing() -> None:
         ("config.config.env_config.dones.shared.0.config.safety_constraint=12 m", "the filter keeps them 10 m apart"),
         ("agent_config.0.config.config.parts.2.config.axis=1", "blue0_ctrl has no controller along z"),
         (f"{_CHIEF}.x=50", "'chief' does not rest there"),
+        (
+            f"{_SIMULATOR}.disturbance={_DISTURBANCE}",
+            "the simulation is disturbed, and this filter promises nothing then",
+        ),
     ],
 )
 def test_the_filter_of_a_team_is_checked_too(override: str, words: str) -> None:

@@ -41,8 +41,7 @@ def test_without_the_option_it_is_an_error():
             env.step([action])
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("disturbed", [False, True])
+@pytest.mark.parametrize(("bad", "disturbed"), [(np.nan, False), (np.inf, False), (-np.inf, True)])
 def test_the_row_flies_its_backup_and_the_others_what_they_ask_for(bad, disturbed):
     more = (f"{GLUE}.disturbance={DISTURBANCE}",) if disturbed else ()
     env, other = environments(*ON, *more)

@@ -18,9 +18,9 @@ BOUNDS = {
 
 
 def environment(num_envs=32, task="translational-inspection", **kwargs):
-    first = kwargs.pop("first_slot", 0)
+    first, overrides = kwargs.pop("first_slot", 0), kwargs.pop("overrides", ())
     value = {"functor": "BoundedDisturbance", "config": kwargs} if kwargs else None
-    given = [f"{SIMULATOR}={value}"] if value else []
+    given = [*overrides, *([f"{SIMULATOR}={value}"] if value else [])]
     spec = load_experiment(configs_root() / task / "experiment.yml", given).spec
     env = TeamEnvironment(spec, num_envs, seed=5, first_slot=first)
     env.reset()
@@ -93,7 +93,7 @@ def test_a_row_of_a_batch_is_disturbed_as_it_is_alone():
 
 
 def test_deputies_and_steps_are_disturbed_differently():
-    env = environment(2, "multiagent-translational-inspection", **BOUNDS)
+    env = environment(2, "multiagent-translational-inspection", overrides=("rta.config.enabled=False",), **BOUNDS)
     seen = []
     for _ in range(3):
         fly(env, 1)

@@ -124,30 +124,33 @@ def _filters(count: int, seed: int, first: BackupFilter | None, result: Audit) -
 
 
 def _fly(run: BackupFilter, state: RelativeState, steps: int, rng: np.random.Generator, result: Audit) -> None:
-    """Fly states under four kinds of desired thrust: none, a little, the largest, and towards the chief."""
+    """Fly states under kinds of desired thrust: none, a little, the largest, and towards the chief.
+
+    Flights that are disturbed know a fifth: the largest thrust where the disturbances push.
+    """
     if not len(state):
         return
     watch = _Watch(run.parameters, run.names)
-    kind = rng.integers(0, 4, len(state))[:, None]
-    result.starts += len(state)
     adversary = DisturbanceAdversary(run.bounds, len(state), rng) if isinstance(run, TubeFilter) else None
+    kind = rng.integers(0, 4 if adversary is None else 5, len(state))[:, None]
+    result.starts += len(state)
     memory = TubeFilter.memory(len(state))
     for _ in range(steps):
         noise = rng.normal(size=state.position.shape)
         inward = -state.position / np.linalg.norm(state.position, axis=1, keepdims=True)
+        seen = state if adversary is None else adversary.estimate(state, watch.look(state, result))
+        pushed = noise if adversary is None else 1.8 * adversary.direction
         desired = run.parameters.u_max * np.select(
-            [kind == 1, kind == 2, kind == 3], [0.05 * noise, noise, inward], 0.0
+            [kind == 1, kind == 2, kind == 3, kind == 4], [0.05 * noise, noise, inward, pushed], 0.0
         )
-        if isinstance(run, TubeFilter) and adversary is not None:
-            flown, memory = run.track(adversary.estimate(state, watch.quantities(state)), desired, memory)
-            held = adversary.flown(flown.control)
+        if isinstance(run, TubeFilter):
+            flown, memory = run.track(seen, desired, memory)
         else:
-            flown = run(state, desired)
-            held = flown.control
+            flown = run(seen, desired)
         result.steps += len(state)
         result.infeasible += int(flown.infeasible.sum())
         result.interventions += int(flown.intervening.sum())
-        state = watch.advance(state, held, result)
+        state = watch.advance(state, flown.control if adversary is None else adversary.flown(flown.control), result)
         if adversary is not None:
             state = adversary.disturbed(state)
 
@@ -166,9 +169,16 @@ class _Watch:
         drift[3:6, 6:] = np.eye(3) / p.m
         self._parts = [expm(drift * p.step_size * part / _PARTS)[:6] for part in range(1, _PARTS + 1)]
 
-    def quantities(self, state: RelativeState) -> dict[str, FloatArray]:
-        """Return the plain safety quantities of states, but for passive safety."""
-        return self._quantities(state.position, state.velocity, state.sun_angle, False)
+    def look(self, state: RelativeState, result: Audit) -> dict[str, FloatArray]:
+        """Count what is broken in states; return their plain safety quantities, but for passive safety."""
+        return self._counted(self._quantities(state.position, state.velocity, state.sun_angle, False), result)
+
+    @staticmethod
+    def _counted(found: dict[str, FloatArray], result: Audit) -> dict[str, FloatArray]:
+        for name, phi in found.items():
+            result.least[name] = min(result.least[name], float(phi.min()))
+            result.violations += int((phi < 0.0).sum())
+        return found
 
     def advance(self, state: RelativeState, control: FloatArray, result: Audit) -> RelativeState:
         """Return the states after a hold; what is broken within it is counted."""
@@ -177,9 +187,7 @@ class _Watch:
             x = before @ matrix.T
             sun = state.sun_angle + self._p.n * self._p.step_size * part / _PARTS
             coast = part == _PARTS  # the least range over the horizon, once for each hold
-            for name, phi in self._quantities(x[:, :3], x[:, 3:], sun, coast).items():
-                result.least[name] = min(result.least[name], float(phi.min()))
-                result.violations += int((phi < 0.0).sum())
+            self._counted(self._quantities(x[:, :3], x[:, 3:], sun, coast), result)
         return RelativeState(x[:, :3], x[:, 3:], sun)
 
     def _quantities(self, p: FloatArray, v: FloatArray, sun: FloatArray, coast: bool) -> dict[str, FloatArray]:

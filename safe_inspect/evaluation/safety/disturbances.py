@@ -24,6 +24,7 @@ class DisturbanceAdversary:
 
     Attributes:
         push: Where the disturbances of each flight push, a number of `PUSHES`, shape (R,).
+        direction: Where they push in this step, unit vectors, Hill frame, shape (R, 3).
     """
 
     def __init__(self, bounds: DisturbanceBounds, rows: int, rng: np.random.Generator) -> None:
@@ -32,7 +33,7 @@ class DisturbanceAdversary:
         self._trick = rng.integers(0, 3, rows)[:, None]
         self._one_way = _unit(rng.normal(size=(rows, 3)))
         self._steps = 0
-        self._direction = self._one_way
+        self.direction: FloatArray = self._one_way
 
     def estimate(self, state: RelativeState, phi: dict[str, FloatArray]) -> RelativeState:
         """Return what the deputies take for their states, and choose where this step's disturbances push.
@@ -41,12 +42,12 @@ class DisturbanceAdversary:
             state: The states.
             phi: The constraints' plain safety quantities, of which the least names the nearest limit.
         """
-        self._direction = self._choose(state, phi)
+        self.direction = self._choose(state, phi)
         bounds, errors = self._bounds, []
         for bound in (bounds.position_error, bounds.velocity_error):
             noise = _unit(self._rng.normal(size=state.position.shape))
             errors.append(
-                bound * np.select([self._trick == 0, self._trick == 1], [-self._direction, self._direction], noise)
+                bound * np.select([self._trick == 0, self._trick == 1], [-self.direction, self.direction], noise)
             )
         return RelativeState(state.position + errors[0], state.velocity + errors[1], state.sun_angle)
 
@@ -54,15 +55,15 @@ class DisturbanceAdversary:
         """Return the thrust that is flown [N], shape (R, 3): turned towards the push, and longer along it."""
         size = np.linalg.norm(control, axis=1, keepdims=True)
         along = control / np.maximum(size, 1e-300)
-        part = (along * self._direction).sum(axis=1, keepdims=True)
-        across = _unit(self._direction - part * along)
+        part = (along * self.direction).sum(axis=1, keepdims=True)
+        across = _unit(self.direction - part * along)
         angle = self._bounds.thrust_direction
         gain = 1.0 + np.where(part > 0.0, 1.0, -1.0) * self._bounds.thrust_gain
         return np.asarray(gain * size * (np.cos(angle) * along + np.sin(angle) * across))
 
     def disturbed(self, state: RelativeState) -> RelativeState:
         """Return the states with the velocities that a step adds."""
-        added = self._bounds.velocity * self._direction
+        added = self._bounds.velocity * self.direction
         return RelativeState(state.position, state.velocity + added, state.sun_angle)
 
     def _choose(self, state: RelativeState, phi: dict[str, FloatArray]) -> FloatArray:

@@ -90,7 +90,9 @@ def starting_tube(
 
 def leaves_nothing(tube: FloatArray, p: ConstraintParameters, names: Collection[str]) -> str | None:
     """Return what a tube leaves nothing of, though no thrust is planned; None where it leaves something."""
-    length, speed, coasting, thrust = tube[CLOSED, :, _ONE]
+    length, speed, coasting, _ = tube[CLOSED, :, _ONE]
+    largest = np.sqrt(3.0) * p.u_max
+    thrust = max(float(tube[part, 3] @ (1.0, largest, largest)) for part in (PLAN, CLOSED))
     near = max(length, coasting)
     gap = p.r_max - p.collision_radius
     if {"r_max", "chief_collision"} <= set(names) and near + length >= gap:
@@ -100,6 +102,6 @@ def leaves_nothing(tube: FloatArray, p: ConstraintParameters, names: Collection[
         return f"of the speed of {limit:.3g} m/s that `rel_vel` allows, from which {speed:.3g} m/s are taken"
     if not set(names).isdisjoint(("x_vel", "y_vel", "z_vel")) and speed >= p.vel_limit:
         return f"of `vel_limit` {p.vel_limit:g} m/s, from which {speed:.3g} m/s are taken"
-    if tube[PLAN, 3, _ONE] + p.u_max * tube[PLAN, 3, _EFFORT] >= p.u_max or thrust >= p.u_max:
+    if thrust >= p.u_max:
         return f"of the thrust `u_max` {p.u_max:g} N for plans, beside what tracking them takes"
     return None
