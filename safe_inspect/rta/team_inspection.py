@@ -15,11 +15,13 @@ from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.constraints.sets import ConstraintEntry
 from safe_inspect.rta.filters import TeamFilter, TeamState
 from safe_inspect.rta.filters.base import differs
+from safe_inspect.rta.filters.tube.safety_filter import MEMORY
 from safe_inspect.rta.team import TeamFiltered, TeamSafety
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.world import World
-from safe_inspect.types import BoolArray, FloatArray
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
 from safe_inspect.units import (
     PositiveLength,
 )
@@ -35,10 +37,12 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
     Attributes:
         deputy_radius: Two deputies collide when their centres are closer than twice this [m].
         constraints: Names of the constraints, those of the single filter and ``deputy_collision``, ``deputy_PSM``.
+        disturbance: Bounds of the disturbances of each deputy under which all of it is kept; None: an exact model.
     """
 
     deputy_radius: PositiveLength = 5.0
     constraints: tuple[ConstraintEntry, ...] = (*NAMES, "deputy_collision")
+    disturbance: DisturbanceBounds | None = None
 
     @model_validator(mode="after")
     def _check(self) -> RTACWHInspectionTeam:
@@ -48,7 +52,7 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
     @cached_property
     def _filter(self) -> TeamFilter:
         given = {name: getattr(self, name) for name in TaskParameters.model_fields}
-        return TeamFilter(given, self.constraints, self.deputy_radius)
+        return TeamFilter(given, self.constraints, self.deputy_radius, self.disturbance)
 
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:
         """Return the thrusts to hold in the next step; finished deputies fly out their plan and coast.
@@ -56,8 +60,15 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         A deputy counts as changed where the filter moved its thrust by more than 0.01 N, never when it is finished.
         """
         finished = np.asarray(team.finished != 0)
-        state = TeamState(team.position, team.velocity, team.sun_angle, finished)
-        result = self._filter(state, desired, team.memory("plan"))
+        estimated = "estimated_position" in team.world.offers.team
+        position = team.estimated_position if estimated else team.position
+        velocity = team.estimated_velocity if estimated else team.velocity
+        state = TeamState(position, velocity, team.sun_angle, finished)
+        tracks = None if self.disturbance is None else team.memory("tracks")
+        result = self._filter(state, desired, team.memory("plan"), tracks)
+        memory: dict[str, AnyArray] = {"plan": result.plan.astype(np.int8)}
+        if result.tracks is not None:
+            memory["tracks"] = result.tracks
         count, deputies = finished.shape
         changed = differs(result.control.reshape(-1, 3), np.asarray(desired, dtype=np.float64).reshape(-1, 3))
         return TeamFiltered(
@@ -65,7 +76,7 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
             intervening=changed.reshape(count, deputies) & ~finished,
             infeasible=result.infeasible,
             backup=result.backup,
-            memory={"plan": result.plan.astype(np.int8)},
+            memory=memory,
         )
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
@@ -87,8 +98,12 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         return self._filter.phi(TeamState(states["position"], states["velocity"], states["sun_angle"]))
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the joint plan of the state to come: each deputy's plan, counted from 1; 0 for none."""
-        return {"plan": ArraySpec((world.num_deputies,), np.int8)}
+        """Declare the joint plan of the state to come: each deputy's plan, counted from 1; 0 for none.
+
+        Under a disturbance also the plans that are tracked.
+        """
+        tracks = {} if self.disturbance is None else {"tracks": ArraySpec((world.num_deputies, MEMORY))}
+        return {"plan": ArraySpec((world.num_deputies,), np.int8), **tracks}
 
     def _looks(self, state: TeamState) -> list[tuple[str, Constraint, RelativeState]]:
         """Return what each constraint looks at: each deputy about the chief, or about each other one."""

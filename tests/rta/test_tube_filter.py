@@ -74,13 +74,13 @@ def test_deviations_stay_within_the_tube_and_come_near_its_width():
 
 
 def test_margins_grow_with_thrust_and_with_each_bound(run):
-    tube = run._tables.tube
+    tube = run.tube
     assert (tube >= 0.0).all()
     assert tube[HOLD, 1, 1] > 0.01 * 10.0 / 12.0  # of 1 N for 10 s on 12 kg, one per cent, and the direction
     assert (tube[CLOSED] >= tube[PLAN] - 1e-15).all()
     for name in FIELDS:
         less = TubeFilter(None, NAMES, BOUNDS.model_copy(update={name: 0.0}))
-        assert less._tables.tube.sum() < tube.sum()
+        assert less.tube.sum() < tube.sum()
 
 
 def test_bounds_that_leave_no_set_are_refused():

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OwnOfView
+from safe_inspect.simulators.offers import OfTeam, OwnOfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
@@ -75,3 +75,6 @@ class _Estimated(_Disturbed):
 
     def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
         return {name: OwnOfView(name) for name in self.arrays}
+
+    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
+        return {name: OfTeam(name) for name in self.arrays}

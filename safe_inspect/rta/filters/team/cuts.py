@@ -15,15 +15,18 @@ from safe_inspect.rta.constraints.certified import COLLISION
 from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.cuts import Refusal, cut_broken, cut_hold
-from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, PAIR_BIT, FilterModel
+from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, HOLD_PIECES, PAIR_BIT, PLAN, FilterModel
 from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust
 from safe_inspect.rta.filters.backup.rows import NODE_MARGIN
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
-from safe_inspect.rta.filters.team.plans import farthest_plans, minus, state_of
+from safe_inspect.rta.filters.team.plans import farthest_plans, minus
+from safe_inspect.rta.filters.team.tracking import beside, size_of, state_of
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
+from safe_inspect.rta.filters.tube.margins import widened
 
+_NO_MARGINS = Margins(0.0, 0.0, 0.0)
 #: Step of the differences [N].
 _STEP = 1e-4
 
@@ -88,9 +91,9 @@ def cut_holds(
     for i in range(deputies):
         if t.code[i] != SAFE:
             _write_thrust(i, as_int(-1), t)
-            x = state_of(t.x, i)
-            new = cut_hold(g.one, x, sun, u, Refusal(t.code[i], t.at[i]), own_side, margins, s, as_int(0))
-            new, broken = cut_broken(g.one, x, sun, u, own_side, margins, s, new)
+            x, wide = state_of(t.x, i), widened(g.one, margins, as_int(PLAN), t.effort[i], 0.0)
+            new = cut_hold(g.one, x, sun, u, Refusal(t.code[i], t.at[i]), own_side, wide, s, as_int(0))
+            new, broken = cut_broken(g.one, x, sun, u, own_side, wide, s, new)
             count = _spread(new, i, as_int(-1), count, t, s)
             if bits:
                 t.bits[i] |= broken | 1 << t.code[i]
@@ -101,7 +104,8 @@ def cut_holds(
                     _write_thrust(i, j, t)
                     x = minus(state_of(t.x, i), state_of(t.x, j))
                     refusal = Refusal(t.pair_code[p], t.pair_at[p])
-                    new = cut_hold(g.pair, x, sun, u, refusal, True, margins, s, as_int(0))
+                    wide = beside(g, beside(g, margins, as_int(PLAN), i, 0.0, t), as_int(PLAN), j, 0.0, t)
+                    new = cut_hold(g.pair, x, sun, u, refusal, True, wide, s, as_int(0))
                     count = _spread(new, i, j, count, t, s)
                     if bits:
                         bit = 1 << (PAIR_BIT if t.pair_code[p] == COLLISION else PAIR_BIT + 1)
@@ -120,7 +124,8 @@ def cut_ends(
     for i in range(deputies):
         if not t.fixed[i]:
             _write_thrust(i, as_int(-1), t)
-            new, _ = cut_broken(g.one, state_of(t.x, i), sun, u, own_side, margins, s, as_int(0))
+            wide = widened(g.one, margins, as_int(PLAN), t.effort[i], 0.0)
+            new, _ = cut_broken(g.one, state_of(t.x, i), sun, u, own_side, wide, s, as_int(0))
             count = _spread(new, i, as_int(-1), count, t, s)
     if g.pairs:
         for i in range(deputies):
@@ -128,7 +133,8 @@ def cut_ends(
                 if not (t.fixed[i] and t.fixed[j]):
                     _write_thrust(i, j, t)
                     rel = minus(state_of(t.x, i), state_of(t.x, j))
-                    new, _ = cut_broken(g.pair, rel, sun, u, True, margins, s, as_int(0))
+                    wide = beside(g, beside(g, margins, as_int(PLAN), i, 0.0, t), as_int(PLAN), j, 0.0, t)
+                    new, _ = cut_broken(g.pair, rel, sun, u, True, wide, s, as_int(0))
                     count = _spread(new, i, j, count, t, s)
     return count
 
@@ -153,7 +159,9 @@ def _shifted_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspa
 def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
     """Append half-spaces that make the plans of a pair pass each other, at the nodes of an orbit where they do not."""
     m, n = g.one, g.one.n
-    reach = g.pair.constraints[COLLISION].closed_near + NODE_MARGIN
+    one, two = size_of(t.thrust[i, t.plan[i]]), size_of(t.thrust[j, t.plan[j]])
+    wide = beside(g, beside(g, _NO_MARGINS, as_int(CLOSED), i, one, t), as_int(CLOSED), j, two, t)
+    reach = g.pair.constraints[COLLISION].closed_near + NODE_MARGIN + wide.coasting
     a, b = _shifted_end(m, i, as_int(-1), t, s), _shifted_end(m, j, as_int(-1), t, s)
     a0, a1 = _shifted_end(m, i, as_int(0), t, s), _shifted_end(m, i, as_int(1), t, s)
     b0, b1 = _shifted_end(m, j, as_int(0), t, s), _shifted_end(m, j, as_int(1), t, s)

@@ -6,8 +6,9 @@ from safe_inspect.compiling import njit
 from safe_inspect.rta.constraints.rows import INNER
 from safe_inspect.rta.filters.backup.model import FilterModel
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, plan_thrust
-from safe_inspect.rta.filters.team.plans import state_of
+from safe_inspect.rta.filters.team.tracking import state_of
 from safe_inspect.rta.filters.team.workspace import TeamWorkspace
+from safe_inspect.rta.filters.tube.rows import remembers
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
@@ -25,12 +26,13 @@ def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
 @njit(**INNER)
 def enter(
     m: FilterModel, position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
-    t: TeamWorkspace,
+    tracks: FloatArray, t: TeamWorkspace,
 ) -> None:  # fmt: skip
     """Put an environment's deputies into the order of the filter: those that coast first, then by range.
 
     So the result does not depend on the order of the deputies, unless two are equally far to the last bit. One that
-    coasts, but for which a plan is remembered, flies that plan's hold first: the others count on it.
+    coasts, but for which a plan is remembered, flies that plan's hold first: the others count on it. One that tracks
+    its plan, `tracks` of shape (D, 10), stands where the plan does.
     """
     for place in range(position.shape[0]):
         t.order[place] = place
@@ -49,7 +51,12 @@ def enter(
         for axis in range(3):
             t.x[place, axis], t.x[place, 3 + axis] = position[i, axis], velocity[i, axis]
             t.u[axis] = 0.0 if fixed[i] else desired[i, axis]
-        if fixed[i] and t.hint[place] != NO_PLAN:
+        if fixed[i] and remembers(tracks[i]):
+            for k in range(6):
+                t.x[place, k] = tracks[i, k]
+            for axis in range(3):
+                t.u[axis] = tracks[i, 6 + axis]
+        elif fixed[i] and t.hint[place] != NO_PLAN:
             plan_thrust(m, state_of(t.x, place), t.hint[place], t.u)
         for axis in range(3):
             t.desired[3 * place + axis] = min(max(t.u[axis], -m.u_max), m.u_max)

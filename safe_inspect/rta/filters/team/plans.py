@@ -16,12 +16,14 @@ from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import FINE_NODES, HOLD_PIECES, FilterModel
-from safe_inspect.rta.filters.backup.plans import NO_PLAN, ORDER, PLANS, STAY, still, try_plan
+from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, HOLD, HOLD_PIECES, PLAN, FilterModel
+from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, ORDER, PLANS, STAY, still, try_plan
 from safe_inspect.rta.filters.backup.sequences import SAFE
-from safe_inspect.rta.filters.backup.workspace import Workspace
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
 from safe_inspect.rta.filters.team.drifting import apart
+from safe_inspect.rta.filters.team.tracking import beside, size_of, state_of
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
+from safe_inspect.rta.filters.tube.margins import widened
 from safe_inspect.types import FloatArray
 
 #: A deputy and its plan.
@@ -33,12 +35,6 @@ FOUND = -1
 _UNKNOWN, _GOOD, _BAD = range(3)
 #: Every so many of the fine nodes of an orbit, the distances of pairs are compared.
 _STRIDE = 4
-
-
-@njit(**INNER)
-def state_of(x: FloatArray, i: int) -> RowState:
-    """Return a row of states as the tuple that the tests take."""
-    return x[i, 0], x[i, 1], x[i, 2], x[i, 3], x[i, 4], x[i, 5]
 
 
 @njit(**INNER)
@@ -83,7 +79,7 @@ def alone_safe(
     if t.known[i, plan] == _UNKNOWN:
         u = t.thrust[i, plan]
         t.known[i, plan] = _BAD
-        if try_plan(m, state_of(x, i), sun, plan, margins, 0.0, u, s):
+        if try_plan(m, state_of(x, i), sun, plan, margins, t.effort[i], u, s):
             t.known[i, plan] = _GOOD
             end = held(m, state_of(x, i), u, HOLD_PIECES)
             for k in range(6):
@@ -99,17 +95,20 @@ def _pair_safe(
     """Do two deputies stay apart in their plans' holds and ever after?"""
     q, (i, plan), (j, other) = g.pair, first, second
     after = minus(state_of(t.end[i], plan), state_of(t.end[j], other))
+    one, two = size_of(t.thrust[i, plan]), size_of(t.thrust[j, other])
+    wide = beside(g, beside(g, margins, as_int(CLOSED), i, one, t), as_int(CLOSED), j, two, t)
     if t.fixed[i] or t.fixed[j]:
-        if not apart(q.n, after, q.constraints[COLLISION].closed_near + margins.coasting):
+        if not apart(q.n, after, q.constraints[COLLISION].closed_near + wide.coasting):
             return False
-    elif closed_motion(q, after, sun, margins, s.work) != SAFE:
+    elif closed_motion(q, after, sun, wide, s.work) != SAFE:
         return False
     elif plan == STAY == other and still(g.one, t.thrust[i, plan]) and still(g.one, t.thrust[j, other]):
         return True
     for axis in range(3):
         t.u[axis] = t.thrust[i, plan, axis] - t.thrust[j, other, axis]
     rel = minus(state_of(x, i), state_of(x, j))
-    return bool(hold(q, rel, sun, t.u, margins, s.cells, s.where) == SAFE)
+    wide = beside(g, beside(g, margins, as_int(PLAN), i, one, t), as_int(PLAN), j, two, t)
+    return bool(hold(q, rel, sun, t.u, wide, s.cells, s.where) == SAFE)
 
 
 @njit(**INNER)
@@ -149,6 +148,8 @@ def joint_plan(
     """
     deputies = x.shape[0]
     reset_plans(g.one, x, now, t)
+    if now:
+        t.effort[:] = NO_HOLD
     head = 0
     while head < deputies and t.fixed[head]:
         head += 1
@@ -206,11 +207,13 @@ def tested(
     deputies = t.x.shape[0]
     broken, p = False, 0
     for i in range(deputies):
-        t.code[i] = SAFE
+        t.code[i], t.effort[i] = SAFE, 0.0
         if not t.fixed[i]:
             for axis in range(3):
                 t.u[axis] = control[3 * i + axis]
-            t.code[i] = hold(g.one, state_of(t.x, i), sun, t.u, margins, s.cells, s.where)
+            t.effort[i] = size_of(t.u)
+            wide = widened(g.one, margins, as_int(HOLD), t.effort[i], 0.0)
+            t.code[i] = hold(g.one, state_of(t.x, i), sun, t.u, wide, s.cells, s.where)
             t.at[i] = s.where[0]
         if t.code[i] != SAFE:
             broken = True
@@ -224,7 +227,8 @@ def tested(
                     for axis in range(3):
                         t.u[axis] = control[3 * i + axis] - control[3 * j + axis]
                     rel = minus(state_of(t.x, i), state_of(t.x, j))
-                    t.pair_code[p] = hold(g.pair, rel, sun, t.u, margins, s.cells, s.where)
+                    wide = beside(g, beside(g, margins, as_int(HOLD), i, 0.0, t), as_int(HOLD), j, 0.0, t)
+                    t.pair_code[p] = hold(g.pair, rel, sun, t.u, wide, s.cells, s.where)
                     t.pair_at[p] = s.where[0]
                 if t.pair_code[p] != SAFE:
                     broken = True

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from safe_inspect.compiling import njit
 from safe_inspect.rta.constraints.rows import INNER, SunAngle, scaled
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, QUICK, STAY
@@ -25,10 +27,11 @@ from safe_inspect.rta.filters.team.plans import (
     UNSAFE_HOLD,
     farthest_plans,
     joint_plan,
-    state_of,
     tested,
 )
+from safe_inspect.rta.filters.team.tracking import begin_plans, remember_plans, state_of, tracked_backup
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace, team_workspace
+from safe_inspect.rta.filters.tube.rows import remembers, tracking
 from safe_inspect.rta.numerics.active_set import nearest_joint
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -121,12 +124,15 @@ def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
 
 
 @njit(**INNER)
-def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> None:
+def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
     """Write into `t.best` a tested control between the backup and the last proposal, as near to it as it finds.
 
     First all deputies move together, then one after another on from there.
+
+    Returns:
+        Whether it is another one than the backup.
     """
-    deputies = t.x.shape[0]
+    deputies, better = t.x.shape[0], False
     _copy(t.backup, t.best)
     for i in range(deputies):
         t.hint[i] = NO_PLAN if t.fixed[i] else STAY
@@ -140,7 +146,7 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> Non
         for k in range(3 * deputies):
             t.trial[k] = t.backup[k] + middle * (t.control[k] - t.backup[k])
         if _better(g, sun, t, s):
-            low = middle
+            low, better = middle, True
         else:
             high = middle
     for i in range(deputies):
@@ -151,7 +157,9 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> Non
             for k in range(3 * i, 3 * i + 3):
                 t.trial[k] = t.best[k] + share * (t.control[k] - t.best[k])
             if _better(g, sun, t, s):
+                better = True
                 break
+    return better
 
 
 @njit(**INNER)
@@ -190,18 +198,22 @@ def _return(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> None
 @njit(error_model="numpy")
 def filter_team_rows(
     g: TeamModel, states: TeamArrays, desired: FloatArray, fixed: BoolArray, memory: IntArray,
-    control: FloatArray, refused: IntArray, stage: IntArray,
+    gain: FloatArray, tracks: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
     """Write each environment's controls (N, D, 3), bits of what refused the desired ones (N, D), and stage (N,).
 
     `memory` (N, D) holds the plan of each deputy, counted from 1, or 0; it is replaced by that of the state to come.
+    Where `tracks` has rows (N, D, 10), it holds the plans themselves and is written; they are tracked with that gain.
     """
     position, velocity, sun_angle = states
-    s, t = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1])
+    s, t, tracks_plans = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1]), tracks.shape[0] > 0
+    plans = np.zeros((position.shape[1], 10))
     for row in range(position.shape[0]):
-        enter(g.one, position[row], velocity[row], desired[row], fixed[row], memory[row], t)
+        if tracks_plans:
+            plans = tracks[row]
+        enter(g.one, position[row], velocity[row], desired[row], fixed[row], memory[row], plans, t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
-        done, near, any_bits = False, True, 0
+        done, near, any_bits, moved = False, True, 0, True
         for side in range(2):
             done = _cut(g, sun, side == 1, t, s)
             any_bits = 0
@@ -214,9 +226,14 @@ def filter_team_rows(
             stage[row] = NEAREST if any_bits else DESIRED
             _copy(t.control, t.best)
             _keep(t.plan, t.kept)
+        elif tracks_plans and tracked_backup(g, gain, plans, t):
+            stage[row] = BACKUP
+            moved = _between(g, sun, t, s)
         elif _backup(g, sun, t, s):
             stage[row] = BACKUP
-            _between(g, sun, t, s)
+            if tracks_plans:
+                begin_plans(plans, t)
+            moved = _between(g, sun, t, s)
         else:
             stage[row] = RETURN
             _return(g, sun, t, s)
@@ -226,6 +243,14 @@ def filter_team_rows(
             memory[row, i] = 0 if t.fixed[place] else t.kept[place] + 1
             for axis in range(3):
                 control[row, i, axis] = t.best[3 * place + axis]
+            if t.fixed[place] and remembers(plans[i]):  # the thrust of its plan is flown as it is tracked
+                x = (
+                    position[row, i, 0], position[row, i, 1], position[row, i, 2],
+                    velocity[row, i, 0], velocity[row, i, 1], velocity[row, i, 2],
+                )  # fmt: skip
+                tracking(g.one, gain, x, plans[i], control[row, i])
+        if tracks_plans:
+            remember_plans(g.one, plans, moved, stage[row] == RETURN, t, s)
 
 
 @njit(error_model="numpy")
@@ -240,8 +265,9 @@ def team_rows(
     """
     position, velocity, sun_angle = states
     s, t = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1])
+    plans = np.zeros((position.shape[1], 10))
     for row in range(position.shape[0]):
-        enter(g.one, position[row], velocity[row], control[row], fixed[row], memory[row], t)
+        enter(g.one, position[row], velocity[row], control[row], fixed[row], memory[row], plans, t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
         if plan:
             stuck, _ = joint_plan(g, t.x, sun, MARGINS, as_int(PLANS), t.x.shape[0] + 2, True, t, s)

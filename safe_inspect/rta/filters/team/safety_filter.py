@@ -14,10 +14,13 @@ from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM
 from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS, DeputyCollision, DeputyPassiveSafety
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import gives_half_space, name_of
-from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, build_model
+from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import compiled
+from safe_inspect.rta.filters.tube.safety_filter import MEMORY, TubeFilter
+from safe_inspect.rta.filters.tube.tables import starting_tube, tube_of
 from safe_inspect.simulators.arrays import for_kernel
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: The constraints of a pair, and the single constraint that each is about a chief in the other deputy's place.
@@ -102,6 +105,7 @@ class TeamResult:
         active: Bits of the constraints that refused a deputy's desired thrust, bit j for the j-th name, shape (N, D).
         plan: The joint plan of the state to come, for the next call; zeros where there is none, shape (N, D).
         names: The names of the constraints.
+        tracks: The plans that are tracked, for the next call, shape (N, D, 10); None without a disturbance.
     """
 
     control: FloatArray
@@ -110,6 +114,7 @@ class TeamResult:
     active: IntArray
     plan: IntArray
     names: tuple[str, ...]
+    tracks: FloatArray | None = None
 
 
 class TeamFilter:
@@ -133,6 +138,9 @@ class TeamFilter:
     after that, or if there is none, its thrust is zero. The others keep away from it through the hold, and on their
     plans until it has drifted past or for 4 orbits.
 
+    Under a disturbance the joint plan is remembered and tracked, and all is certified with the width of the tube about
+    it, for pairs with that of both, as `TubeFilter` does for one. Deputies that coast then track their plan on.
+
     Without a joint plan the environment is infeasible, and plans that are safe alone and far apart are flown, or the
     single filter's way back.
 
@@ -150,6 +158,7 @@ class TeamFilter:
         parameters: Mapping[str, Any] | ConstraintParameters | None = None,
         names: Iterable[str | Constraint] = (*NAMES, "deputy_collision"),
         deputy_radius: float = DEPUTY_RADIUS,
+        disturbance: DisturbanceBounds | None = None,
     ) -> None:
         """Build the filter.
 
@@ -157,6 +166,7 @@ class TeamFilter:
             parameters: The peer's argument names and their values; see `ConstraintParameters`.
             names: Constraints of the single filter, by name or built, and names of `PAIR_CONSTRAINTS`.
             deputy_radius: Radius about each deputy [m].
+            disturbance: What each deputy is to withstand, as with `TubeFilter`; None: an exact model.
 
         Raises:
             ValueError: An argument is wrong, or a constraint is none that the filter can keep.
@@ -172,7 +182,8 @@ class TeamFilter:
         if not (np.isfinite(deputy_radius) and deputy_radius > 0.0):
             raise ValueError(f"deputy_radius must be positive and finite [m], not {deputy_radius}")
         self.deputy_radius = float(deputy_radius)
-        self.alone = BackupFilter(parameters, [entry for entry in entries if name_of(entry) not in PAIR_CONSTRAINTS])
+        own = [entry for entry in entries if name_of(entry) not in PAIR_CONSTRAINTS]
+        self.alone = BackupFilter(parameters, own) if disturbance is None else TubeFilter(parameters, own, disturbance)
         p = self.alone.parameters
         if self.deputy_radius >= p.r_max:
             raise ValueError(f"deputy_radius {deputy_radius} m leaves no room within r_max {p.r_max} m")
@@ -189,6 +200,13 @@ class TeamFilter:
         }  # fmt: skip
         about = p.model_copy(update={"collision_radius": 2.0 * self.deputy_radius})
         self._models = build_model(p, [name for name in self.names if name in NAMES]), build_model(about, chosen)
+        self._starts = self._models
+        if isinstance(self.alone, TubeFilter):
+            one, pair = self._models
+            tube = tube_of(pair, self.alone.tracker, about, chosen)
+            starting = starting_tube(pair, self.alone.tracker, tube, about, chosen)
+            self._models = one._replace(tube=self.alone.tube), pair._replace(tube=tube)
+            self._starts = one._replace(tube=self.alone.starting), pair._replace(tube=starting)
         self._pairs = bool(chosen)
         codes = {name: NAMES.index(name) for name in self.names if name in NAMES}
         codes |= {name: FURTHER + k for k, name in enumerate(name for name in self.alone.names if name not in NAMES)}
@@ -198,13 +216,16 @@ class TeamFilter:
             if narrow not in self._codes and wide in self._codes:
                 self._codes[narrow] = self._codes[wide]  # a plan that comes too near breaks passive safety then
 
-    def __call__(self, state: TeamState, desired: FloatArray, plan: AnyArray | None = None) -> TeamResult:
+    def __call__(
+        self, state: TeamState, desired: FloatArray, plan: AnyArray | None = None, tracks: FloatArray | None = None
+    ) -> TeamResult:
         """Return the thrusts to fly.
 
         Args:
             state: The states of N environments.
             desired: Desired thrusts [N], Hill frame, shape (N, D, 3). Those of coasting deputies are not read.
             plan: `TeamResult.plan` of the last step, or zeros, shape (N, D).
+            tracks: `TeamResult.tracks` of the last step, or zeros, shape (N, D, 10); not read without a disturbance.
 
         Raises:
             ValueError: The shapes differ, or a number is not finite.
@@ -215,15 +236,23 @@ class TeamFilter:
         if memory.shape != shape[:2]:
             raise ValueError(f"the plans of {shape[0]} environments have the shape {shape[:2]}, not {memory.shape}")
         control, refused, stage = np.empty(shape), np.empty(shape[:2], np.int64), np.empty(shape[0], np.int64)
+        gain, tracked = np.zeros((3, 6)), np.empty((0, 0, 0))
+        if isinstance(self.alone, TubeFilter):
+            gain, tracked = self.alone.tracker.gain, np.zeros((*shape[:2], MEMORY))
+            if tracks is not None:
+                tracked[...] = tracks
         rows = compiled("team.rows")
         rows.filter_team_rows(
             self._model, (state.position, state.velocity, state.sun_angle), desired, state.fixed, memory,
-            control, refused, stage,
+            gain, tracked, control, refused, stage,
         )  # fmt: skip
         active: IntArray = np.zeros(shape[:2], np.int64)
         for code, j in self._codes.items():
             active |= (refused >> code & 1) << j
-        return TeamResult(control, stage == rows.RETURN, stage == rows.BACKUP, active, memory, self.names)
+        return TeamResult(
+            control, stage == rows.RETURN, stage == rows.BACKUP, active, memory, self.names,
+            tracked if len(tracked) else None,
+        )  # fmt: skip
 
     def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
         """Return which environments have a joint plan (N,), its thrusts [N] (N, D, 3) and its numbers (N, D)."""
@@ -232,7 +261,8 @@ class TeamFilter:
 
     def recoverable(self, state: TeamState) -> BoolArray:
         """Return the environments that have a joint plan: from there the filter holds, shape (N,)."""
-        return self.plans(state)[0]
+        control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
+        return self._rows(state, control, memory, True, self._starts)
 
     def admissible(self, state: TeamState, control: FloatArray) -> BoolArray:
         """Return the environments whose joint control would be flown as it is, shape (N,)."""
@@ -259,13 +289,20 @@ class TeamFilter:
 
     @property
     def _model(self) -> Any:
-        one, pair = self._models
+        return self._built(self._models)
+
+    def _built(self, models: tuple[FilterModel, FilterModel]) -> Any:
+        one, pair = models
         return compiled("team.workspace").TeamModel(self.alone.further.into(one), pair, self._pairs)
 
-    def _rows(self, state: TeamState, control: FloatArray, memory: IntArray, plan: bool) -> BoolArray:
+    def _rows(
+        self, state: TeamState, control: FloatArray, memory: IntArray, plan: bool,
+        models: tuple[FilterModel, FilterModel] | None = None,
+    ) -> BoolArray:  # fmt: skip
         out = np.empty(len(state), np.bool_)
         compiled("team.rows").team_rows(
-            self._model, (state.position, state.velocity, state.sun_angle), control, state.fixed, memory, plan, out
+            self._built(models or self._models), (state.position, state.velocity, state.sun_angle), control,
+            state.fixed, memory, plan, out,
         )  # fmt: skip
         return out
 

@@ -36,6 +36,7 @@ class TeamWorkspace(NamedTuple):
     Attributes:
         order: The deputies' places in the environment, shape (D,).
         fixed: Deputies that coast whatever happens, shape (D,).
+        effort: Size of each deputy's thrust in the hold, `NO_HOLD` where the plans begin now, shape (D,).
         x: States before the hold, shape (D, 6).
         after: States at its end, shape (D, 6).
         desired: Desired thrusts, shape (V,), as are control (the last proposal), backup, trial and best.
@@ -60,6 +61,7 @@ class TeamWorkspace(NamedTuple):
 
     order: IntArray
     fixed: BoolArray
+    effort: FloatArray
     x: FloatArray
     after: FloatArray
     desired: FloatArray
@@ -92,7 +94,7 @@ def team_workspace(deputies: int) -> TeamWorkspace:
     d, v, p = deputies, 3 * deputies, deputies * (deputies - 1) // 2
     most = _ROWS * d + _PAIR_ROWS * p
     return TeamWorkspace(
-        np.zeros(d, np.int64), np.zeros(d, np.bool_), np.zeros((d, 6)), np.zeros((d, 6)),
+        np.zeros(d, np.int64), np.zeros(d, np.bool_), np.zeros(d), np.zeros((d, 6)), np.zeros((d, 6)),
         np.zeros(v), np.zeros(v), np.zeros(v), np.zeros(v), np.zeros(v),
         np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(d, np.int64),
         np.zeros((d, PLANS), np.int64), np.zeros((p, PLANS, PLANS), np.int8),

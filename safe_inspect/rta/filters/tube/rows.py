@@ -20,6 +20,12 @@ def remembers(memory: FloatArray) -> bool:
 
 
 @njit(**INNER)
+def forget(memory: FloatArray) -> None:
+    """Remember no plan."""
+    memory[_KNOWN] = 0.0
+
+
+@njit(**INNER)
 def begin_plan(x: RowState, v: FloatArray, memory: FloatArray) -> None:
     """Remember the plan from a state whose next thrust is v."""
     for k in range(6):

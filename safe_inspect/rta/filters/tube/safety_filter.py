@@ -33,6 +33,9 @@ class TubeFilter(BackupFilter):
 
     Attributes:
         bounds: What is withstood.
+        tracker: What tracks the plans.
+        tube: The margins of the tube; see `FilterModel.tube`.
+        starting: Those for real initial states; see `starting_tube`.
     """
 
     def __init__(
@@ -61,8 +64,8 @@ class TubeFilter(BackupFilter):
             lost = leaves_nothing(tube, self.parameters, known)
         if lost is not None:
             raise ValueError(f"the bounds of `disturbance` leave nothing {lost}; lower them")
-        self._gain = tracker.gain
-        self._starting = starting_tube(self._tables, tracker, tube, self.parameters, known)
+        self.tracker = tracker
+        self.tube, self.starting = tube, starting_tube(self._tables, tracker, tube, self.parameters, known)
         self._tables = self._tables._replace(tube=tube)
 
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
@@ -86,7 +89,7 @@ class TubeFilter(BackupFilter):
             ValueError: The shapes differ, or a number is not finite; the message names the first such row.
         """
         desired, memory = checked(state, desired), np.array(memory, dtype=np.float64, order="C")
-        return self._filtered(state, desired, self._gain, memory), memory
+        return self._filtered(state, desired, self.tracker.gain, memory), memory
 
     def tracking(self, state: RelativeState, memory: FloatArray) -> FloatArray:
         """Return the thrust that tracks the plan, of a new plan where none is remembered [N], shape (R, 3)."""
@@ -97,7 +100,7 @@ class TubeFilter(BackupFilter):
         for axis in range(3):
             tracked = memory[:, 6 + axis].copy()
             for k in range(6):
-                tracked += self._gain[axis, k] * away[:, k]
+                tracked += self.tracker.gain[axis, k] * away[:, k]
             thrust[:, axis] = np.where(known, np.clip(tracked, -limit, limit), thrust[:, axis])
         return thrust
 
@@ -109,7 +112,7 @@ class TubeFilter(BackupFilter):
         """
         checked(state, np.zeros((len(state), 3)))
         found, control = np.empty(len(state), np.bool_), np.empty((len(state), 3))
-        model = self._model._replace(tube=self._starting)
+        model = self._model._replace(tube=self.starting)
         compiled("backup.rows").recoverable_rows(
             model, state.position, state.velocity, state.sun_angle, 1.0, found, control
         )  # fmt: skip
