@@ -76,19 +76,16 @@ class DisturbanceAdversary:
             _SUN: _unit(away * np.linalg.norm(state.position, axis=1, keepdims=True) - state.position),
             _TO_AND_FRO: self._one_way if self._steps % 4 < 2 else -self._one_way,
         }  # fmt: skip
-        names = list(phi)
-        nearest = np.argmin(np.stack([phi[name] / _SCALES.get(name, 0.1) for name in names]), axis=0)
-        towards = np.array([_TOWARDS.get(name, _ALONG) for name in names])[nearest]
+        names = ["PSM", *phi]  # which is not among those of every step, and is never the nearest of them
+        near = [np.full(len(state), np.inf), *(value / _SCALES.get(name, 0.1) for name, value in phi.items())]
+        towards = np.array([_TOWARDS.get(name, _ALONG) for name in names])[np.argmin(np.stack(near), axis=0)]
         push = np.where(self.push == _NEAREST, towards, self.push)
-        return np.stack([ways[k] for k in sorted(ways)])[_places(sorted(ways), push), np.arange(len(state))]
+        known = sorted(ways)
+        return np.stack([ways[k] for k in known])[np.searchsorted(known, push), np.arange(len(state))]
 
 
 #: What counts as equally near: metres, radians, and otherwise metres per second.
-_SCALES = {"chief_collision": 10.0, "PSM": 10.0, "r_max": 10.0, "sun": 0.2}
-
-
-def _places(known: list[int], push: IntArray) -> IntArray:
-    return np.searchsorted(np.array(known), push)
+_SCALES = {"chief_collision": 10.0, "r_max": 10.0, "sun": 0.2}
 
 
 def _unit(v: FloatArray) -> FloatArray:
