@@ -396,6 +396,10 @@ def test_training_with_an_unknown_option_or_experiment(typed):
     assert "did you mean `configs/translational-inspection/experiment.yml`?" in err
 
 
+_OWN = "agent_config.blue0_ctrl.config.config.glues.0.config"
+_DISTURBED = "config.config.env_config.simulator.config.disturbance"
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -406,6 +410,17 @@ def test_training_with_an_unknown_option_or_experiment(typed):
         (
             ("configs/multiagent-translational-inspection/experiment.yml", "env_config.rta.config.enabled=True"),
             "safety filter of all agents: RTACWHInspectionTeam, keeps chief_collision, rel_vel, sun",
+        ),
+        (
+            (SHIPPED, "RTAGlueCWHInspection1v1.config.enabled=True", f"{_OWN}.disturbance={{velocity: 0.2 mm/s}}"),
+            "PSM, x_vel, y_vel, z_vel, under velocity 0.0002",
+        ),
+        (
+            (
+                SHIPPED,
+                f"{_DISTURBED}={{functor: BoundedDisturbance, config: {{velocity: 0.1 mm/s, thrust_gain: 0.01}}}}",
+            ),
+            "disturbance: BoundedDisturbance, velocity 0.0001, thrust_gain 0.01",
         ),
     ],
 )

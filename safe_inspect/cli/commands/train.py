@@ -115,7 +115,8 @@ def _describe(group: AgentGroup) -> list[str]:
 
 def _fields(plugin: BaseModel) -> str:
     """Return the fields that differ from their defaults."""
-    return ", ".join(f"{name} {value}" for name, value in plugin.model_dump(exclude_defaults=True).items())
+    given = plugin.model_dump(exclude_defaults=True).items()
+    return ", ".join(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in given)
 
 
 def _named(safety: SafetyGlue | TeamSafety) -> str:
