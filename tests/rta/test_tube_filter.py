@@ -17,7 +17,7 @@ from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters import BackupFilter, TubeFilter
 from safe_inspect.rta.filters.backup.model import CLOSED, HOLD, PLAN
-from safe_inspect.rta.filters.tube.deviations import TubeTracker
+from safe_inspect.rta.filters.tube.deviations import PlanTracker
 from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 
 BOUNDS = DisturbanceBounds(
@@ -41,7 +41,7 @@ def sphere(generator, shape, size):
 def test_deviations_stay_within_the_tube_and_come_near_its_width():
     """The worst of many disturbances, among them those that all push one way, against the bounds of every hold."""
     p, generator, holds, rows = ConstraintParameters(), np.random.default_rng(0), 12, 20_000
-    tracker = TubeTracker(p, BOUNDS)
+    tracker = PlanTracker(p, BOUNDS)
     phi, gamma = transition(p.n, p.m, p.step_size)
     u, v = 1.7, 0.6
     bounds = [(d.length @ [1, u, v], d.speed @ [1, u, v], d.thrust @ [1, u, v]) for d in tracker.follow((1, 2))[:holds]]

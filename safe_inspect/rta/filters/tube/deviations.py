@@ -52,7 +52,7 @@ class Deviations(NamedTuple):
     thrust: FloatArray
 
 
-class TubeTracker:
+class PlanTracker:
     """Tracking of plans under a bounded disturbance.
 
     Attributes:

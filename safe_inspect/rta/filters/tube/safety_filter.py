@@ -11,7 +11,7 @@ from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import checked, compiled
-from safe_inspect.rta.filters.tube.deviations import TubeTracker
+from safe_inspect.rta.filters.tube.deviations import PlanTracker
 from safe_inspect.rta.filters.tube.tables import leaves_nothing, starting_tube, tube_of
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
@@ -56,7 +56,7 @@ class TubeFilter(BackupFilter):
         """
         super().__init__(parameters, names)
         self.bounds = bounds
-        tracker = TubeTracker(self.parameters, bounds)
+        tracker = PlanTracker(self.parameters, bounds)
         known = {constraint.registered_name for constraint in self.constraints.values()}
         lost = None if tracker.settles else "of anything: a plan cannot be tracked with such errors of the thrust"
         if lost is None:

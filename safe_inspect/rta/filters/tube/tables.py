@@ -20,14 +20,14 @@ from safe_inspect.rta.filters.backup.model import (
     RADIAL,
     FilterModel,
 )
-from safe_inspect.rta.filters.tube.deviations import Deviations, TubeTracker
+from safe_inspect.rta.filters.tube.deviations import Deviations, PlanTracker
 from safe_inspect.types import FloatArray
 
 _ONE, _EFFORT, _THRUST = range(3)
 
 
 def tube_of(
-    model: FilterModel, tracker: TubeTracker, parameters: ConstraintParameters, names: Collection[str]
+    model: FilterModel, tracker: PlanTracker, parameters: ConstraintParameters, names: Collection[str]
 ) -> FloatArray:
     """Return the margins of the parts of a motion; see `FilterModel.tube`.
 
@@ -56,7 +56,7 @@ def _margins(
 
 
 def starting_tube(
-    model: FilterModel, tracker: TubeTracker, tube: FloatArray, p: ConstraintParameters, names: Collection[str]
+    model: FilterModel, tracker: PlanTracker, tube: FloatArray, p: ConstraintParameters, names: Collection[str]
 ) -> FloatArray:  # fmt: skip
     """Return the tube with which a real initial state must have a plan, so that every estimate of it has that plan too.
 
