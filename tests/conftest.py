@@ -24,7 +24,12 @@ for _number in (signal.SIGTERM, signal.SIGHUP):
 #: runs the trainings: two processes that began with filters would both compile them.
 _FIRST = ("tests/contract/test_every_plugin.py", "tests/experiments/")
 #: What starts Ray. Two of these at a time take two to eight times as long as one after the other on two cores.
-_RAY = ("tests/experiments/", "tests/examples/test_beacon_package.py", "tests/rendezvous/test_campaign.py")
+_RAY = (
+    "tests/experiments/",
+    "tests/examples/test_beacon_package.py",
+    "tests/rendezvous/test_campaign.py",
+    "tests/documentation/test_tutorials.py",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -48,12 +53,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 @pytest.fixture
 def clean_registry() -> Iterator[None]:
-    """Forget the plugins that a test defines."""
-    kinds = registry.kinds()
-    known = {kind: dict(registry.items(kind)) for kind in kinds}
+    """Forget the plugins that a test defines, and before it those of the snippets of other tests."""
+    kept = {
+        kind: {name: plugin for name, plugin in registry.items(kind) if not plugin.__module__.startswith("my_")}
+        for kind in registry.kinds()
+    }
+    registry._classes.update({kind: dict(plugins) for kind, plugins in kept.items()})
     yield
     for kind in list(registry._classes):
-        registry._classes[kind] = known.get(kind, {})
+        registry._classes[kind] = kept.get(kind, {})
 
 
 @pytest.fixture(scope="session")

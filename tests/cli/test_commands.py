@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -92,9 +92,9 @@ def test_the_installed_command_refuses_a_misspelt_key_without_a_traceback():
 
 
 def test_validating_the_shipped_experiment_is_quick():
-    begun = time.perf_counter()
+    begun = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     done = shell("validate", EXPERIMENT)
-    assert time.perf_counter() - begun < 3.0
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - begun < 3.0  # of the processor, 0.6 s as a rule
     assert done.returncode == 0
     assert done.stdout == f"{EXPERIMENT} is valid: PPO, blue0_ctrl on blue0\n"
 

@@ -100,7 +100,7 @@ def test_a_running_cluster_is_joined_and_left_running(tmp_path):
         )
         address = head.stdout.readline().strip()
         command = [sys.executable, "-c", _TRAINING, address, str(tmp_path)]
-        training = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+        training = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
         assert training.stdout.strip() == "1", training.stderr
         rest, _ = head.communicate("\n", timeout=60)
         assert rest.strip() == "alive"
