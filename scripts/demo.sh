@@ -2,6 +2,7 @@
 # Set up, then train a small policy on translational inspection: two minutes after the installation.
 # Arguments are passed on, for instance: bash scripts/demo.sh lr=1e-4
 set -euo pipefail
+unset PYTHONDONTWRITEBYTECODE
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/setup.sh
 "${VENV:-.venv}/bin/python" -m safe_inspect.train_rl \
