@@ -16,7 +16,7 @@ def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--output", type=Path, metavar="FILE", help="write the page to this Markdown file")
     parser.add_argument(
-        "--results", type=Path, metavar="FOLDER", default=Path("results/leaderboard"), help="where the episodes of "
+        "--results", type=Path, metavar="FOLDER", default=Path("output/leaderboard"), help="where the episodes of "
         "every row are kept; a row that stands there and is the same is not flown again (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--board", action="append", default=[], metavar="TITLE", help="only this board")

@@ -83,8 +83,8 @@ class Standing:
         """Return the standing of open-loop plans; a decision is a burn."""
         entries = record.entries
         won = sum(entry.success for entry in entries)
-        told = np.mean([(e.inspected, e.delta_v, e.steps * step_size, e.burns) for e in entries], axis=0)
-        points, spent, time, burns = (float(mean) for mean in told)
+        means = np.mean([(e.inspected, e.delta_v, e.steps * step_size, e.burns) for e in entries], axis=0)
+        points, spent, time, burns = (float(mean) for mean in means)
         return cls(_name(row), won / len(entries), wilson(won, len(entries)), points, spent, time, burns)
 
     @classmethod
