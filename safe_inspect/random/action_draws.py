@@ -176,6 +176,34 @@ def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyAr
 
 
 @njit
+def draw_choice(logits: AnyArray, first: int, size: int, explore: bool, uniform: float) -> tuple[int, float]:
+    """Return an index that is drawn with the probabilities softmax(logits), and the logarithm of its probability.
+
+    Args:
+        logits: Logits of one row, float32.
+        first: Index of the first of this element.
+        size: Number of its values.
+        explore: Whether to draw; else the index is the most likely one.
+        uniform: Number in [0, 1) that decides.
+    """
+    best = 0
+    for k in range(1, size):
+        if logits[first + k] > logits[first + best]:
+            best = k
+    largest = np.float64(logits[first + best])
+    mass = 0.0
+    for k in range(size):
+        mass += math.exp(np.float64(logits[first + k]) - largest)
+    chosen = best
+    if explore:
+        chosen, below = 0, math.exp(np.float64(logits[first]) - largest)
+        while chosen < size - 1 and below < uniform * mass:
+            chosen += 1
+            below += math.exp(np.float64(logits[first + chosen]) - largest)
+    return chosen, np.float64(logits[first + chosen]) - largest - math.log(mass)
+
+
+@njit
 def draw_categorical(
     inputs: AnyArray, sizes: IntArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray
 ) -> None:
@@ -197,22 +225,9 @@ def draw_categorical(
             if explore and j % 4 == 0:
                 uniforms_of(rows, n, j // 4, width, uniform)
             size = sizes[j]
-            best = 0
-            for k in range(1, size):
-                if inputs[n, first + k] > inputs[n, first + best]:
-                    best = k
-            largest = np.float64(inputs[n, first + best])
-            mass = 0.0
-            for k in range(size):
-                mass += math.exp(np.float64(inputs[n, first + k]) - largest)
-            chosen = best
-            if explore:
-                chosen, below = 0, math.exp(np.float64(inputs[n, first]) - largest)
-                while chosen < size - 1 and below < uniform[j % 4] * mass:
-                    chosen += 1
-                    below += math.exp(np.float64(inputs[n, first + chosen]) - largest)
+            chosen, log_share = draw_choice(inputs[n], first, size, explore, uniform[j % 4])
             action[n, j] = np.float32(chosen)
-            total += np.float64(inputs[n, first + chosen]) - largest - math.log(mass)
+            total += log_share
             first += size
         log_probability[n] = np.float32(total)
 

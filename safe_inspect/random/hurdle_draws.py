@@ -13,6 +13,7 @@ from safe_inspect.random.action_draws import (
     NO_NOISE,
     Categorical,
     DrawRows,
+    draw_choice,
     draw_in_rollout,
     normals_of,
     uniforms_of,
@@ -113,23 +114,9 @@ def draw_hurdle(
             else:
                 action[n, j] = np.float32(0.0)
         if choices:
-            first = 1 + 2 * numbers
-            best = 0
-            for k in range(1, choices):
-                if inputs[n, first + k] > inputs[n, first + best]:
-                    best = k
-            largest = np.float64(inputs[n, first + best])
-            mass = 0.0
-            for k in range(choices):
-                mass += math.exp(np.float64(inputs[n, first + k]) - largest)
-            chosen = best
-            if explore:
-                chosen, below = 0, math.exp(np.float64(inputs[n, first]) - largest)
-                while chosen < choices - 1 and below < uniform[1] * mass:
-                    chosen += 1
-                    below += math.exp(np.float64(inputs[n, first + chosen]) - largest)
+            chosen, log_share = draw_choice(inputs[n], 1 + 2 * numbers, choices, explore, uniform[1])
             action[n, numbers] = np.float32(chosen)
-            density += np.float64(inputs[n, first + chosen]) - largest - math.log(mass)
+            density += log_share
         log_probability[n] = np.float32(density)
 
 

@@ -11,7 +11,7 @@ from ray.tune.schedulers import TrialScheduler
 from safe_inspect.errors import ConfigError, Problem, RegistryError
 from safe_inspect.plugins.registry import import_user_module
 
-#: What a scheduler ranks trials by, unless it is told something else.
+#: What a scheduler ranks trials by, unless the configuration says otherwise.
 METRIC = "env_runners/episode_return_mean"
 
 

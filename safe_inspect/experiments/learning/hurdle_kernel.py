@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.experiments.learning.ppo_kernels import ENTROPY, KL, SURROGATE, log_softmax
+from safe_inspect.experiments.learning.ppo_kernels import ENTROPY, KL, SURROGATE, clipped_surrogate, log_softmax
 from safe_inspect.random.action_draws import HALF_LOG_2PI
 from safe_inspect.random.hurdle_draws import log_logistic
 from safe_inspect.types import AnyArray, FloatArray, IntArray
@@ -85,9 +85,8 @@ def hurdle_gradient(
         sums[KL] += old_p * (old_log_p - log_p + gaussian_kl) + (1.0 - old_p) * (old_log_q - log_q)
         advantage = float(advantages[row])
         ratio = math.exp(density - float(old_log_probability[row]))
-        free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
-        sums[SURROGATE] += min(free, held)
-        push = -free if free < held or 1.0 - clip <= ratio <= 1.0 + clip else 0.0
+        surrogate, push = clipped_surrogate(advantage, ratio, clip)
+        sums[SURROGATE] += surrogate
         gradient[i, 0] = (
             push * (burns - p)
             - entropy_coefficient * p * (1.0 - p) * (gaussian_entropy - logit)

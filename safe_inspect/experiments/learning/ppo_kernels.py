@@ -66,6 +66,13 @@ def advantages_of(
 
 
 @njit(nogil=True)
+def clipped_surrogate(advantage: float, ratio: float, clip: float) -> tuple[float, float]:
+    """Return min(A r, A clamp(r, 1 - c, 1 + c)), and the derivative of its negative with respect to log r."""
+    free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
+    return min(free, held), (-free if free < held or 1.0 - clip <= ratio <= 1.0 + clip else 0.0)
+
+
+@njit(nogil=True)
 def policy_gradient(
     rows: IntArray,
     inputs: AnyArray,
@@ -110,9 +117,8 @@ def policy_gradient(
             sums[ENTROPY] += log_std + 0.5 + HALF_LOG_2PI
         advantage = float(advantages[row])
         ratio = math.exp(density - float(old_log_probability[row]))
-        free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
-        sums[SURROGATE] += min(free, held)
-        push = -free if free < held or 1.0 - clip <= ratio <= 1.0 + clip else 0.0
+        surrogate, push = clipped_surrogate(advantage, ratio, clip)
+        sums[SURROGATE] += surrogate
         for j in range(width):
             mean, log_std = float(inputs[i, j]), float(inputs[i, width + j])
             old_mean, old_log_std = float(old_inputs[row, j]), float(old_inputs[row, width + j])
@@ -173,9 +179,8 @@ def choice_gradient(
             first += sizes[j]
         advantage = float(advantages[row])
         ratio = math.exp(total - float(old_log_probability[row]))
-        free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
-        sums[SURROGATE] += min(free, held)
-        push = -free if free < held or 1.0 - clip <= ratio <= 1.0 + clip else 0.0
+        surrogate, push = clipped_surrogate(advantage, ratio, clip)
+        sums[SURROGATE] += surrogate
         first = 0
         for j in range(width):
             entropy = 0.0
