@@ -48,11 +48,11 @@ class CompiledGroup(Protocol):
     def command(self, action: FloatArray, /) -> tuple[FloatArray, FloatArray] | None:
         """As `AgentGroup.command`."""
 
-    def observe(self, view: View, /) -> AnyArray | None:
-        """As `AgentGroup.observe`, shape (R, O)."""
+    def observe(self, view: View, asked: BoolArray | None = None, /) -> AnyArray | None:
+        """As `AgentGroup.observe`, shape (R, O); rows that are not asked for, shape (R,), are NaN."""
 
-    def evaluate_step(self, step: Step, /) -> StepOutcome | None:
-        """As `AgentGroup.evaluate_step`."""
+    def evaluate_step(self, step: Step, asked: BoolArray | None = None, /) -> StepOutcome | None:
+        """As `AgentGroup.evaluate_step`; observations that are neither asked for, shape (R,), nor the last are NaN."""
 
 
 class AgentGroup:

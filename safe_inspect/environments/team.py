@@ -42,6 +42,8 @@ class TeamEnvironment:
         num_envs: Number of environments, N.
         groups: Agents with equal terms, in agent order.
         acting: The groups whose actions come from outside; the others fly by scripted policies.
+        observes_coasting: Whether transitions hold the observations of agents whose decision has not elapsed, too. If
+            not they are NaN, but for those with which an episode ends.
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class TeamEnvironment:
             for group in self.groups:
                 group.fused = FusedGroup(group, self.simulation.world)
         self.num_envs = num_envs
+        self.observes_coasting = True
         self._everyone = np.ones((num_envs, len(spec.agents)), dtype=np.bool_)
         self._everyone.flags.writeable = False  # every step in which all take part gives this one out
         self._idle = [np.zeros(num_envs * group.size, dtype=np.bool_) for group in self.groups]
@@ -262,7 +265,8 @@ class TeamEnvironment:
                 step.after.remembering = name
                 done.remember(step, name)
                 step.after.remembering = None
-            found = group.fused.evaluate_step(step) if group.fused is not None else None
+            asked = None if self.observes_coasting else group.due(simulation.state).reshape(-1)
+            found = group.fused.evaluate_step(step, asked) if group.fused is not None else None
             if found is None:  # the plugins themselves tell what is wrong
                 found = group.evaluate_step(step)
             shape = (self.num_envs, group.size)
@@ -289,8 +293,10 @@ class TeamEnvironment:
                     step,
                 )
             )
-        if self.spec.shared_dones:
-            ended |= self._share(transitions, active, fired)
+        if self.spec.shared_dones and self._share(transitions, active, fired):
+            ended = True
+            for group, transition in zip(self.groups, transitions, strict=True):
+                self._observe_last(group, transition)
         if ended:
             finished = simulation.state.finished
             finished[...] = self._statuses(transitions)
@@ -300,6 +306,15 @@ class TeamEnvironment:
         else:
             over, outcome = np.zeros(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.int8)
         return TeamTransition(tuple(transitions), over, outcome, team)
+
+    def _observe_last(self, group: AgentGroup, transition: Transition) -> None:
+        """Observe those whose episode a shared done function has ended amid a decision."""
+        missing = (transition.done & np.isnan(transition.observation).any(axis=2)).reshape(-1)
+        if group.fused is not None and missing.any():
+            view = transition.step.after
+            found = group.fused.observe(view, missing)
+            found = group.observe(view).reshape(len(missing), -1) if found is None else found
+            transition.observation.reshape(found.shape)[missing] = found[missing]
 
     @staticmethod
     def _statuses(transitions: list[Transition]) -> AnyArray:

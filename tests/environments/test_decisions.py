@@ -257,3 +257,28 @@ def test_bad_durations(override, expected):
     with pytest.raises(ConfigError, match=expected) as caught:
         load_experiment(ONE, [override])
     assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("path", [ONE.with_stem("experiment-burn-and-coast-outlook"), TEAM])
+def test_observations_amid_a_decision_may_be_left_out(path):
+    cores = [environment(path, num_envs=64) for _ in range(2)]
+    cores[1].observes_coasting = False
+    rng = np.random.default_rng(3)
+    for core in cores:
+        core.reset()
+    left_out = 0
+    for _ in range(150):
+        action = [actions_of(rng, (64, group.size)) for group in cores[0].acting]
+        whole, due = (core.step(action) for core in cores)
+        for expected, found, mine in zip(whole.groups, due.groups, cores[0].due(), strict=True):
+            for name in ("reward", "terminated", "truncated", "status"):
+                np.testing.assert_array_equal(getattr(expected, name), getattr(found, name))
+            seen = mine | expected.done
+            np.testing.assert_array_equal(expected.observation[seen], found.observation[seen])
+            amid = ~seen & (expected.status == 0)
+            assert np.isnan(found.observation[amid]).all()
+            left_out += np.count_nonzero(amid)
+        for core, transition in zip(cores, (whole, due), strict=True):
+            if transition.over.any():
+                core.reset(np.flatnonzero(transition.over))
+    assert left_out > 1000

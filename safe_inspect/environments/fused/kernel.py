@@ -33,10 +33,13 @@ def _call(context: Any, function: Any, table: Any, bases: Any, out: Any, environ
 
 
 @njit(error_model="numpy")
-def _map(readings: FloatArray, factors: FloatArray, observation: NDArray[np.float32]) -> bool:
-    """Write the observations from the readings; return whether all of both are finite."""
+def _map(readings: FloatArray, factors: FloatArray, asked: BoolArray, observation: NDArray[np.float32]) -> bool:
+    """Write the observations that are asked for from the readings; return whether all of both are finite."""
     finite, size = True, observation.shape[1]
     for row in range(observation.shape[0]):
+        if not asked[row]:
+            observation[row] = np.nan
+            continue
         for e in range(size):
             value = (readings[row, e] * factors[0, e] - factors[1, e]) * factors[2, e] / factors[3, e] + factors[4, e]
             finite &= math.isfinite(value)
@@ -49,7 +52,7 @@ def _map(readings: FloatArray, factors: FloatArray, observation: NDArray[np.floa
 @njit(error_model="numpy")
 def observe(
     calls: IntArray, bases: IntArray, environments: int, factors: FloatArray, readings: FloatArray,
-    observation: NDArray[np.float32],
+    asked: BoolArray, observation: NDArray[np.float32],
 ) -> bool:  # fmt: skip
     """Write the observations of a group; the arguments are those of `evaluate_step`. Return whether all is finite."""
     agents, sound = observation.shape[0] // max(environments, 1), True
@@ -57,13 +60,13 @@ def observe(
         if calls[c, 0] == READING:
             out = readings.ctypes.data + 8 * calls[c, 1]
             sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]
-    return _map(readings, factors, observation) and sound
+    return _map(readings, factors, asked, observation) and sound
 
 
 @njit(error_model="numpy")
 def evaluate_step(
     calls: IntArray, bases: IntArray, endings: IntArray, factors: FloatArray, readings: FloatArray,
-    observation: NDArray[np.float32], values: FloatArray, flags: BoolArray, status: NDArray[np.int8],
+    asked: BoolArray, observation: NDArray[np.float32], values: FloatArray, flags: BoolArray, status: NDArray[np.int8],
 ) -> int:  # fmt: skip
     """Write what a step gives for the agents of a group, R = N * G rows.
 
@@ -71,10 +74,12 @@ def evaluate_step(
         calls: The row terms: what each gives, the index of the column, reward or done, and the addresses of its loop
             and its table, shape (C, 4).
         bases: Where the memory begins that the terms read, see `MemoryBase`.
-        endings: Of each done its status, and whether it truncates; behind them, N, shape (K + 1, 2).
+        endings: Of each done its status, and whether it truncates; behind them, N and how many calls at the end only
+            the observations want, shape (K + 1, 2).
         factors: Scale, and what `Affine` subtracts, multiplies by, divides by and adds, of each element of an
             observation, shape (5, O).
         readings: Takes the readings, those of the observation first, shape (R, S); what is foreign stands there.
+        asked: Whose observations are asked for, shape (R,); those who end are added. The others' are NaN.
         observation: Takes the observations, shape (R, O).
         values: Takes the rewards and the terms, shape (1 + T, R); what is foreign stands there.
         flags: Takes who is terminated and who truncated, and what each done said, shape (2 + K, R); likewise.
@@ -85,8 +90,8 @@ def evaluate_step(
         `ENDED` when a status is not 0.
     """
     rows, environments, dones = len(status), endings[-1, 0], len(endings) - 1
-    agents, sound = rows // environments, True
-    for c in range(calls.shape[0]):
+    agents, sound, first = rows // environments, True, calls.shape[0] - endings[-1, 1]
+    for c in range(first):
         kind, index = calls[c, 0], calls[c, 1]
         if kind == READING:
             out = readings.ctypes.data + 8 * index
@@ -97,7 +102,6 @@ def evaluate_step(
         else:
             out = status.ctypes.data
         sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]
-    sound &= _map(readings, factors, observation)
     values[0] = 0.0
     for t in range(1, values.shape[0]):
         for row in range(rows):
@@ -115,5 +119,10 @@ def evaluate_step(
                     flags[endings[k, 1], row] = True
                     status[row] = endings[k, 0]
             flags[1, row] &= not flags[0, row]
-        ended |= status[row] != 0
+        if status[row] != 0:
+            ended = asked[row] = True
+    for c in range(first, calls.shape[0]):
+        out = readings.ctypes.data + 8 * calls[c, 1]
+        sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]
+    sound &= _map(readings, factors, asked, observation)
     return (0 if sound else NOT_FINITE) + (ENDED if ended else 0)

@@ -118,7 +118,8 @@ class Program:
         """
         scene = Scene(self._world, self._group, state, self._columns, self.width)
         rows, terms, calls = state.num_envs * self._group.size, [], []
-        for call in self._calls:
+        observed = self._observed()
+        for call in sorted(self._calls, key=lambda call: call in observed):
             dtype, size = call.result
             stride = _FLOAT * self.width if call.kind == kernel.READING else np.dtype(dtype).itemsize
             placed = place_term(call.term, scene, dtype, stride, size)
@@ -127,12 +128,23 @@ class Program:
         asked = any(isinstance(given, Intervening) for call in self._calls for given in call.term.inputs)
         return PlacedProgram(
             np.array(calls, dtype=np.int64),
-            np.array([*self._endings, (state.num_envs, 0)], dtype=np.int64),
+            np.array([*self._endings, (state.num_envs, len(observed))], dtype=np.int64),
             readings[:rows],
             np.zeros(rows, dtype=np.bool_) if asked else None,
             state.specs,
             tuple(terms),
         )
+
+    def _observed(self) -> list[TermCall]:
+        """Return the calls whose readings no reward and no done is given, directly or through another reading."""
+        wanted: set[int] = set()
+        observed = []
+        for call in reversed(self._calls):
+            if call.kind == kernel.READING and call.target not in wanted:
+                observed.append(call)
+            else:
+                wanted |= {self._columns[reading.key].start for reading in call.term.read}
+        return observed
 
     def _add(self, kind: int, plugins: list[Any]) -> list[int]:
         """Add rewards or dones; return the indices of those that are called in Python."""

@@ -70,19 +70,34 @@ class FusedGroup:
         finite = command(action, layout.low, layout.high, least, most, axes, clipped, control)
         return (clipped, control) if finite else None
 
-    def observe(self, view: View) -> AnyArray | None:
-        """Return the observations, float32, shape (R, O); None when something is not finite."""
+    def observe(self, view: View, asked: BoolArray | None = None) -> AnyArray | None:
+        """Return the observations, float32, shape (R, O); None when something is not finite.
+
+        Args:
+            view: The state.
+            asked: Whose observations are asked for, shape (R,); the others' are NaN. None: all.
+        """
         state, program = view.writable, self._program
         placed = self._place(state)
         observation = np.empty((view.num_rows, program.size), dtype=np.float32)
         if program.glues or program.sensors:
             self._call_sensors(view, placed.readings)
         bases = _bases(state, state, placed)
-        finite = kernel.observe(placed.calls, bases, state.num_envs, program.factors, placed.readings, observation)
+        bases[MemoryBase.ASKED] = 0 if asked is None else address_of(asked)
+        asked = np.ones(view.num_rows, dtype=np.bool_) if asked is None else asked
+        finite = kernel.observe(
+            placed.calls, bases, state.num_envs, program.factors, placed.readings, asked, observation
+        )
         return observation if finite else None
 
-    def evaluate_step(self, step: Step) -> StepOutcome | None:
-        """Return what a step gives; None when something is not finite."""
+    def evaluate_step(self, step: Step, asked: BoolArray | None = None) -> StepOutcome | None:
+        """Return what a step gives; None when something is not finite.
+
+        Args:
+            step: The step.
+            asked: Whose observations are asked for besides those of agents that end, shape (R,); the others' are NaN.
+                None: all.
+        """
         view, program = step.after, self._program
         rows = view.num_rows
         before, after = step.before.writable, view.writable
@@ -92,6 +107,8 @@ class FusedGroup:
             evaluate: Any = kernel.evaluate_step.dispatcher
             known = self._bases[id(after)] = after, before, placed, _bases(before, after, placed), evaluate
         _, _, placed, bases, evaluate = known
+        bases[MemoryBase.ASKED] = 0 if asked is None else address_of(asked)
+        asked = np.ones(rows, dtype=np.bool_) if asked is None else asked
         observation = np.empty((rows, program.size), dtype=np.float32)
         values = np.empty((1 + self._term_count, rows))
         flags = np.empty((2 + self._done_count, rows), dtype=np.bool_)
@@ -101,7 +118,16 @@ class FusedGroup:
         if placed.intervening is not None:
             placed.intervening[:] = step.writable_intervening
         found: int = evaluate(
-            placed.calls, bases, placed.endings, program.factors, placed.readings, observation, values, flags, status
+            placed.calls,
+            bases,
+            placed.endings,
+            program.factors,
+            placed.readings,
+            asked,
+            observation,
+            values,
+            flags,
+            status,
         )
         if found & kernel.NOT_FINITE:
             return None

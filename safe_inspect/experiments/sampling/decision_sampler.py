@@ -42,6 +42,7 @@ class DecisionSampler(Sampler):
         first_slot: int,
     ) -> None:
         super().__init__(environment, slots, nets, seed=seed, first_slot=first_slot)
+        environment.observes_coasting = False
         self._gamma = gamma
         self._make_net = nets
         self._sized: dict[tuple[str, int], PolicyNet] = {}

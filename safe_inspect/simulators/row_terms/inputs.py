@@ -28,6 +28,7 @@ class MemoryBase(IntEnum):
     BEFORE = 2
     READINGS = 3
     INTERVENING = 4
+    ASKED = 5  # whether a row's reading is asked for, a byte for each row; at no address: all are
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ inputs alone, is compiled once and called by its address:
 
     loop(table, bases, out, environments, agents)
 
-`table` says where the inputs lie, `bases` where the memory begins that they lie in, `out` where the result goes.
+`table` says where the inputs lie, `bases` where the memory begins that they lie in, `out` where the result goes. The
+loop of a sensor leaves out the rows that `MemoryBase.ASKED` says are not asked for.
 """
 
 from __future__ import annotations
@@ -150,11 +151,13 @@ def _source(inputs: Sequence[tuple[str, int]], dtype: str, writes: bool) -> str:
         at += 4 + axes
     here = "out + (n * agents + i) * stride"
     if writes:
-        body = f"row({', '.join([*arguments, f'carray(pointer({here}, {dtype}), (size,))'])})"
+        call = f"row({', '.join([*arguments, f'carray(pointer({here}, {dtype}), (size,))'])})"
+        body = f"if asked == 0 or carray(pointer(asked + n * agents + i, uint8), (1,))[0] != 0:\n                {call}"
     else:
         value = f"row({', '.join(arguments)})"
         stored = "uint8" if dtype == "bool" else dtype
         body = f"carray(pointer({here}, {stored}), (1,))[0] = {f'1 if {value} else 0' if dtype == 'bool' else value}"
+    head += [f"asked = starts[{int(MemoryBase.ASKED)}]"] * writes
     lines = "\n    ".join(head)
     return f"""from numba import carray, float32, float64, int8, int16, int32, int64, uint8, uint16, uint32, uint64
 

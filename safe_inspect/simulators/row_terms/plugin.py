@@ -63,7 +63,7 @@ class RowCalls(Plugin):
         known = by_size.get(state.num_envs)
         if known is None or known.world is not view.world or known.group is not group or known.specs is not state.specs:
             known = by_size[state.num_envs] = self._place(view.world, group, state)
-        given: list[AnyArray | None] = [None, state.floats, before.writable.floats, None, None]
+        given: list[AnyArray | None] = [None, state.floats, before.writable.floats, None, None, None]
         if known.read:
             readings = [reading.read(view) for reading in known.read]
             given[MemoryBase.READINGS] = np.concatenate(readings, axis=1, dtype=np.float64)
