@@ -15,6 +15,8 @@ from safe_inspect.compiling import njit
 from safe_inspect.geometry.light import Light
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
+_Vector = tuple[float, float, float]
+
 
 class Surface(NamedTuple):
     """Points on a sphere, and the rule of light.
@@ -201,6 +203,31 @@ def lit_and_uninspected(
 
 
 @njit
+def inspect_in_binary_light(
+    viewer: _Vector, sun: _Vector, axes: FloatArray, horizon: float, terminator: float, owner: int,
+    inspector: NDArray[np.int8],
+) -> None:  # fmt: skip
+    """Give each point that one viewer sees, and that is lit, to an owner unless it has one.
+
+    Args:
+        viewer: Position relative to the body's centre [m].
+        sun: Unit vector to the sun [-].
+        axes: The points q [m], as `point_axes`.
+        horizon: Radius squared: a point is seen where q . viewer is at least that [m^2].
+        terminator: Radius times the threshold of light: a point is lit where q . sun is more than that [m].
+        owner: Who inspects.
+        inspector: Who inspected each point, -1 for nobody, shape (P,); written.
+    """
+    qx, qy, qz = axes[0], axes[1], axes[2]
+    (vx, vy, vz), (sx, sy, sz) = viewer, sun
+    for p in range(len(inspector)):  # no branch inside, so that the compiler works on several points at once
+        faces = qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon
+        shines = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
+        before = inspector[p]
+        inspector[p] = np.int8(owner) if faces & shines & (before < 0) else before
+
+
+@njit
 def inspect_points(
     viewer: FloatArray,
     sun: FloatArray,
@@ -236,12 +263,8 @@ def inspect_points(
             if range_squared < horizon:
                 continue
             whole = _sees_whole_cap(range_squared, radius, cos_half_fov)
-            if whole and light.binary:  # no branch inside, so that the compiler works on several points at once
-                for p in range(count):
-                    faces = qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon
-                    shines = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
-                    owner = inspector[row, p]
-                    inspector[row, p] = np.int8(d) if faces & shines & (owner < 0) else owner
+            if whole and light.binary:
+                inspect_in_binary_light((vx, vy, vz), (sx, sy, sz), axes, horizon, terminator, d, inspector[row])
                 continue
             for p in range(count):
                 if inspector[row, p] >= 0 or not qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon:

@@ -20,6 +20,7 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
+from safe_inspect.platforms.coasting_inspection import CoastingInspectionSensor
 from safe_inspect.platforms.outlook_sensors import CoastingRangeSensor, TimeLeftSensor
 from safe_inspect.platforms.point_sensors import (
     InspectedPointsScoreSensor,
@@ -42,6 +43,7 @@ __all__ = [
     "ApproachVelocitySensor",
     "CWHPlatform",
     "ClearanceSensor",
+    "CoastingInspectionSensor",
     "CoastingRangeSensor",
     "Controller",
     "DeputyScanSensor",

@@ -1,0 +1,154 @@
+"""`CoastingInspectionSensor`: which points the deputy would inspect without thrust."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.coasting import coasting_position
+from safe_inspect.geometry.visibility import inspect_in_binary_light, point_axes
+from safe_inspect.platforms.base import Sensor
+from safe_inspect.plugins.plugin import PointsName
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray
+from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.simulator import Simulator
+from safe_inspect.simulators.view import Group
+from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.rotation import rotating_body
+from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveDuration
+
+#: Parts of the time of coasting after which the points that are left are counted.
+_PARTS = (0.125, 0.25, 0.5, 1.0)
+#: Longest distance between two looks ahead, as an angle of the orbit [rad].
+_CELL = 0.05
+
+
+@njit
+def _left_after_coasting(
+    position: FloatArray,
+    velocity: FloatArray,
+    inspector: NDArray[np.int8],
+    sun_angle: float,
+    step: int,
+    horizon: int,
+    table: FloatArray,
+    axes: FloatArray,
+    limits: FloatArray,
+    n: float,
+    reading: FloatArray,
+) -> None:
+    """Write the shares that are left, and the mean direction of those left at the end.
+
+    Args:
+        position: Position relative to the body [m], shape (3,).
+        velocity: Velocity [m/s], shape (3,).
+        inspector: Who inspected each point, -1 for nobody, shape (P,).
+        sun_angle: Angle of the sun [rad].
+        step: Control steps since the reset.
+        horizon: Control steps of an episode.
+        table: Of each look ahead: control steps, angle of the orbit and its cosine and sine, cosine and sine of the
+            angle by which the sun has turned, and whether a share is noted behind it, shape (K, 7).
+        axes: The points [m], shape (3, P).
+        limits: Radius squared, and what light asks for, see `inspect_in_binary_light`, shape (2,).
+        n: Mean motion [rad/s].
+        reading: Takes the result, shape (7,).
+    """
+    state = position[0], position[1], position[2], velocity[0], velocity[1], velocity[2]
+    found, total, noted = inspector.copy(), len(inspector), 0
+    cos_sun, sin_sun = math.cos(sun_angle), math.sin(sun_angle)
+    for k in range(table.shape[0]):
+        steps, angle, cos, sin, cos_turn, sin_turn, notes = table[k]
+        if step + steps <= horizon:
+            viewer = coasting_position(n, state, angle, cos, sin)
+            sun = cos_sun * cos_turn - sin_sun * sin_turn, -(sin_sun * cos_turn + cos_sun * sin_turn), 0.0
+            inspect_in_binary_light(viewer, sun, axes, limits[0], limits[1], 0, found)
+        if notes:
+            left = 0
+            for p in range(total):
+                left += found[p] < 0
+            reading[noted] = left / total
+            noted += 1
+    left = 0
+    reading[noted:] = 0.0
+    for p in range(total):
+        if found[p] < 0:
+            left += 1
+            for axis in range(3):
+                reading[noted + axis] += axes[axis, p]
+    length = math.sqrt(limits[0]) * max(left, 1)
+    for axis in range(3):
+        reading[noted + axis] /= length
+
+
+class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
+    """What would be left to inspect if the thrusters stayed off from now on [-], shape (R, 7).
+
+    Four shares of all points: those that nobody has inspected, now or by the deputy itself on its way, after an eighth, a
+    quarter, a half and the whole of `duration`, or at the horizon of the episode where that comes before; and the mean
+    (x, y, z) of the unit vectors, Hill frame, of the points that are left in the end, zeros if there are none. The way is
+    the closed-form solution of the Clohessy-Wiltshire equations, looked at every 0.05 rad of the orbit at most; other
+    deputies, collisions and the limit of range are not looked at.
+
+    Attributes:
+        inspection_entity_name: The body that carries the points, at the origin of Hill's frame.
+        duration: How long the deputy coasts [s]; one orbit unless given.
+        horizon: Number of steps after which the episode ends [-]; that of the task unless given.
+    """
+
+    elements: ClassVar[tuple[str, ...]] = ("left_eighth", "left_quarter", "left_half", "left", "x", "y", "z")
+    bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
+
+    inspection_entity_name: PointsName = "chief"
+    duration: PositiveDuration | None = None
+    horizon: int = Field(default=1224, ge=1)
+
+    def in_task(self, simulator: Simulator, horizon: int) -> Self:
+        """Return the sensor with the horizon of the task, unless one was given."""
+        return self if "horizon" in self.model_fields_set else self.model_copy(update={"horizon": horizon})
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the shares and the mean direction [-].
+
+        Raises:
+            ValueError: The body turns, or light has another rule than lit or dark.
+        """
+        name, model = self.inspection_entity_name, world.points[self.inspection_entity_name]
+        if name == rotating_body(world):
+            raise ValueError(f"{self.registered_name} looks at points of a body that does not turn, and {name!r} does")
+        light = model.surface.light
+        if not light.binary:
+            raise ValueError(f"{self.registered_name} takes a point to be lit or dark; set `bin_ray_flag: True`")
+        radius = model.surface.radius
+        return RowTerm(
+            _left_after_coasting,
+            (
+                OwnArray("position"),
+                OwnArray("velocity"),
+                EnvironmentArray(f"points/{name}/inspector"),
+                EnvironmentArray("sun_angle"),
+                EnvironmentArray("step"),
+                self.horizon,
+                self._table(world),
+                point_axes(model.surface.points),
+                np.array([radius * radius, radius * light.threshold]),
+                float(world.mean_motion),
+            ),
+        )
+
+    def _table(self, world: World) -> FloatArray:
+        n = float(world.mean_motion)
+        duration = 2.0 * math.pi / n if self.duration is None else self.duration
+        last = max(1, round(duration / world.step_size))
+        stride = max(1, int(_CELL / (n * world.step_size)))
+        noted = [max(1, round(part * last)) for part in _PARTS]
+        steps = sorted({*range(stride, last, stride), *noted})
+        time = np.array(steps) * world.step_size
+        turned = world.sun_rate * time
+        columns = steps, n * time, np.cos(n * time), np.sin(n * time), np.cos(turned), np.sin(turned)
+        return np.stack([*columns, np.isin(steps, noted)], axis=1).astype(np.float64)
