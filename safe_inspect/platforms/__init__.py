@@ -10,6 +10,7 @@ from safe_inspect.platforms.attitude_sensors import (
     RotatedAxesSensor,
 )
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
+from safe_inspect.platforms.coasting_inspection import CoastingInspectionSensor
 from safe_inspect.platforms.controllers import MomentProp, RateController, ThrustProp
 from safe_inspect.platforms.cwh import CWHPlatform, SixDofPlatform
 from safe_inspect.platforms.docking_sensors import ApproachVelocitySensor, SpeedLimitSensor, SpeedSensor
@@ -20,7 +21,6 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
-from safe_inspect.platforms.coasting_inspection import CoastingInspectionSensor
 from safe_inspect.platforms.outlook_sensors import CoastingRangeSensor, TimeLeftSensor
 from safe_inspect.platforms.point_sensors import (
     InspectedPointsScoreSensor,

@@ -89,11 +89,11 @@ def _left_after_coasting(
 class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
     """What would be left to inspect if the thrusters stayed off from now on [-], shape (R, 7).
 
-    Four shares of all points: those that nobody has inspected, now or by the deputy itself on its way, after an eighth, a
-    quarter, a half and the whole of `duration`, or at the horizon of the episode where that comes before; and the mean
-    (x, y, z) of the unit vectors, Hill frame, of the points that are left in the end, zeros if there are none. The way is
-    the closed-form solution of the Clohessy-Wiltshire equations, looked at every 0.05 rad of the orbit at most; other
-    deputies, collisions and the limit of range are not looked at.
+    Four shares of all points: those that nobody has inspected, now or by the deputy itself on its way, after an eighth,
+    a quarter, a half and the whole of `duration`, or at the horizon of the episode where that comes before; and the
+    mean (x, y, z) of the unit vectors, Hill frame, of the points that are left in the end, zeros if there are none. The
+    way is the closed-form solution of the Clohessy-Wiltshire equations, looked at every 0.05 rad of the orbit at most;
+    other deputies, collisions and the limit of range are not looked at.
 
     Attributes:
         inspection_entity_name: The body that carries the points, at the origin of Hill's frame.
