@@ -46,7 +46,7 @@ def sampler(path=ONE, *overrides, num_envs=4, first_slot=0, distribution=None, k
 
     spec = load_experiment(path, ["horizon=110", *overrides]).spec
     team = TeamEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
-    distribution = distribution or Hurdle(3, 7)
+    distribution = distribution or Hurdle(3, 6)
     size = team.acting[0].observation_layout.size
     more = {"gamma": GAMMA} if team.decides else {}
     built = (DecisionSampler if team.decides else Sampler)(
@@ -138,7 +138,7 @@ def test_decisions_are_those_of_the_environment_flown_step_by_step(path, overrid
                         np.testing.assert_array_equal(piece["observations"][index], observation[agent])
                         action[agent] = piece["actions"][index]
                     else:  # a decision that had not elapsed when sampling ended
-                        action[agent] = [0.0, 0.0, 0.0, 6.0]
+                        action[agent] = [0.0, 0.0, 0.0, 5.0]
                 actions = np.split(action[None], np.cumsum([group.size for group in core.acting])[:-1], axis=1)
                 groups = core.step(actions).groups
                 observation, done = joined([group.observation for group in groups]), joined([g.done for g in groups])

@@ -10,7 +10,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.platforms import CoastingInspectionSensor
 
-TASK = configs_root() / "translational-inspection" / "experiment-burn-and-coast-outlook.yml"
+TASK = configs_root() / "translational-inspection" / "experiment-burn-and-coast.yml"
 STEPS = 400
 PARTS = (50, 100, 200, 400)
 
