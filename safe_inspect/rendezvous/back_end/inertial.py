@@ -58,10 +58,20 @@ class ImuBuffer:
         self._samples.append(sample)
         self._before = (acceleration, rate)
 
-    def coast(self, period: float) -> None:
-        """Take a period [s] without a sample as free flight at the last angular velocity."""
+    def coast(self, period: float, commanded: FloatArray) -> None:
+        """Take a period without a sample as flown as commanded, from the last angular velocity.
+
+        Args:
+            period: Its length [s].
+            commanded: Acceleration and angular acceleration in B [m/s^2, rad/s^2], shape (6,); zeros: free flight.
+        """
         self.is_coasting = True
-        self.add(self._bias.accelerometer(), self.last_rate, period)
+        acceleration, turned = self._bias.accelerometer() + commanded[:3], commanded[3:] * period
+        rate = self.last_rate + turned
+        sample = (acceleration, rate - 0.5 * turned, period)
+        self.measurements.integrateMeasurement(*sample)
+        self._samples.append(sample)
+        self._before = (acceleration, rate)
 
     def restart(self, bias: Any) -> None:
         """Start anew at a frame, about a bias."""

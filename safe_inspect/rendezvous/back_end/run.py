@@ -28,8 +28,8 @@ class BackEndRun(Protocol):
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
         """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s]."""
 
-    def coast(self, period: float) -> None:
-        """Take a period [s] without a sample as free flight at the last angular velocity."""
+    def coast(self, period: float, commanded: FloatArray) -> None:
+        """Take a period without a sample as flown as commanded; see `ImuBuffer.coast`."""
 
     def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
         """Add a frame at the time of the last sample; see `PoseGraph.update`."""
@@ -75,9 +75,9 @@ class GraphBackEnd:
         """Take a sample of the inertial unit, in B, at the end of a period [s]."""
         self._buffer.add(acceleration, rate, period)
 
-    def coast(self, period: float) -> None:
-        """Take a period [s] without a sample as free flight at the last angular velocity."""
-        self._buffer.coast(period)
+    def coast(self, period: float, commanded: FloatArray) -> None:
+        """Take a period without a sample as flown as commanded; see `ImuBuffer.coast`."""
+        self._buffer.coast(period, commanded)
 
     def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
         """Add a frame at the time of the last sample."""

@@ -109,12 +109,15 @@ class EstimationPipeline:
         if self._back_end is not None:
             self._back_end.measure(acceleration, rate, period)
 
-    def coast(self, period: float) -> None:
-        """Take a period [s] without a sample as free flight at the last angular velocity."""
+    def coast(self, period: float, commanded: FloatArray | None = None) -> None:
+        """Take a period [s] without a sample as flown as commanded, without a command as free flight.
+
+        See `ImuBuffer.coast`.
+        """
         self._has_coasted = True
         self._bias_jumps.interrupt()
         if self._back_end is not None:
-            self._back_end.coast(period)
+            self._back_end.coast(period, np.zeros(6) if commanded is None else commanded)
 
     def see(self, frame: DepthFrame) -> None:
         """Take a frame at the time of the last sample."""

@@ -93,7 +93,7 @@ class PipelineEstimatorRun:
             for acceleration, rate in samples:
                 pipeline.measure(acceleration, rate, sensors.period)
             if inertial.silent:
-                pipeline.coast(self._context.step)
+                pipeline.coast(self._context.step, inertial.commanded)
         call = round(time / self._context.step)
         is_frame = call % self._options.frame_steps == 0 and call != self._call
         self._call = call

@@ -112,7 +112,7 @@ def test_a_chaser_without_inertial_samples_is_followed_by_the_frames() -> None:
             push = acceleration * silent
             moved, velocity = moved + 0.1 * velocity + 5e-3 * push, velocity + 0.1 * push
             if silent:
-                imu.coast(0.1)
+                imu.coast(0.1, np.zeros(6))
             else:
                 imu.add(np.zeros(3), np.zeros(3), 0.1)
         T_MB = poses[k] @ inverse(_START.pose) @ pose(_R_WB, _START.pose[:3, 3] + moved)  # noqa: N806
@@ -121,6 +121,22 @@ def test_a_chaser_without_inertial_samples_is_followed_by_the_frames() -> None:
             estimate = graph.estimate()
             np.testing.assert_allclose(estimate.chaser[:3, 3], _START.pose[:3, 3] + moved, atol=0.01)
             np.testing.assert_allclose(estimate.velocity, velocity, atol=0.01 if silent else 2e-3)
+
+
+def test_a_chaser_without_inertial_samples_flies_as_commanded() -> None:
+    """Pushed and turned about the same axis, it is where the closed form says, without a single frame."""
+    gtsam = pytest.importorskip("gtsam")
+    imu, rate, push, turn = ImuBuffer(ImuNoise(), 0.1), 0.2, 0.03, -0.01
+    imu.restart(gtsam.imuBias.ConstantBias(np.array([0.0, 0.0, 1e-3]), np.zeros(3)))
+    imu.add(np.array([0.0, 0.0, 1e-3]), np.array([0.0, 0.0, rate]), 0.1)
+    for _ in range(20):
+        imu.coast(0.1, np.array([0.0, 0.0, push, 0.0, 0.0, turn]))
+    found, velocity = imu.predict(gtsam.Pose3(), np.zeros(3), imu._bias)
+    assert velocity[2] == pytest.approx(push * 2.0, abs=1e-12)
+    assert found.translation()[2] == pytest.approx(0.5 * push * 4.0, abs=1e-12)
+    angle = np.linalg.norm(gtsam.Rot3.Logmap(found.rotation()))
+    assert angle == pytest.approx(rate * 2.1 + 0.5 * turn * 4.0, abs=1e-12)
+    assert imu.last_rate[2] == pytest.approx(rate + turn * 2.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("reached", [True, False])
