@@ -152,7 +152,7 @@ ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
 #: Those for which the batched runner samples.
 BATCHED_ALGORITHMS = ("PPO", "APPO", "IMPALA")
 #: Those whose policies can be flown, and exported unless they are recurrent.
-FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC")
+FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC", "DQN")
 
 #: Keys of ours among RLlib's.
 OWN_KEYS: dict[str, Key] = {

@@ -62,8 +62,11 @@ def _unfit_actions(experiment: Experiment) -> list[Problem]:
     levels = any(count for leaf, agent in leaves for count in leaf.choices(agent.parts))
     actions = "choices among levels, one for each controller" if levels else "real numbers"
     path = "rllib_configs.algorithm"
-    if experiment.algorithm == "DQN":
-        return [Problem(f"DQN learns one choice, and the actions are {actions}", path, hint="use PPO, APPO or IMPALA")]
+    if experiment.algorithm == "DQN" and not all(
+        count for leaf, agent in leaves for count in leaf.choices(agent.parts)
+    ):
+        hint = "replace ControllerGlue by DiscreteControllerGlue, or use SAC or PPO"
+        return [Problem(f"DQN learns choices, and the actions are {actions}", path, hint=hint)]
     if experiment.algorithm == "SAC" and levels:
         hint = "replace DiscreteControllerGlue by ControllerGlue, or use PPO"
         return [Problem(f"SAC learns real numbers, and the actions are {actions}", path, hint=hint)]

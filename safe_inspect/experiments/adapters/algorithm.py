@@ -73,7 +73,10 @@ def build_config(
     config = default_config(settings["algorithm"])
     _check_names(config, rllib)
     _apply(config, settings)
-    config.environment(ENVIRONMENT, env_config={**env_config, "several": bool(policies)}, disable_env_checking=True)
+    environments = {**env_config, "several": bool(policies)}
+    if settings["algorithm"] == "DQN":
+        environments["flat_actions"] = True  # it knows one choice only
+    config.environment(ENVIRONMENT, env_config=environments, disable_env_checking=True)
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
     config.callbacks(callbacks_class=[RunCallbacks, *_own_callbacks(settings.get("callbacks") or ())])
