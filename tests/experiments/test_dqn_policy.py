@@ -150,3 +150,22 @@ def test_too_many_combinations_are_refused():
 
     with pytest.raises(ConfigError, match=r"there are 46,656 of them; use PPO"):
         choices_of({"action": str([{"levels": [0] * 6}] * 6).replace("'", '"')})
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "several", "kind"),
+    [
+        ("DQN", True, "MultiAgentPrioritizedEpisodeReplayBuffer"),
+        ("DQN", False, "PrioritizedEpisodeReplayBuffer"),
+        ("SAC", True, "MultiAgentPrioritizedEpisodeReplayBuffer"),
+    ],
+)
+def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, kind):
+    from safe_inspect.experiments.adapters.algorithm import _set_replay_buffer, default_config
+
+    config = default_config(algorithm)
+    _set_replay_buffer(
+        config, {"algorithm": algorithm, "replay_buffer_config": {"capacity": 10}}, several=several
+    )  # fmt: skip
+    assert config.replay_buffer_config["type"] == kind
+    assert config.replay_buffer_config["capacity"] == 10

@@ -73,6 +73,7 @@ def build_config(
     config = default_config(settings["algorithm"])
     _check_names(config, rllib)
     _apply(config, settings)
+    _set_replay_buffer(config, settings, several=bool(policies))
     environments = {**env_config, "several": bool(policies)}
     if settings["algorithm"] == "DQN":
         environments["flat_actions"] = True  # it knows one choice only
@@ -201,6 +202,17 @@ def _apply(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
         attribute = ATTRIBUTES.get(name, name)
         if name not in _OWN and attribute in names:  # a default of ours may not concern this algorithm
             setattr(config, attribute, value)
+
+
+def _set_replay_buffer(config: AlgorithmConfig, settings: Mapping[str, Any], *, several: bool) -> None:
+    """Give the replay buffer of SAC and DQN, of which there is another kind for several policies, RLlib's defaults."""
+    usual = getattr(default_config(settings["algorithm"]), "replay_buffer_config", None)
+    if usual is None:
+        return
+    buffer = {**usual, **(settings.get("replay_buffer_config") or {})}
+    if several and not buffer["type"].startswith("MultiAgent"):
+        buffer["type"] = f"MultiAgent{buffer['type']}"
+    setattr(config, "replay_buffer_config", buffer)  # noqa: B010 - not every algorithm has it
 
 
 def _set_policies(
