@@ -164,7 +164,14 @@ OWN_KEYS: dict[str, Key] = {
     "learner_threads": _POSITIVE,
     "callbacks": Key("names", optional=True),
     "imitation": Key("mapping", optional=True),
+    "rl_module": Key("object", optional=True),
+    "env_to_module_connector": Key("objects", optional=True),
+    "module_to_env_connector": Key("objects", optional=True),
+    "learner_connector": Key("objects", optional=True),
 }
+
+#: Those whose objects change what a policy is, sees or does, so that its weights alone do not fly.
+CHANGING_KEYS = ("rl_module", "env_to_module_connector", "module_to_env_connector")
 
 #: What policies that learn together may have of their own.
 POLICY_KEYS = (

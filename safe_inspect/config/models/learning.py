@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment
-from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS
+from safe_inspect.config.keys.old_keys import RENAMED
+from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FLOWN_ALGORITHMS
 from safe_inspect.config.loading.located import has, locate, path_text
 from safe_inspect.config.loading.templates import NUMBER
 from safe_inspect.errors import ConfigError, Problem
@@ -46,9 +47,12 @@ def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any, Any], 
 def flight_note(experiment: Experiment) -> str:
     """Return what to tell of an algorithm whose policies `evaluate` and `export` refuse; empty for the others."""
     config = next(policy.config for policy in experiment.policies.values() if policy.trains)
-    keys = {**experiment.rllib, **config}
-    model = keys.get("model_config", keys.get("model")) or {}
+    keys = {RENAMED.get(key, key): value for key, value in {**experiment.rllib, **config}.items()}
+    model = keys.get("model_config") or {}
     recurrent = isinstance(model, Mapping) and model.get("use_lstm")
+    changing = next((key for key in CHANGING_KEYS if keys.get(key)), None)
+    if changing:
+        return f"policies train and resume, but are not flown: `{changing}` stands for code that no policy's file holds"
     if experiment.algorithm in FLOWN_ALGORITHMS:
         return "recurrent policies are flown by `evaluate`, but not exported to ONNX" if recurrent else ""
     others = ", ".join(FLOWN_ALGORITHMS)

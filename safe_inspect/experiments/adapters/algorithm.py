@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
+from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
 from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS
 from safe_inspect.experiments.adapters.registration import ENVIRONMENT
@@ -32,6 +33,10 @@ _OWN = (
     "evaluation_config",
     "callbacks",
     "imitation",
+    "rl_module",
+    "env_to_module_connector",
+    "module_to_env_connector",
+    "learner_connector",
 )
 _UNSET = -1  # RLlib's mark of a removed attribute
 
@@ -66,13 +71,15 @@ def build_config(
         CheckpointError: A policy's checkpoint that cannot be read.
     """
     from safe_inspect.experiments.adapters.callbacks import RunCallbacks
+    from safe_inspect.experiments.adapters.rllib_objects import set_connectors
 
     settings = rllib.settings
-    texts = policy_texts(env_config, policies or {})
+    texts = {} if any(map(settings.get, CHANGING_KEYS)) else policy_texts(env_config, policies or {})
     _check_decisions(settings, texts)
     config = default_config(settings["algorithm"])
     _check_names(config, rllib)
     _apply(config, settings)
+    set_connectors(config, settings)
     _set_replay_buffer(config, settings, several=bool(policies))
     environments = {**env_config, "several": bool(policies)}
     if settings["algorithm"] == "DQN":
@@ -224,17 +231,20 @@ def _set_policies(
     """Tell RLlib which policies there are, which agents they fly and what each has of its own."""
     from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
 
+    from safe_inspect.experiments.adapters.rllib_objects import own_module
     from safe_inspect.experiments.modules.fresh_policy import policy_spec
 
     model, algorithm = settings["model_config"], settings["algorithm"]
+    entry = settings.get("rl_module")
     if not policies:
-        config.rl_module(rl_module_spec=policy_spec(model, algorithm, texts.get(SINGLE)))
+        spec = own_module(entry, model) if entry else policy_spec(model, algorithm, texts.get(SINGLE))
+        config.rl_module(rl_module_spec=spec)
         return
     specs = {}
     for name, policy in policies.items():
         if policy.trains:
             own = {**model, **policy.settings.get("model_config", {})}
-            specs[name] = policy_spec(own, algorithm, texts.get(name))
+            specs[name] = own_module(entry, own) if entry else policy_spec(own, algorithm, texts.get(name))
         else:
             from safe_inspect.experiments.modules.frozen import frozen_spec
 
