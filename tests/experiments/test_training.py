@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from training_values import MAKER, QUICK
 
-from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError
+from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
 from safe_inspect.experiments.runs.checkpoints import MODULES, find_newest
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
@@ -160,6 +160,23 @@ def test_an_error_of_a_plugin_arrives_as_it_was(ray_session, tmp_path, quick, ma
     )
     with pytest.raises(PluginValueError, match="reward `near` returned NaN"):
         train(run, io.StringIO())
+
+
+@pytest.mark.slow
+def test_a_runner_that_is_killed_is_one_message_that_says_how_to_go_on(ray_session, tmp_path):
+    run = TrainingRun(
+        {},
+        rllib={**QUICK, "num_env_runners": 1, "callbacks": "killing.Killing"},
+        tune={"stop": {"training_iteration": 6}, "checkpoint_frequency": 1},
+        output=tmp_path,
+        maker=MAKER,
+    )
+    with pytest.raises(SafeInspectError, match="a process of the training was killed") as caught:
+        train(run, io.StringIO())
+    (folder,) = tmp_path.iterdir()
+    assert str(caught.value).endswith(f"; go on with --resume {folder}")
+    assert find_newest(folder).newest.iteration >= 1
+
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ def run_train(arguments: argparse.Namespace) -> int:
     except ConfigError as error:
         raise ConfigError(placed(experiment, error.problems)) from None
     print(_closing(result))
-    return 0
+    return 128 + signal.SIGINT if result.interrupted else 0
 
 
 def dry_run(experiment: Experiment, steps: int = 20) -> str:

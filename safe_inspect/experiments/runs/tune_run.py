@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TextIO
 
 from ray import tune
+from ray.exceptions import RayActorError
 
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
@@ -173,6 +174,15 @@ def _tuner(
             ),
         ),
     )
+
+
+def process_died(error: BaseException | None) -> bool:
+    """Return whether a training ended because one of Ray's processes did: it was killed, or memory ran out."""
+    while error is not None:
+        if isinstance(error, RayActorError):
+            return True
+        error = getattr(error, "cause", None) or error.__cause__
+    return False
 
 
 def _quiet() -> None:
