@@ -40,7 +40,7 @@ def speed_limit_of(episode: Trajectory) -> FloatArray | None:
 
 
 def above_limit(speed: FloatArray, limit: FloatArray) -> FloatArray:
-    """Return the speeds that are above their limit, and the one behind each, the others NaN; all of shape (T + 1, D)."""
+    """Return the speeds above their limit, and the one behind each, the others NaN; all of shape (T + 1, D)."""
     above = speed > limit
     shown = above.copy()
     shown[1:] |= above[:-1]
@@ -109,7 +109,9 @@ def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:
             axes.plot(time, above, color=BLACK, linewidth=2.4)
             axes.plot([], [], color=BLACK, linewidth=2.4, label="above it")
         axes.plot([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), label="largest safe speed at the range")
-        axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.96), handlelength=2.0, borderpad=0.0, ncols=2, reverse=True)
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.01, 0.96), handlelength=2.0, borderpad=0.0, ncols=2, reverse=True
+        )
         top = max(top, float(limit[near].max()))
     axes.set(ylabel="speed\n[m/s]", ylim=(0, None if near.all() else 1.05 * top))
 

@@ -178,7 +178,6 @@ def test_a_runner_that_is_killed_is_one_message_that_says_how_to_go_on(ray_sessi
     assert find_newest(folder).newest.iteration >= 1
 
 
-
 @pytest.mark.slow
 def test_a_search_trains_each_value_and_can_be_resumed(ray_session, tmp_path, quick, maker):
     stream = io.StringIO()

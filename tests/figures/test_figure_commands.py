@@ -19,7 +19,7 @@ def test_an_episode_is_drawn_filmed_and_viewed(tmp_path, capsys):
     assert (tmp_path / "new" / "a.gif").read_bytes().startswith(b"GIF89a")
     assert main(["view", *SHORT, "--episode", "2", "--output", str(tmp_path / "a.html")]) == 0
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
-    assert "<title>random, episode 2 of seed 3</title>" in page
+    assert "<title>random, TRANSLATIONAL-INSPECTION, episode 2 of seed 3</title>" in page
 
 
 def test_overrides_may_stand_anywhere_and_count(tmp_path, capsys):
