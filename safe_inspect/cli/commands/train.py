@@ -140,6 +140,8 @@ def _closing(result: Any) -> str:
         lines = [f"{state} after {iterations}, {result.steps} steps, {result.seconds:.0f} s"]
     if result.checkpoint is not None:
         lines.append(f"checkpoint:  {result.checkpoint}")
+    if result.best is not None:
+        lines.append(f"the best:    {result.best}")
     drawn = _draw_curve(result.folder)
     if drawn:
         lines.append(f"curves:      {drawn}")

@@ -39,6 +39,7 @@ class TrainingResult:
         interrupted: Whether the user ended the training.
         notes: What was translated in the configuration, a sentence each.
         trials: What came of each trial of a search; empty without a search.
+        best: The checkpoint of this attempt with the best `checkpoint_score_attribute`; None of a search, or without.
     """
 
     folder: Path
@@ -50,6 +51,7 @@ class TrainingResult:
     interrupted: bool
     notes: tuple[str, ...]
     trials: tuple[TrialResult, ...] = ()
+    best: Path | None = None
 
 
 def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
@@ -122,6 +124,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         monitor.interrupted,
         settings.notes,
         trials,
+        None if trials else monitor.best,
     )
 
 
