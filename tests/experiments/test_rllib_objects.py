@@ -71,5 +71,9 @@ def test_it_is_told_before_the_training_that_no_file_holds_them(capsys):
 
 def test_the_replay_buffer_of_sac_and_dqn_is_a_key():
     assert not translate_rllib({"algorithm": "DQN", "replay_buffer_config": {"capacity": 9}}).problems
+    (problem,) = translate_rllib({"algorithm": "DQN", "replay_buffer_config": 5}).problems
+    assert "a mapping is expected" in problem.message
+    (problem,) = translate_rllib({"algorithm": "DQN", "epsilon": "abc"}).problems
+    assert "a number, or a list of pairs" in problem.message
     (problem,) = translate_rllib({"algorithm": "DQN", "replay_sequence_length": 3}).problems
     assert "old API stack" in str(problem.message) + str(problem.hint)

@@ -63,12 +63,12 @@ def _unfit_actions(experiment: Experiment) -> list[Problem]:
     """Return the mistake of an algorithm that cannot learn the actions of the task, with the remedy."""
     agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     leaves = [(leaf, agent) for agent in agents for glue in agent.action_glues for leaf in glue.leaves()]
-    levels = any(count for leaf, agent in leaves for count in leaf.choices(agent.parts))
-    actions = "choices among levels, one for each controller" if levels else "real numbers"
+    counts = [count for leaf, agent in leaves for count in leaf.choices(agent.parts)]
+    levels = any(counts)
+    actions = "choices among levels, one for each controller" if all(counts) else "real numbers"
+    actions = f"{actions} and choices" if levels and not all(counts) else actions
     path = "rllib_configs.algorithm"
-    if experiment.algorithm == "DQN" and not all(
-        count for leaf, agent in leaves for count in leaf.choices(agent.parts)
-    ):
+    if experiment.algorithm == "DQN" and not all(counts):
         hint = "replace ControllerGlue by DiscreteControllerGlue, or use SAC or PPO"
         return [Problem(f"DQN learns choices, and the actions are {actions}", path, hint=hint)]
     if experiment.algorithm == "SAC" and levels:

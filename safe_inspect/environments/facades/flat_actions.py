@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete
 
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import ArgumentError, SafeInspectError
 from safe_inspect.types import AnyArray, IntArray
 
 
@@ -44,5 +44,14 @@ class FlatDiscreteActions(gymnasium.ActionWrapper[Any, Any, Any]):
         self.action_space = flat_space(self._counts)
 
     def action(self, action: Any) -> Any:
-        """Return the levels that an index stands for, int64, shape (A,)."""
-        return from_flat(int(action), self._counts)
+        """Return the levels that an index stands for, int64, shape (A,).
+
+        Raises:
+            ArgumentError: It is no index of the space.
+        """
+        index = np.asarray(action)
+        if index.ndim or index != np.clip(np.floor(index), 0, self.action_space.n - 1):
+            raise ArgumentError(
+                f"the action is {action!r}; a whole number from 0 to {self.action_space.n - 1} is wanted"
+            )
+        return from_flat(int(index), self._counts)

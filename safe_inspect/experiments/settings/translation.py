@@ -141,7 +141,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         old_keys.RESERVED_PREFIXES,
         old_keys.RESERVED_PARTS,
         old_keys.SPELLINGS,
-        open=own is None,
+        open=algorithm not in keys.CLOSED_ALGORITHMS,
         searchable=not nested,
     )
     found = translate_keys(mapping, path, tables)
