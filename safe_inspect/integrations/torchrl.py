@@ -17,7 +17,7 @@ from torchrl.envs import PettingZooWrapper
 from safe_inspect.environments.facades.parallel import InspectionParallelEnv
 from safe_inspect.environments.registration import load_spec
 
-ByAgent = dict[str, Any]
+_ByAgent = dict[str, Any]
 
 
 class NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
@@ -27,7 +27,7 @@ class NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
     reset tells, statistics of its draws left out.
     """
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[ByAgent, ByAgent]:
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[_ByAgent, _ByAgent]:
         """Begin a new episode."""
         observations, infos = super().reset(seed=seed, options=options)
         self._names = {
@@ -36,12 +36,12 @@ class NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
         }
         return observations, self._numbers(infos)
 
-    def step(self, actions: ByAgent) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, ByAgent]:
+    def step(self, actions: _ByAgent) -> tuple[_ByAgent, _ByAgent, _ByAgent, _ByAgent, _ByAgent]:
         """Hold the actions over one step."""
         observations, rewards, terminated, truncated, infos = super().step(actions)
         return observations, rewards, terminated, truncated, self._numbers(infos)
 
-    def _numbers(self, infos: ByAgent) -> ByAgent:
+    def _numbers(self, infos: _ByAgent) -> _ByAgent:
         return {agent: {name: info[name] for name in self._names[agent]} for agent, info in infos.items()}
 
 

@@ -161,11 +161,17 @@ def test_too_many_combinations_are_refused():
     ],
 )
 def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, kind):
-    from safe_inspect.experiments.adapters.algorithm import _set_replay_buffer, default_config
+    from safe_inspect.experiments.adapters.algorithm import default_config
+    from safe_inspect.experiments.adapters.rllib_objects import set_replay_buffer
 
     config = default_config(algorithm)
-    _set_replay_buffer(
-        config, {"algorithm": algorithm, "replay_buffer_config": {"capacity": 10}}, several=several
-    )  # fmt: skip
-    assert config.replay_buffer_config["type"] == kind
-    assert config.replay_buffer_config["capacity"] == 10
+    set_replay_buffer(config, {**config.replay_buffer_config, "capacity": 10}, several=several)
+    assert (config.replay_buffer_config["type"], config.replay_buffer_config["capacity"]) == (kind, 10)
+
+
+def test_a_replay_buffer_that_is_misspelt_is_told():
+    from safe_inspect.experiments.adapters.algorithm import default_config
+    from safe_inspect.experiments.adapters.rllib_objects import set_replay_buffer
+
+    with pytest.raises(ConfigError, match="did you mean `PrioritizedEpisodeReplayBuffer`"):
+        set_replay_buffer(default_config("DQN"), {"type": "PrioritizedEpisodeReplayBufer"}, several=False)

@@ -53,8 +53,8 @@ def run_film(arguments: argparse.Namespace) -> int:
     """Film one episode, or one mission."""
     is_mission = _prepare(arguments, "gif", _FILMS, "film")
     require_matplotlib()
-    if arguments.frames < 2 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
-        raise SafeInspectError("a film has at least 2 --frames, a --width of 320 to 3840 pixels and at most 100 --fps")
+    if not 2 <= arguments.frames <= 20_000 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
+        raise SafeInspectError("a film has 2 to 20,000 --frames, a --width of 320 to 3840 pixels and at most 100 --fps")
     if arguments.output.suffix.lower() == ".mp4":
         find_ffmpeg()
     film: Film | MissionFilm

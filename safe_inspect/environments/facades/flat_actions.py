@@ -41,6 +41,7 @@ class FlatDiscreteActions(gymnasium.ActionWrapper[Any, Any, Any]):
             raise SafeInspectError("the actions are real numbers; give a task with levels of thrust")
         super().__init__(env)
         self._counts = tuple(int(count) for count in env.action_space.nvec)
+        self._last = int(np.prod(self._counts)) - 1
         self.action_space = flat_space(self._counts)
 
     def action(self, action: Any) -> Any:
@@ -50,8 +51,6 @@ class FlatDiscreteActions(gymnasium.ActionWrapper[Any, Any, Any]):
             ArgumentError: It is no index of the space.
         """
         index = np.asarray(action)
-        if index.ndim or index != np.clip(np.floor(index), 0, self.action_space.n - 1):
-            raise ArgumentError(
-                f"the action is {action!r}; a whole number from 0 to {self.action_space.n - 1} is wanted"
-            )
+        if index.ndim or index != np.clip(np.floor(index), 0, self._last):
+            raise ArgumentError(f"the action is {action!r}; a whole number from 0 to {self._last} is wanted")
         return from_flat(int(index), self._counts)

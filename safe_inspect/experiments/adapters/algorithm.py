@@ -11,6 +11,7 @@ from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
 from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS
 from safe_inspect.experiments.adapters.registration import ENVIRONMENT
+from safe_inspect.experiments.adapters.rllib_objects import own_module, set_connectors, set_replay_buffer
 from safe_inspect.experiments.modules.policy_info import policy_texts
 from safe_inspect.experiments.runs.checkpoints import SINGLE
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
@@ -71,16 +72,17 @@ def build_config(
         CheckpointError: A policy's checkpoint that cannot be read.
     """
     from safe_inspect.experiments.adapters.callbacks import RunCallbacks
-    from safe_inspect.experiments.adapters.rllib_objects import set_connectors
 
     settings = rllib.settings
     texts = {} if any(map(settings.get, CHANGING_KEYS)) else policy_texts(env_config, policies or {})
     _check_decisions(settings, texts)
     config = default_config(settings["algorithm"])
     _check_names(config, rllib)
+    buffer = getattr(config, "replay_buffer_config", None)
     _apply(config, settings)
     set_connectors(config, settings)
-    _set_replay_buffer(config, settings, several=bool(policies))
+    if buffer is not None:
+        set_replay_buffer(config, {**buffer, **settings.get("replay_buffer_config", {})}, several=bool(policies))
     environments = {**env_config, "several": bool(policies)}
     if settings["algorithm"] == "DQN":
         environments["flat_actions"] = True  # it knows one choice only
@@ -211,17 +213,6 @@ def _apply(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
             setattr(config, attribute, value)
 
 
-def _set_replay_buffer(config: AlgorithmConfig, settings: Mapping[str, Any], *, several: bool) -> None:
-    """Give the replay buffer of SAC and DQN, of which there is another kind for several policies, RLlib's defaults."""
-    usual = getattr(default_config(settings["algorithm"]), "replay_buffer_config", None)
-    if usual is None:
-        return
-    buffer = {**usual, **(settings.get("replay_buffer_config") or {})}
-    if several and not buffer["type"].startswith("MultiAgent"):
-        buffer["type"] = f"MultiAgent{buffer['type']}"
-    setattr(config, "replay_buffer_config", buffer)  # noqa: B010 - not every algorithm has it
-
-
 def _set_policies(
     config: AlgorithmConfig,
     settings: Mapping[str, Any],
@@ -231,7 +222,6 @@ def _set_policies(
     """Tell RLlib which policies there are, which agents they fly and what each has of its own."""
     from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
 
-    from safe_inspect.experiments.adapters.rllib_objects import own_module
     from safe_inspect.experiments.modules.fresh_policy import policy_spec
 
     model, algorithm = settings["model_config"], settings["algorithm"]

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 from ray.rllib.connectors.connector_v2 import ConnectorV2
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModule, RLModuleSpec
+from ray.rllib.utils import replay_buffers
 
 from safe_inspect.config.keys.rllib_keys import FRESH_KEYS
+from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.experiments.adapters.objects import built, mistake, named
 
 if TYPE_CHECKING:
@@ -75,3 +77,24 @@ def own_module(entry: Mapping[str, Any], model: Mapping[str, Any]) -> RLModuleSp
         raise mistake(f"{entry['functor']!r} is no RLModule of RLlib", where)
     known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
     return RLModuleSpec(module_class=kind, model_config={**dataclasses.asdict(known), **model, **entry["config"]})
+
+
+def set_replay_buffer(config: AlgorithmConfig, buffer: Mapping[str, Any], *, several: bool) -> None:
+    """Give SAC or DQN its replay buffer, of which there is another kind for several policies.
+
+    Args:
+        config: RLlib's configuration.
+        buffer: The settings of the buffer, RLlib's own among them.
+        several: Whether several policies learn.
+
+    Raises:
+        ConfigError: There is no such buffer.
+    """
+    known = [name for name in replay_buffers.__all__ if name.endswith("EpisodeReplayBuffer")]
+    kind = str(buffer["type"])
+    if kind not in known:
+        message, where = f"RLlib has no replay buffer of episodes `{kind}`", "rllib_configs.replay_buffer_config"
+        raise ConfigError(Problem(message, where, hint=did_you_mean(kind, known)))
+    if several and not kind.startswith("MultiAgent"):
+        kind = f"MultiAgent{kind}"
+    setattr(config, "replay_buffer_config", {**buffer, "type": kind})  # noqa: B010 - not every algorithm has it

@@ -20,7 +20,7 @@ from safe_inspect.experiments.modules.saved_policy import SavedPolicy
 #: Key of ours in the `model_config` of policies of DQN: the number of values of each element of the action.
 CHOICES = "choices"
 #: Keys of RLlib's `model_config` that policies of DQN alone have.
-DQN_KEYS = frozenset({CHOICES, "double_q", "dueling", "epsilon", "num_atoms", "std_init", "v_max", "v_min"})
+DQN_MODEL_KEYS = frozenset({CHOICES, "double_q", "dueling", "epsilon", "num_atoms", "std_init", "v_max", "v_min"})
 
 _MOST = 4096
 

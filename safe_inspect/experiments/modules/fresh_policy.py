@@ -18,7 +18,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies
-from safe_inspect.experiments.modules.dqn_policy import CHOICES, DQN_KEYS, DqnPolicy, choices_of
+from safe_inspect.experiments.modules.dqn_policy import CHOICES, DQN_MODEL_KEYS, DqnPolicy, choices_of
 from safe_inspect.experiments.modules.hurdle import COASTS, HURDLE, HurdleCatalog, TorchHurdle
 from safe_inspect.experiments.modules.sac_policy import TWIN_Q, SacPolicy
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
@@ -110,7 +110,7 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnP
         CheckpointError: The file describes no module, or its weights do not fit it.
     """
     known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys()
-    known |= {INFO, TWIN_Q, COASTS, *DQN_KEYS}
+    known |= {INFO, TWIN_Q, COASTS, *DQN_MODEL_KEYS}
     unknown = sorted(weights.model.keys() - known)
     if unknown:
         raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}`; another version wrote it")

@@ -182,7 +182,7 @@ def _tuner(
 
 def _best(result: Any, chosen: Mapping[str, Any]) -> Path | None:
     """Return the best of the checkpoints that a training has kept; None where nothing says which that is."""
-    score = chosen.get("checkpoint_score_attribute")
+    score = str(chosen.get("checkpoint_score_attribute"))
     kept = [(flatten(metrics).get(score), checkpoint.path) for checkpoint, metrics in result.best_checkpoints or ()]
     scored = [(value, path) for value, path in kept if value is not None and math.isfinite(value)]
     if not scored:
@@ -194,7 +194,7 @@ def _best(result: Any, chosen: Mapping[str, Any]) -> Path | None:
 def process_died(error: BaseException | None) -> bool:
     """Return whether a training ended because one of Ray's processes did: it was killed, or memory ran out."""
     while error is not None:
-        if isinstance(error, RayActorError):
+        if isinstance(error, RayActorError) and not error.actor_init_failed:
             return True
         error = getattr(error, "cause", None) or error.__cause__
     return False
