@@ -112,6 +112,15 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
         export_policy(find_newest(run).newest.path, tmp_path / "b.onnx")
 
 
+def test_it_does_not_fly_beside_policies_that_learn(run):
+    from safe_inspect.experiments.modules.frozen import check_frozen
+    from safe_inspect.experiments.settings.policies import PolicySettings
+
+    frozen = PolicySettings("old", ("blue0_ctrl",), checkpoint=str(find_newest(run).newest.path))
+    with pytest.raises(CheckpointError, match="policies of SAC and DQN do not fly beside policies that learn"):
+        check_frozen({"old": frozen}, [])
+
+
 def test_the_shipped_file_is_built_with_one_choice():
     from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
     from safe_inspect.experiments.runs.train import read_settings
