@@ -68,6 +68,18 @@ def all_finite(value: AnyArray) -> bool:
     return bool(np.count_nonzero(np.isfinite(value)) == value.size)
 
 
+def numbers(what: str, value: object) -> FloatArray:
+    """Return an array of what a plugin gave, float64.
+
+    Raises:
+        PluginValueError: It is no array of numbers.
+    """
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise PluginValueError(f"{what} gave {str(value)[:80]!r}; an array of numbers is wanted") from None
+
+
 def require_finite(what: str, value: AnyArray, after: State, before: State | None = None) -> None:
     """Stop when an array has a NaN or an infinity.
 

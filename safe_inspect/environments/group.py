@@ -12,7 +12,7 @@ from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.dynamics.quaternion import rotate_back
-from safe_inspect.environments.finite_checks import all_finite, require_choices, require_finite, require_shape
+from safe_inspect.environments.finite_checks import all_finite, numbers, require_choices, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.glues.base import Glue
@@ -239,7 +239,7 @@ class AgentGroup:
         terms: dict[str, FloatArray] = {}
         reward = np.zeros(rows)
         for named in self.agent.rewards:
-            value = np.array(named.functor(step), dtype=np.float64)  # a copy: it may be an array of the state
+            value = numbers(f"reward {named.name}", named.functor(step)).copy()  # it may be an array of the state
             if value.shape != (rows,):
                 require_shape(f"reward {named.name}", value, (rows,))
             reward += value

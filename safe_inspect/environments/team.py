@@ -50,8 +50,8 @@ class TeamEnvironment:
         self, spec: EnvironmentSpec, num_envs: int = 1, *,
         seed: int | None = None, first_slot: int = 0, _fused: bool = True,
     ) -> None:  # fmt: skip
-        if num_envs < 1:
-            raise ValueError(f"num_envs is at least 1, not {num_envs}")
+        if not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise ValueError(f"num_envs is a whole number from 1 on, not {num_envs!r}")
         self.spec = spec
         self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents, spec.simulator.compose()[0])
         self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)

@@ -101,8 +101,8 @@ class Film(Pictures):
         episode = self.episode
         scale, unit = clock(episode)
         self._counters = [
-            figure.text(place, 0.955, "", fontsize=9.5, color=BLACK, va="center", ha=side)
-            for place, side in ((0.615, "left"), (0.79, "center"), (0.985, "right"))
+            figure.text(place, 0.955, "", fontsize=8.5, color=BLACK, va="center", ha=side)
+            for place, side in ((0.615, "left"), (0.765, "center"), (0.985, "right"))
         ]
         self._panels = []
         end = float(episode.time[-1]) / scale
@@ -159,7 +159,7 @@ class Film(Pictures):
         counters = (
             f"{now.time / scale:.1f} {unit}",
             f"{count} of {len(now.seen)} points" if self._inspects else f"{far.min():.1f} m",
-            f"{now.delta_v.sum():.3f} m/s",
+            f"delta-v {now.delta_v.sum():.3f} m/s",
         )
         for text, words in zip(self._counters, counters, strict=True):
             text.set_text(words)

@@ -20,7 +20,7 @@ from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.figures.chief_figure import clock, ending, radius_of, reach_of
 from safe_inspect.figures.drawing import deputy_line
 from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke
-from safe_inspect.figures.time_panels import speed_limit_of
+from safe_inspect.figures.time_panels import above_limit, speed_limit_of
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION, VIEW
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray, FloatArray
@@ -142,9 +142,13 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
     far = None if near.all() else 1.05 * reach_of(episode)
     fast, speeds, label = float(episode.speed[near].max()), all_of(episode.speed, 4), "speed"
     if limit is not None:
-        fast, label = max(fast, float(limit[near].max())), "speed, and the largest safe one (dashed)"
+        fast, label = max(fast, float(limit[near].max())), "speed; dashed: the largest safe one"
         limits = all_of(limit, 4, width=1.0, dashes=[5, 3])
         speeds += limits if several else [{**line, "colour": GREY} for line in limits]
+        above = above_limit(episode.speed, limit)
+        if np.isfinite(above).any():
+            label += "; black: above it"
+            speeds += [{**line, "colour": BLACK, "dashes": []} for line in all_of(above, 4, width=2.6)]
     return [
         *([chart("inspected [%]", coverage, low=0.0, high=100.0)] if len(episode.points) else []),
         chart("range [m]", all_of(episode.range, 2), low=0.0, high=far),

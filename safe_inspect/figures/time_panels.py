@@ -39,6 +39,14 @@ def speed_limit_of(episode: Trajectory) -> FloatArray | None:
     return safe_speed(episode) if episode.mean_motion else None
 
 
+def above_limit(speed: FloatArray, limit: FloatArray) -> FloatArray:
+    """Return the speeds above their limit, and the one behind each, the others NaN; all of shape (T + 1, D)."""
+    above = speed > limit
+    shown = above.copy()
+    shown[1:] |= above[:-1]
+    return np.where(shown, speed, np.nan)
+
+
 def draw_times(figure: Figure, episode: Trajectory) -> None:
     """Draw the six panels, one below the other, with one axis of time."""
     scale, unit = clock(episode)
@@ -96,8 +104,14 @@ def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:
     near = episode.range <= reach_of(episode)
     top = float(episode.speed[near].max())
     if limit is not None:
+        above = above_limit(episode.speed, limit)
+        if np.isfinite(above).any():
+            axes.plot(time, above, color=BLACK, linewidth=2.4)
+            axes.plot([], [], color=BLACK, linewidth=2.4, label="above it")
         axes.plot([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), label="largest safe speed at the range")
-        axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.96), handlelength=2.0, borderpad=0.0)
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.01, 0.96), handlelength=2.0, borderpad=0.0, ncols=2, reverse=True
+        )
         top = max(top, float(limit[near].max()))
     axes.set(ylabel="speed\n[m/s]", ylim=(0, None if near.all() else 1.05 * top))
 

@@ -8,10 +8,11 @@ from typing import Any
 
 import stable_baselines3
 import torch
-from gymnasium.spaces import Box, MultiDiscrete
+from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import FlattenExtractor, MlpExtractor
+from stable_baselines3.dqn.policies import DQNPolicy
 from stable_baselines3.sac.policies import SACPolicy
 from stable_baselines3.td3.policies import TD3Policy
 
@@ -24,10 +25,11 @@ from safe_inspect.experiments.export.perceptron import export_perceptron
 def export_onnx(
     model: BaseAlgorithm, cfg: str | os.PathLike[str], output: str | os.PathLike[str], overrides: Iterable[str] = ()
 ) -> Exported:
-    """Write the policy of a model as an ONNX file: `MlpPolicy` of PPO, A2C, SAC, TD3 and DDPG.
+    """Write the policy of a model as an ONNX file: `MlpPolicy` of PPO, A2C, SAC, TD3, DDPG and DQN.
 
     The file holds the normalisers of the task and the scaling of the action, as that of `safe-inspect export`. The
-    draws of SAC are squashed and TD3 has none, so their files give the mode alone, drawn or not.
+    draws of SAC are squashed and TD3 and DQN have none, so their files give the mode alone, drawn or not. The task of a
+    DQN is that which `FlatDiscreteActions` wraps.
 
     Args:
         model: The model.
@@ -44,9 +46,12 @@ def export_onnx(
     if model.get_vec_normalize_env() is not None:
         raise CheckpointError("the model sees what VecNormalize makes of observations; train without it")
     layers, log_std = _net(model)
+    combined = isinstance(model.action_space, Discrete)
     training = {"steps": int(model.num_timesteps), "trained_by": f"stable_baselines3 {stable_baselines3.__version__}"}
     training |= {} if model.seed is None else {"seed": int(model.seed)}
-    return export_perceptron(layers, cfg, output, log_std=log_std, overrides=overrides, training=training)
+    return export_perceptron(
+        layers, cfg, output, log_std=log_std, combined=combined, overrides=overrides, training=training
+    )
 
 
 def _net(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], torch.Tensor | None]:
@@ -65,6 +70,9 @@ def _net(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], torch.Tensor | No
             raise _other(f"{type(model).__name__} with use_sde")
         own = [*actor.latent_pi, actor.mu, torch.nn.Tanh()] if isinstance(policy, SACPolicy) else [*actor.mu]
         return [*own, scaled_to(space.low, space.high)], None
+    if isinstance(policy, DQNPolicy):
+        _check_features(policy.q_net.features_extractor)
+        return [*policy.q_net.q_net], None
     raise _other(f"{type(policy).__name__} of {type(model).__name__}")
 
 
@@ -74,4 +82,4 @@ def _check_features(extractor: Any) -> None:
 
 
 def _other(what: str) -> CheckpointError:
-    return CheckpointError(f"{what} cannot be exported; MlpPolicy of PPO, A2C, SAC, TD3 and DDPG can")
+    return CheckpointError(f"{what} cannot be exported; MlpPolicy of PPO, A2C, SAC, TD3, DDPG and DQN can")

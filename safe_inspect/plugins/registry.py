@@ -10,6 +10,7 @@ Distributions announce their modules in the entry-point group
 from __future__ import annotations
 
 import importlib
+import os
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -105,7 +106,11 @@ class Registry:
         if not (isinstance(cls, type) and hasattr(cls, "registered_name") and hasattr(cls, "kind")):
             raise RegistryError(f"{name!r} is no plugin; a {kind} is a subclass of safe_inspect.plugins.plugin.Plugin")
         if not cls.registered_name:
-            raise RegistryError(f"{name!r} is an abstract class; name one of its subclasses, {self._suggest(kind, '')}")
+            lacks = ", ".join(f"`{method}`" for method in sorted(getattr(cls, "__abstractmethods__", ())))
+            hint = (
+                f"name one of its subclasses, {self._suggest(kind, '')}" if cls.__subclasses__() else f"give it {lacks}"
+            )
+            raise RegistryError(f"{name!r} is an abstract class; {hint}")
         if cls.kind != kind:
             raise RegistryError(f"{name!r} is a {cls.kind}; a {kind} is wanted here")
         return cls
@@ -156,8 +161,13 @@ def _cause(error: BaseException) -> str:
     if isinstance(error, SyntaxError):
         place = f"{error.filename}:{error.lineno}"
         return f"{place}: {type(error).__name__}: {error.msg}"
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "importlib" not in frame.filename]
-    place = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
+    between = ("importlib", f"{os.sep}pydantic{os.sep}", os.path.dirname(__file__))  # the author wrote none of these
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)[1:]
+        if not any(x in frame.filename for x in between)
+    ]
+    place = f"{frames[-1].filename}:{frames[-1].lineno}: " if frames else ""
     text = str(error).partition("\n")[0]
     return f"{place}{type(error).__name__}: {text}"
 

@@ -120,13 +120,21 @@ class Categorical:
         draw_categorical(inputs, self.sizes, explore, rows, *out)
 
 
+class Greedy(Categorical):
+    """The choices with the largest values, the first of them, with exploration too: what a policy of DQN does."""
+
+    def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
+        """Draw actions; see `Distribution.draw`."""
+        super().draw(inputs, False, rows, *out)
+
+
 def draw_in_rollout(
     distribution: Any, inputs: AnyArray, explore: bool, seed: int, slots: IntArray, deputies: IntArray, step: int
 ) -> FloatArray:
     """Return actions in the first episode of every slot, shape (R, A).
 
     Args:
-        distribution: A `Gaussian` or `Categorical`.
+        distribution: Any `Distribution` with its `width`, A.
         inputs: Outputs of the net, float32, shape (R, I).
         explore: False: the most likely action.
         seed: Seed of the draws.

@@ -147,8 +147,11 @@ def test_list_of_what_is_not_there(typed, words, told):
 @pytest.mark.parametrize(
     ("experiment", "words", "told"),
     [
-        (EXPERIMENT, ("algorithm=DQN",), "DQN learns one choice, and the actions are real numbers; use PPO, APPO or"),
-        (SHIPPED, ("algorithm=DQN",), "DQN learns one choice, and the actions are choices among levels, one for each"),
+        (
+            EXPERIMENT,
+            ("algorithm=DQN",),
+            "DQN learns choices, and the actions are real numbers; replace ControllerGlue",
+        ),
         (
             SHIPPED,
             ("algorithm=SAC",),
@@ -171,7 +174,10 @@ def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
     assert "policies" not in err
     code, _, err = typed("validate", EXPERIMENT, "agent_config.0.policy={algorithm: DreamerV3}")
     assert code == 0
-    assert "note: policies of DreamerV3 train and resume, but are not flown; those of PPO, APPO, IMPALA, SAC are" in err
+    assert (
+        "note: policies of DreamerV3 train and resume, but are not flown; those of PPO, APPO, IMPALA, SAC, DQN are"
+        in err
+    )
 
 
 def test_validate_reports_all_mistakes_of_the_files(typed):

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -143,6 +143,21 @@ def test_an_evaluation_whose_disk_is_full_prints_its_table(here, capsys):
         assert (code, out) == (2, table)
         assert err.startswith(f"error: out: the {what} cannot be written (File too large); free some space")
         assert not list(here.iterdir())
+
+
+def test_a_baseline_whose_disk_is_full_prints_what_it_has_flown(here, capsys, monkeypatch):
+    from safe_inspect.evaluation.baselines import flight, run
+
+    words = ["baseline", "random", "--episodes", "5", "horizon=25"]
+    assert main(words) == 0
+    table = capsys.readouterr().out
+    fly = flight.fly_slots
+    with ExitStack() as filled:
+        monkeypatch.setattr(run, "fly_slots", lambda *given: (filled.enter_context(small_files()), fly(*given))[1])
+        code = main([*words, "--output", "b.json"])
+    out, err = capsys.readouterr()
+    assert (code, out) == (2, table)
+    assert "the file cannot be written (File too large); free some space" in err
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has it")

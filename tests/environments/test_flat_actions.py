@@ -7,7 +7,7 @@ import pytest
 
 import safe_inspect
 from safe_inspect.environments import FlatDiscreteActions
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import ArgumentError, SafeInspectError
 
 ID = "safe_inspect/TranslationalInspection-v1"
 
@@ -32,3 +32,11 @@ def test_dqn_learns_on_it():
 def test_real_numbers_are_refused():
     with pytest.raises(SafeInspectError, match="the actions are real numbers"):
         FlatDiscreteActions(safe_inspect.make("safe_inspect/TranslationalInspectionSeed-v0"))
+
+
+@pytest.mark.parametrize("action", [27, -1, 0.5, [1, 2], float("nan")])
+def test_what_is_no_index_is_refused(action):
+    flat = FlatDiscreteActions(safe_inspect.make(ID))
+    flat.reset(seed=0)
+    with pytest.raises(ArgumentError, match="a whole number from 0 to 26 is wanted"):
+        flat.step(action)

@@ -7,14 +7,16 @@ import itertools
 import numpy as np
 import pytest
 
+import safe_inspect
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import InspectionEnv, InspectionVectorEnv, TeamEnvironment
 from safe_inspect.environments.episodes import transition_info
-from safe_inspect.errors import PluginValueError
+from safe_inspect.errors import ArgumentError, PluginValueError
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.evaluation.task import default_metrics
 
+ID = "safe_inspect/TranslationalInspection-v0"
 GLUE = "agent_config.blue0_ctrl.config.config.glues.0.config"
 ON = (f"{GLUE}.enabled=True", f"{GLUE}.invalid_actions=backup")
 DISTURBANCE = "{velocity: 1e-4, position_error: 0.01, velocity_error: 1e-4, thrust_gain: 0.01, thrust_direction: 0.01}"
@@ -110,3 +112,20 @@ def test_an_evaluation_counts_them():
     figures = next(iter(episodes.agents.values())).metrics
     np.testing.assert_array_equal(figures[label], 5.0)
     assert "InvalidActions" not in {type(metric).__name__ for metric in default_metrics(spec(ON[0]))}
+
+
+def test_an_action_of_another_shape_is_told_as_the_caller_sees_it():
+    single, vector = safe_inspect.make(ID), safe_inspect.make_vec(ID, 2)
+    single.reset(seed=0)
+    vector.reset(seed=0)
+    for action in ([1.0, 2.0], None, 0.0):
+        with pytest.raises(ArgumentError, match=r"the action has the shape .*; \(3,\) is wanted"):
+            single.step(action)
+    with pytest.raises(ArgumentError, match=r"the actions have the shape \(3, 3\); \(2, 3\) is wanted"):
+        vector.step(np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("number", [0, -1, 2.5, "8"])
+def test_a_number_of_environments_is_a_whole_one(number):
+    with pytest.raises(ValueError, match=r"num_envs is a whole number from 1 on, not "):
+        safe_inspect.make_vec(ID, number)

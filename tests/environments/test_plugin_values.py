@@ -10,7 +10,7 @@ import pytest
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dones import DoneFunction, DoneStatus
-from safe_inspect.environments import BatchedEnvironment, make, make_vec
+from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, make, make_vec
 from safe_inspect.errors import PluginValueError
 from safe_inspect.platforms import Controller, Sensor
 from safe_inspect.plugins.registry import registry
@@ -211,6 +211,23 @@ def test_an_action_that_is_nan_is_refused(shipped, crash_folder):
     with pytest.raises(PluginValueError, match="action of blue0_ctrl gave"):
         env.step(np.array([0.0, np.nan, 0.0]))
     assert saved(crash_folder, "after")["step"] == [0]
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_reward_that_gives_words_is_named(shipped):
+    class WordyReward(Reward):
+        """Give a word."""
+
+        def __call__(self, step):
+            """Give it."""
+            return "much"
+
+    spec = load_experiment(shipped, [f"{AGENT}.rewards.1={{functor: WordyReward}}"]).spec
+    for fused in (True, False):
+        env = TeamEnvironment(spec, 2, seed=1, _fused=fused)
+        env.reset()
+        with pytest.raises(PluginValueError, match="reward WordyReward gave 'much'; an array of numbers is wanted"):
+            env.step([np.zeros((2, 1, 3))])
 
 
 @pytest.mark.usefixtures("registered")

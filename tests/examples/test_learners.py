@@ -21,10 +21,16 @@ _FOLDER = Path(__file__).parents[2] / "examples" / "learners"
             "cleanrl_ppo.py", ("--steps", "64", "--num-envs", "8", "--rollout", "4"), "steps      64",
             marks=pytest.mark.slow,
         ),
+        pytest.param(
+            "torchrl_ppo.py", ("--steps", "64", "--num-envs", "8", "--rollout", "8"), "steps      64",
+            marks=pytest.mark.slow,
+        ),
         ("pettingzoo_team.py", ("--steps", "20"), "3 agents, "),
     ],
 )  # fmt: skip
 def test_an_example_runs(script, words, told):
+    if script.startswith("torchrl"):
+        pytest.importorskip("torchrl", reason="pip install 'safe_inspect[torchrl]'")
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, str(_FOLDER / script), *words], capture_output=True, text=True, timeout=300, env=environment
@@ -35,7 +41,7 @@ def test_an_example_runs(script, words, told):
 
 def test_every_example_is_run():
     assert {path.name for path in _FOLDER.glob("*.py")} == {
-        "fly_policy.py", "sb3_ppo.py", "cleanrl_ppo.py", "pettingzoo_team.py"
+        "fly_policy.py", "sb3_ppo.py", "cleanrl_ppo.py", "torchrl_ppo.py", "pettingzoo_team.py"
     }  # fmt: skip
 
 

@@ -42,6 +42,14 @@ def test_every_key_of_the_table_exists(ppo):
     assert not missing
 
 
+@pytest.mark.parametrize("algorithm", ["SAC", "DQN"])
+def test_the_keys_of_other_algorithms_exist(algorithm):
+    from safe_inspect.experiments.adapters.algorithm import attribute_names, default_config
+
+    names = attribute_names(default_config(algorithm))
+    assert [key for key in keys.ALGORITHM_KEYS[algorithm] if attribute(key) not in names] == []
+
+
 def test_every_setting_of_rllib_is_in_a_table(ppo):
     from safe_inspect.experiments.adapters.algorithm import attribute_names
 

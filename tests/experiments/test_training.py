@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from training_values import MAKER, QUICK
 
-from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError
-from safe_inspect.experiments.runs.checkpoints import MODULES, find_newest
+from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
+from safe_inspect.experiments.runs.checkpoints import MODULES, SEAL, find_newest, read_checkpoint
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
 from safe_inspect.experiments.runs.training_run import TrainingRun
@@ -160,6 +160,38 @@ def test_an_error_of_a_plugin_arrives_as_it_was(ray_session, tmp_path, quick, ma
     )
     with pytest.raises(PluginValueError, match="reward `near` returned NaN"):
         train(run, io.StringIO())
+
+
+@pytest.mark.slow
+def test_the_best_checkpoint_is_kept_beside_the_newest(ray_session, tmp_path):
+    score = {"checkpoint_score_attribute": "training_iteration", "checkpoint_score_order": "min", "num_to_keep": 1}
+    run = TrainingRun(
+        {},
+        rllib=QUICK,
+        tune={"stop": {"training_iteration": 4}, "checkpoint_frequency": 1, **score},
+        output=tmp_path,
+        maker=MAKER,
+    )
+    result = train(run, io.StringIO())
+    kept = {read_checkpoint(path.parent).iteration for path in result.folder.glob(f"tune/*/*/checkpoint_*/{SEAL}")}
+    assert kept == {1, 4}
+    assert (read_checkpoint(result.best).iteration, read_checkpoint(result.checkpoint).iteration) == (1, 4)
+
+
+@pytest.mark.slow
+def test_a_runner_that_is_killed_is_one_message_that_says_how_to_go_on(ray_session, tmp_path):
+    run = TrainingRun(
+        {},
+        rllib={**QUICK, "num_env_runners": 1, "callbacks": "killing.Killing"},
+        tune={"stop": {"training_iteration": 6}, "checkpoint_frequency": 1},
+        output=tmp_path,
+        maker=MAKER,
+    )
+    with pytest.raises(SafeInspectError, match="a process of the training was killed") as caught:
+        train(run, io.StringIO())
+    (folder,) = tmp_path.iterdir()
+    assert str(caught.value).endswith(f"; go on with --resume {folder}")
+    assert find_newest(folder).newest.iteration >= 1
 
 
 @pytest.mark.slow

@@ -165,8 +165,8 @@ def test_searched_values_are_checked_one_by_one():
 
 
 def test_keys_of_another_algorithm_wait_for_ray():
-    found = translate_rllib({"algorithm": "SAC", "tau": 0.01, "gamma": 0.9})
-    assert found.unchecked == ("tau",)
+    found = translate_rllib({"algorithm": "SAC", "clip_actor": 0.01, "gamma": 0.9})
+    assert found.unchecked == ("clip_actor",)
     assert not found.problems
     assert "minibatch_size" not in found.settings  # PPO's defaults are PPO's
 

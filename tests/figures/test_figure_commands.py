@@ -19,7 +19,7 @@ def test_an_episode_is_drawn_filmed_and_viewed(tmp_path, capsys):
     assert (tmp_path / "new" / "a.gif").read_bytes().startswith(b"GIF89a")
     assert main(["view", *SHORT, "--episode", "2", "--output", str(tmp_path / "a.html")]) == 0
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
-    assert "<title>random, episode 2 of seed 3</title>" in page
+    assert "<title>random, TRANSLATIONAL-INSPECTION, episode 2 of seed 3</title>" in page
 
 
 def test_overrides_may_stand_anywhere_and_count(tmp_path, capsys):
@@ -73,7 +73,8 @@ def test_a_recorded_episode_is_drawn_as_it_was_flown(spec, tmp_path, capsys):
         (["film", "random", "--output", "a.avi"], "ends in .gif, .mp4"),
         (["view", "random", "--output", "a.png"], "ends in .html"),
         (["draw", "random", "--output", "file/a.png"], "give another"),
-        (["film", "random", "--frames", "1"], "at least 2 --frames"),
+        (["film", "random", "--frames", "1"], "2 to 20,000 --frames"),
+        (["film", "random", "--frames", "1000000000"], "2 to 20,000 --frames"),
         (["draw", "random", "--cfg", "no.yml"], "no.yml"),
         (["draw", "zero-thrust", "--until", "3", "horizon=5"], "--until 3: no step has ended by then"),
         (["draw", "random", "no.such.key=1"], "no.such.key"),

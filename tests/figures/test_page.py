@@ -13,6 +13,7 @@ from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.figures.camera import moment
 from safe_inspect.figures.page import episode_page, save_page
+from safe_inspect.figures.time_panels import safe_speed
 from safe_inspect.policies import RandomThrust
 
 
@@ -60,7 +61,7 @@ def test_the_page_holds_the_episode(page, flown_team):
 
 def test_the_charts_have_a_value_for_every_state(page, flown_team):
     charts = data_of(page)["charts"]
-    assert [chart["label"].split()[0].rstrip(",") for chart in charts] == [
+    assert [chart["label"].split()[0].rstrip(",;") for chart in charts] == [
         "inspected",
         "range",
         "speed",
@@ -72,6 +73,20 @@ def test_the_charts_have_a_value_for_every_state(page, flown_team):
         assert low < high
         assert all(len(line["values"]) == len(flown_team.time) for line in chart["lines"])
     np.testing.assert_allclose(charts[0]["lines"][0]["values"], 100.0 * flown_team.coverage)
+
+
+def test_speed_above_the_safe_one_is_marked(flown):
+    limit = safe_speed(flown)
+    above = flown.speed > limit
+    assert above.any()
+    (speed,) = (item for item in data_of(episode_page(flown))["charts"] if item["label"].startswith("speed"))
+    assert speed["label"] == "speed; dashed: the largest safe one; black: above it [m/s]"
+    marked = np.array([value is not None for value in speed["lines"][-1]["values"]])
+    np.testing.assert_array_equal(marked[1:], (above[1:] | above[:-1])[:, 0])
+    calm = dataclasses.replace(flown, velocity=np.zeros_like(flown.velocity))
+    (speed,) = (item for item in data_of(episode_page(calm))["charts"] if item["label"].startswith("speed"))
+    assert speed["label"] == "speed; dashed: the largest safe one [m/s]"
+    assert len(speed["lines"]) == 2
 
 
 def test_a_single_deputy_has_the_thrust_of_each_axis(flown):

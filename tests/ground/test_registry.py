@@ -144,6 +144,10 @@ def test_a_dotted_path_imports_its_module(tmp_path: Path, monkeypatch: pytest.Mo
         ("x = 1\n1 / 0\n", "py:2: ZeroDivisionError: division by zero"),
         ("class FarReward(:\n", "py:1: SyntaxError: invalid syntax"),
         ("raise SystemExit(3)\n", "py:1: SystemExit: 3"),
+        (
+            "from safe_inspect.rewards import Reward\nclass FarReward(Reward):\n    scale = 3\n",
+            "ground_broken_module.py:2: PydanticUserError: A non-annotated attribute",
+        ),
     ],
 )
 def test_a_module_that_fails_by_itself_is_named_with_its_line(
@@ -159,6 +163,15 @@ def test_a_module_that_fails_by_itself_is_named_with_its_line(
 def test_an_abstract_class_is_no_plugin_to_name() -> None:
     with pytest.raises(RegistryError, match=r"'safe_inspect.rewards.Reward' is an abstract class; name one of"):
         registry.get("reward", "safe_inspect.rewards.Reward")
+
+
+def test_a_class_that_lacks_a_method_is_told_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "from safe_inspect.rewards import Reward\n\n\nclass IdleReward(Reward):\n    pass\n"
+    write_module(tmp_path, monkeypatch, "ground_idle_module", text)
+    with pytest.raises(
+        RegistryError, match=r"'ground_idle_module.IdleReward' is an abstract class; give it `__call__`"
+    ):
+        registry.get("reward", "ground_idle_module.IdleReward")
 
 
 def test_a_package_that_cannot_be_imported_is_named_and_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

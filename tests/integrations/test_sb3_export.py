@@ -7,6 +7,7 @@ import pytest
 
 import safe_inspect
 from safe_inspect.cli.main import main
+from safe_inspect.environments import FlatDiscreteActions
 from safe_inspect.errors import CheckpointError
 
 sb3 = pytest.importorskip("stable_baselines3", reason="pip install 'safe_inspect[sb3]'")
@@ -48,6 +49,19 @@ def test_the_file_commands_what_the_model_predicts(kind, task, tmp_path):
         assert np.ptp(wanted, axis=0).max() > 1e-3
     else:
         assert len(np.unique(wanted)) > 1
+
+
+def test_the_file_of_dqn_flies_the_best_combination(tmp_path):
+    flat = FlatDiscreteActions(safe_inspect.make(LEVELS))
+    model = sb3.DQN("MlpPolicy", flat, policy_kwargs=_NET, seed=1, buffer_size=10)
+    assert export_onnx(model, LEVELS, tmp_path / "policy.onnx").difference.passes
+    envs = safe_inspect.make_vec(LEVELS, num_envs=64)
+    observations, _ = envs.reset(seed=3)
+    policy = safe_inspect.load_policy(tmp_path / "policy.onnx")
+    wanted = np.stack([flat.action(index) for index in model.predict(observations, deterministic=True)[0]])
+    np.testing.assert_array_equal(policy.predict(observations), wanted)
+    np.testing.assert_array_equal(policy.predict(observations, np.random.default_rng(0)), wanted)  # it draws nothing
+    assert len(np.unique(wanted, axis=0)) > 1
 
 
 def test_a_drawn_file_has_the_spread_of_the_model(tmp_path):

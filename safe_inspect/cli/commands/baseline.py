@@ -8,7 +8,7 @@ import sys
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.evaluation.baselines.run import OPTIMISER, complete
+from safe_inspect.evaluation.baselines.run import OPTIMISER, UnwrittenRecordError, complete
 from safe_inspect.evaluation.baselines.table import baseline_table
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.task import task_of
@@ -47,6 +47,10 @@ def run_baseline(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt as stop:
         if arguments.output is not None:
             stop.add_note("the same command goes on from there")
+        raise
+    except UnwrittenRecordError as unwritten:
+        bar.close()
+        print(baseline_table(unwritten.record))
         raise
     finally:
         bar.close()

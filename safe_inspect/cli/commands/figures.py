@@ -18,7 +18,7 @@ from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories
 from safe_inspect.evaluation.rollouts.recording import record_episode
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
-from safe_inspect.experiments.modules.sources import open_source
+from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
 from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import require_matplotlib, save
@@ -44,7 +44,7 @@ def run_draw(arguments: argparse.Namespace) -> int:
     require_matplotlib()
     if is_mission:
         return draw_mission(arguments)
-    episode = _episode(arguments)
+    episode, _ = _episode(arguments)
     save(trajectory_figure(episode), arguments.output)
     return _report(arguments.output, episode)
 
@@ -53,15 +53,15 @@ def run_film(arguments: argparse.Namespace) -> int:
     """Film one episode, or one mission."""
     is_mission = _prepare(arguments, "gif", _FILMS, "film")
     require_matplotlib()
-    if arguments.frames < 2 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
-        raise SafeInspectError("a film has at least 2 --frames, a --width of 320 to 3840 pixels and at most 100 --fps")
+    if not 2 <= arguments.frames <= 20_000 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
+        raise SafeInspectError("a film has 2 to 20,000 --frames, a --width of 320 to 3840 pixels and at most 100 --fps")
     if arguments.output.suffix.lower() == ".mp4":
         find_ffmpeg()
     film: Film | MissionFilm
     if is_mission:
         film = mission_film(arguments)
     else:
-        episode = _episode(arguments)
+        episode, _ = _episode(arguments)
         film = Film(episode, arguments.frames, arguments.width, arguments.turn)
     bar = EpisodeBar("pictures", sys.stderr)
     try:
@@ -77,10 +77,10 @@ def run_view(arguments: argparse.Namespace) -> int:
     """Write the page of one episode, or of one mission."""
     if _prepare(arguments, "html", _PAGES, "page"):
         return view_mission(arguments)
-    episode = _episode(arguments)
+    episode, task = _episode(arguments)
     source = Path(arguments.source)
     seed = "" if _is_recording(source.expanduser()) else f" of seed {arguments.seed}"
-    title = arguments.title or f"{source.name}, episode {episode.slot}{seed}"
+    title = arguments.title or f"{source.name}{task and f', {task}'}, episode {episode.slot}{seed}"
     save_page(episode_page(episode, title), arguments.output)
     return _report(arguments.output, episode)
 
@@ -103,20 +103,21 @@ def run_curves(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _episode(arguments: argparse.Namespace) -> Trajectory:
-    """Return the episode that the command line names: flown, or read from a recording."""
-    source = Path(arguments.source).expanduser()
+def _episode(arguments: argparse.Namespace) -> tuple[Trajectory, str]:
+    """Return the episode that the command line names, flown or read from a recording, and the task that is flown."""
+    task, source = "", Path(arguments.source).expanduser()
     if _is_recording(source):
         episode = _recorded(arguments, source)
     else:
-        spec, policies = open_source(arguments.source, arguments.cfg, arguments.overrides)
-        episode = record_episode(spec, policies, arguments.episode, arguments.seed)
+        (candidate,) = open_candidates([arguments.source], Wanted(arguments.cfg, tuple(arguments.overrides)))
+        episode = record_episode(candidate.spec, candidate.policies, arguments.episode, arguments.seed)
+        task = str(candidate.experiment.config.config.config.env_config.TrialName)
     if arguments.until is None:
-        return episode
+        return episode, task
     episode = episode.until(arguments.until)
     if len(episode.time) < 2:
         raise SafeInspectError(f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds")
-    return episode
+    return episode, task
 
 
 def _is_recording(source: Path) -> bool:

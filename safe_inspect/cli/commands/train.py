@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ def run_train(arguments: argparse.Namespace) -> int:
     except ConfigError as error:
         raise ConfigError(placed(experiment, error.problems)) from None
     print(_closing(result))
-    return 0
+    return 128 + signal.SIGINT if result.interrupted else 0
 
 
 def dry_run(experiment: Experiment, steps: int = 20) -> str:
@@ -139,6 +140,8 @@ def _closing(result: Any) -> str:
         lines = [f"{state} after {iterations}, {result.steps} steps, {result.seconds:.0f} s"]
     if result.checkpoint is not None:
         lines.append(f"checkpoint:  {result.checkpoint}")
+    if result.best is not None:
+        lines.append(f"the best:    {result.best}")
     drawn = _draw_curve(result.folder)
     if drawn:
         lines.append(f"curves:      {drawn}")

@@ -143,8 +143,44 @@ PPO_KEYS: dict[str, Key] = {
     "vf_clip_param": Key("number", low=0, high=math.inf),
 }
 
-#: Algorithms whose own keys are in a table here; those of the others are checked when Ray is loaded.
-ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS}
+_REPLAY_KEYS: dict[str, Key] = {
+    "replay_buffer_config": _MAPPING,
+    "num_steps_sampled_before_learning_starts": _COUNT,
+    "target_network_update_freq": _COUNT,
+    "training_intensity": Key("number", low=0, optional=True),
+    "store_buffer_in_checkpoints": _SWITCH,
+    "tau": _SHARE,
+}
+_RATE = Key("schedule", low=0, optional=True)
+
+#: What SAC adds, as far as files set it often.
+SAC_KEYS: dict[str, Key] = {
+    **_REPLAY_KEYS,
+    "actor_lr": _RATE,
+    "critic_lr": _RATE,
+    "alpha_lr": _RATE,
+    "initial_alpha": _AMOUNT,
+    "target_entropy": Key("number", choices=("auto",)),
+    "twin_q": _SWITCH,
+}
+
+#: What DQN adds, as far as files set it often.
+DQN_KEYS: dict[str, Key] = {
+    **_REPLAY_KEYS,
+    "epsilon": Key("schedule", low=0, high=1),
+    "double_q": _SWITCH,
+    "dueling": _SWITCH,
+    "num_atoms": _POSITIVE,
+    "v_min": Key("number"),
+    "v_max": Key("number"),
+    "adam_epsilon": _AMOUNT,
+    "td_error_loss_fn": Key("text", choices=("huber", "mse")),
+}
+
+#: Algorithms with keys of their own in a table here; what is in none is checked when Ray is loaded.
+ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS, "SAC": SAC_KEYS, "DQN": DQN_KEYS}
+#: Those whose table is complete, so that a key that is not there is a mistake.
+CLOSED_ALGORITHMS = ("PPO",)
 
 #: Names of RLlib's algorithms for environments (the offline ones need data and are refused).
 ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
@@ -152,7 +188,7 @@ ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
 #: Those for which the batched runner samples.
 BATCHED_ALGORITHMS = ("PPO", "APPO", "IMPALA")
 #: Those whose policies can be flown, and exported unless they are recurrent.
-FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC")
+FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC", "DQN")
 
 #: Keys of ours among RLlib's.
 OWN_KEYS: dict[str, Key] = {
@@ -164,7 +200,14 @@ OWN_KEYS: dict[str, Key] = {
     "learner_threads": _POSITIVE,
     "callbacks": Key("names", optional=True),
     "imitation": Key("mapping", optional=True),
+    "rl_module": Key("object", optional=True),
+    "env_to_module_connector": Key("objects", optional=True),
+    "module_to_env_connector": Key("objects", optional=True),
+    "learner_connector": Key("objects", optional=True),
 }
+
+#: Those whose objects change what a policy is, sees or does, so that its weights alone do not fly.
+CHANGING_KEYS = ("rl_module", "env_to_module_connector", "module_to_env_connector")
 
 #: What policies that learn together may have of their own.
 POLICY_KEYS = (

@@ -12,7 +12,7 @@ from safe_inspect.config.models.fields import known_keys
 
 _TASK = ("config", "config")
 _MODEL = {**rllib_keys.MODEL_KEYS, **rllib_keys.FRESH_KEYS}
-_RLLIB = {**rllib_keys.COMMON_KEYS, **rllib_keys.PPO_KEYS, **rllib_keys.OWN_KEYS}
+_RLLIB = {*rllib_keys.COMMON_KEYS, *rllib_keys.OWN_KEYS}.union(*rllib_keys.ALGORITHM_KEYS.values())
 _STOP = (*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED)
 
 

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment
-from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS
+from safe_inspect.config.keys.old_keys import RENAMED
+from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FLOWN_ALGORITHMS
 from safe_inspect.config.loading.located import has, locate, path_text
 from safe_inspect.config.loading.templates import NUMBER
 from safe_inspect.errors import ConfigError, Problem
@@ -46,9 +47,12 @@ def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any, Any], 
 def flight_note(experiment: Experiment) -> str:
     """Return what to tell of an algorithm whose policies `evaluate` and `export` refuse; empty for the others."""
     config = next(policy.config for policy in experiment.policies.values() if policy.trains)
-    keys = {**experiment.rllib, **config}
-    model = keys.get("model_config", keys.get("model")) or {}
+    keys = {RENAMED.get(key, key): value for key, value in {**experiment.rllib, **config}.items()}
+    model = keys.get("model_config") or {}
     recurrent = isinstance(model, Mapping) and model.get("use_lstm")
+    changing = next((key for key in CHANGING_KEYS if keys.get(key)), None)
+    if changing:
+        return f"policies train and resume, but are not flown: `{changing}` stands for code that no policy's file holds"
     if experiment.algorithm in FLOWN_ALGORITHMS:
         return "recurrent policies are flown by `evaluate`, but not exported to ONNX" if recurrent else ""
     others = ", ".join(FLOWN_ALGORITHMS)
@@ -59,11 +63,14 @@ def _unfit_actions(experiment: Experiment) -> list[Problem]:
     """Return the mistake of an algorithm that cannot learn the actions of the task, with the remedy."""
     agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     leaves = [(leaf, agent) for agent in agents for glue in agent.action_glues for leaf in glue.leaves()]
-    levels = any(count for leaf, agent in leaves for count in leaf.choices(agent.parts))
-    actions = "choices among levels, one for each controller" if levels else "real numbers"
+    counts = [count for leaf, agent in leaves for count in leaf.choices(agent.parts)]
+    levels = any(counts)
+    actions = "choices among levels, one for each controller" if all(counts) else "real numbers"
+    actions = f"{actions} and choices" if levels and not all(counts) else actions
     path = "rllib_configs.algorithm"
-    if experiment.algorithm == "DQN":
-        return [Problem(f"DQN learns one choice, and the actions are {actions}", path, hint="use PPO, APPO or IMPALA")]
+    if experiment.algorithm == "DQN" and not all(counts):
+        hint = "replace ControllerGlue by DiscreteControllerGlue, or use SAC or PPO"
+        return [Problem(f"DQN learns choices, and the actions are {actions}", path, hint=hint)]
     if experiment.algorithm == "SAC" and levels:
         hint = "replace DiscreteControllerGlue by ControllerGlue, or use PPO"
         return [Problem(f"SAC learns real numbers, and the actions are {actions}", path, hint=hint)]

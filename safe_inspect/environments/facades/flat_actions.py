@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete
 
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import ArgumentError, SafeInspectError
+from safe_inspect.types import AnyArray, IntArray
+
+
+def flat_space(choices: Sequence[int]) -> Discrete[np.int64]:
+    """Return the space of one index for all combinations of choices, with their numbers of values K_1 to K_A."""
+    return Discrete(int(np.prod(choices)))
+
+
+def from_flat(index: AnyArray | int, choices: Sequence[int]) -> IntArray:
+    """Return the choices that an index stands for, the last varying fastest, int64, shape (..., A)."""
+    return np.stack(np.unravel_index(np.asarray(index, dtype=np.int64), tuple(choices)), axis=-1)
 
 
 class FlatDiscreteActions(gymnasium.ActionWrapper[Any, Any, Any]):
@@ -29,8 +41,16 @@ class FlatDiscreteActions(gymnasium.ActionWrapper[Any, Any, Any]):
             raise SafeInspectError("the actions are real numbers; give a task with levels of thrust")
         super().__init__(env)
         self._counts = tuple(int(count) for count in env.action_space.nvec)
-        self.action_space = Discrete(int(np.prod(self._counts)))
+        self._last = int(np.prod(self._counts)) - 1
+        self.action_space = flat_space(self._counts)
 
     def action(self, action: Any) -> Any:
-        """Return the levels that an index stands for, int64, shape (A,)."""
-        return np.array(np.unravel_index(int(action), self._counts), dtype=np.int64)
+        """Return the levels that an index stands for, int64, shape (A,).
+
+        Raises:
+            ArgumentError: It is no index of the space.
+        """
+        index = np.asarray(action)
+        if index.ndim or index != np.clip(np.floor(index), 0, self._last):
+            raise ArgumentError(f"the action is {action!r}; a whole number from 0 to {self._last} is wanted")
+        return from_flat(int(index), self._counts)

@@ -14,7 +14,7 @@ from safe_inspect.environments.episodes import info_row, state_info, step_info, 
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import ArgumentError, SafeInspectError
 from safe_inspect.types import Observation
 
 
@@ -81,12 +81,14 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
             action: The action, clipped to its bounds unless it is discrete, shape (A,).
 
         Raises:
-            ArgumentError: A discrete action is a fraction or out of range.
+            ArgumentError: A discrete action is a fraction or out of range, or the action has another shape.
             SafeInspectError: The episode has not begun or is over.
         """
         if not self._running:
             raise SafeInspectError("the episode has not begun or is over; call reset() first")
         team, given = self.core.team, np.asarray(action)[None, None]
+        if given.shape[2:] != self.action_space.shape:
+            raise ArgumentError(f"the action has the shape {given.shape[2:]}; {self.action_space.shape} is wanted")
         follow = None if self._view is None else self._view.follow
         if team.decides:
             decided = decide(team, (given,), self._gamma, follow=follow)

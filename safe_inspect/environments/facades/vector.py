@@ -24,7 +24,7 @@ from safe_inspect.environments.facades.rendering import (
 from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import ArgumentError, SafeInspectError
 from safe_inspect.types import AnyArray, BoolArray, Observation
 
 #: What the infos of a step hold of environments that it resets, where that is not 0.
@@ -128,7 +128,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             actions: Actions, clipped to their bounds unless they are discrete, shape (N, A).
 
         Raises:
-            ArgumentError: A discrete action is a fraction or out of range.
+            ArgumentError: A discrete action is a fraction or out of range, or the actions have another shape.
             SafeInspectError: No episode has begun, or an environment that has ended is stepped in the mode
                 ``DISABLED``.
         """
@@ -140,6 +140,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
                 f"the episodes of the environments {np.flatnonzero(ended)[:8].tolist()} are over; reset them first"
             )
         actions = np.asarray(actions)
+        if actions.shape != self.action_space.shape:
+            raise ArgumentError(f"the actions have the shape {actions.shape}; {self.action_space.shape} is wanted")
         if ended.any():
             actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
         follow = None if self._view is None else self._view.follow

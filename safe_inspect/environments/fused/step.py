@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.environments.finite_checks import all_finite, require_finite, require_shape
+from safe_inspect.environments.finite_checks import all_finite, numbers, require_finite, require_shape
 from safe_inspect.environments.fused import kernel
 from safe_inspect.environments.fused.command import command
 from safe_inspect.environments.fused.program import PlacedProgram, Program
@@ -151,7 +151,7 @@ class FusedGroup:
         rows = (step.after.num_rows,)
         for index in self._program.rewards:
             named = self._group.agent.rewards[index]
-            value = np.asarray(named.functor(step), dtype=np.float64)
+            value = numbers(f"reward {named.name}", named.functor(step))
             if value.shape != rows:
                 require_shape(f"reward {named.name}", value, rows)
             values[1 + index] = value

@@ -23,6 +23,18 @@ _BATCH_OF_POLICIES = 256
 Progress = Callable[[int, int], None]
 
 
+class UnwrittenRecordError(OutputError):
+    """Episodes that were flown and cannot be written.
+
+    Attributes:
+        record: They, and those before them.
+    """
+
+    def __init__(self, message: str, record: Record) -> None:
+        super().__init__(message)
+        self.record = record
+
+
 def complete(
     spec: EnvironmentSpec,
     record: Record,
@@ -49,6 +61,7 @@ def complete(
 
     Raises:
         OutputError: The file cannot be written, or is of another run.
+        UnwrittenRecordError: It cannot be written after episodes were flown.
         SafeInspectError: No plans can be made for the task, or the baseline is unknown.
     """
     if record.kind == OPTIMISER:
@@ -68,14 +81,21 @@ def complete(
             progress(len(done), episodes)
         done += _fly(spec, record, min(size, episodes - len(done)), len(done))
         if part is not None:
-            write_record(record.of(tuple(done)), part)
+            _write(record.of(tuple(done)), part)
     if progress is not None:
         progress(episodes, episodes)
     finished = record.of(tuple(done))
     if path is not None and part is not None:
-        write_record(finished, path)
+        _write(finished, path)
         part.unlink(missing_ok=True)
     return finished
+
+
+def _write(record: Record, path: Path) -> None:
+    try:
+        write_record(record, path)
+    except OutputError as error:
+        raise UnwrittenRecordError(str(error), record) from None
 
 
 def _fly(spec: EnvironmentSpec, record: Record, episodes: int, first_slot: int) -> list[Entry]:

@@ -18,7 +18,7 @@ from safe_inspect.evaluation.policies import Flight
 from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo, read_file
 from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS, element_columns, raw_task
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
-from safe_inspect.random.action_draws import Categorical, Gaussian, draw_in_rollout
+from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, draw_in_rollout
 from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
@@ -186,8 +186,10 @@ class OnnxPolicy:
         width = len(self._levels)
         if self.info.distribution == "hurdle":
             return Hurdle(width - self._coasts, len(self._levels[-1]) if self._coasts else 0)
-        gaussian = self.info.distribution == "gaussian"
-        return Gaussian(width) if gaussian else Categorical(tuple(map(len, self._levels)))
+        if self.info.distribution == "gaussian":
+            return Gaussian(width)
+        kind = Greedy if self.info.distribution == "greedy" else Categorical
+        return kind(tuple(map(len, self._levels)))
 
 
 def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: int = 0) -> OnnxPolicy:

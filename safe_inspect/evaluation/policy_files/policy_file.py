@@ -21,6 +21,9 @@ from safe_inspect.version import __version__
 #: Of the layout of the metadata; a file of a later one is not read.
 POLICY_FORMAT = 1
 
+#: Names of the distributions that `PolicyInfo` may tell of.
+DISTRIBUTIONS = ("gaussian", "categorical", "hurdle", "greedy")
+
 # An entry of `ModelProto.metadata_props` (field 14): key "sha256", value 64 hexadecimal digits.
 _SEAL = b"\x72\x4a\x0a\x06sha256\x12\x40"
 _LENGTH = len(_SEAL) + 64
@@ -37,7 +40,8 @@ class PolicyInfo:
         observation: Elements of the input `observation`.
         action: Elements of the output `thrust`.
         distribution: What the output `action_dist_inputs` holds: means and logarithms of standard deviations; logits
-            of the levels of each element, one element behind the other; or what `Hurdle` takes.
+            of the levels of each element, one element behind the other; what `Hurdle` takes; or the values of the
+            levels, the largest of which is flown, never another.
         step_size: Length of a step [s].
         configuration: The resolved experiment.
         training: What is known of the training: `steps`, `iteration`, `seconds`, `seed`, `git_commit`, `started`.
@@ -49,7 +53,7 @@ class PolicyInfo:
     task: str
     observation: tuple[ObservedElement, ...]
     action: tuple[CommandedElement, ...]
-    distribution: Literal["gaussian", "categorical", "hurdle"]
+    distribution: Literal["gaussian", "categorical", "hurdle", "greedy"]
     step_size: float
     configuration: Mapping[str, Any]
     training: Mapping[str, Any] = field(default_factory=dict)
@@ -74,7 +78,7 @@ class PolicyInfo:
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> PolicyInfo:
         """Return what a file's metadata say; KeyError, TypeError or ValueError: they are not there, or wrong."""
-        if metadata["distribution"] not in ("gaussian", "categorical", "hurdle"):
+        if metadata["distribution"] not in DISTRIBUTIONS:
             raise ValueError(f"unknown distribution {metadata['distribution']!r}")
         observation: list[dict[str, Any]]
         action: list[dict[str, Any]]

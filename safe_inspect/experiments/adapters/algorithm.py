@@ -7,9 +7,11 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
+from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
 from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS
 from safe_inspect.experiments.adapters.registration import ENVIRONMENT
+from safe_inspect.experiments.adapters.rllib_objects import own_module, set_connectors, set_replay_buffer
 from safe_inspect.experiments.modules.policy_info import policy_texts
 from safe_inspect.experiments.runs.checkpoints import SINGLE
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
@@ -32,6 +34,10 @@ _OWN = (
     "evaluation_config",
     "callbacks",
     "imitation",
+    "rl_module",
+    "env_to_module_connector",
+    "module_to_env_connector",
+    "learner_connector",
 )
 _UNSET = -1  # RLlib's mark of a removed attribute
 
@@ -68,12 +74,19 @@ def build_config(
     from safe_inspect.experiments.adapters.callbacks import RunCallbacks
 
     settings = rllib.settings
-    texts = policy_texts(env_config, policies or {})
+    texts = {} if any(map(settings.get, CHANGING_KEYS)) else policy_texts(env_config, policies or {})
     _check_decisions(settings, texts)
     config = default_config(settings["algorithm"])
     _check_names(config, rllib)
+    buffer = getattr(config, "replay_buffer_config", None)
     _apply(config, settings)
-    config.environment(ENVIRONMENT, env_config={**env_config, "several": bool(policies)}, disable_env_checking=True)
+    set_connectors(config, settings)
+    if buffer is not None:
+        set_replay_buffer(config, {**buffer, **settings.get("replay_buffer_config", {})}, several=bool(policies))
+    environments = {**env_config, "several": bool(policies)}
+    if settings["algorithm"] == "DQN":
+        environments["flat_actions"] = True  # it knows one choice only
+    config.environment(ENVIRONMENT, env_config=environments, disable_env_checking=True)
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
     config.callbacks(callbacks_class=[RunCallbacks, *_own_callbacks(settings.get("callbacks") or ())])
@@ -212,14 +225,16 @@ def _set_policies(
     from safe_inspect.experiments.modules.fresh_policy import policy_spec
 
     model, algorithm = settings["model_config"], settings["algorithm"]
+    entry = settings.get("rl_module")
     if not policies:
-        config.rl_module(rl_module_spec=policy_spec(model, algorithm, texts.get(SINGLE)))
+        spec = own_module(entry, model) if entry else policy_spec(model, algorithm, texts.get(SINGLE))
+        config.rl_module(rl_module_spec=spec)
         return
     specs = {}
     for name, policy in policies.items():
         if policy.trains:
             own = {**model, **policy.settings.get("model_config", {})}
-            specs[name] = policy_spec(own, algorithm, texts.get(name))
+            specs[name] = own_module(entry, own) if entry else policy_spec(own, algorithm, texts.get(name))
         else:
             from safe_inspect.experiments.modules.frozen import frozen_spec
 

@@ -9,6 +9,7 @@ import numpy as np
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
 from safe_inspect.environments.accumulator import EpisodeAccumulator
+from safe_inspect.environments.facades.flat_actions import flat_space, from_flat
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, require_steps
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
@@ -41,7 +42,12 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         self.agents = list(self.possible_agents)
         acting = self.team.acting
         self.observation_spaces = {slot.agent: box(acting[slot.group].observation_layout) for slot in self._agent_slots}
-        self.action_spaces = {slot.agent: action_space(acting[slot.group].action_layout) for slot in self._agent_slots}
+        self._flat = bool(self._config.get("flat_actions"))
+        layouts = {slot.agent: acting[slot.group].action_layout for slot in self._agent_slots}
+        self.action_spaces = {
+            agent: flat_space(layout.choices) if self._flat and layout.choices else action_space(layout)
+            for agent, layout in layouts.items()
+        }
         super().__init__()  # type: ignore[no-untyped-call]
 
     def place(self, worker_index: int, num_envs: int, index: int, evaluation: bool) -> None:
@@ -86,7 +92,8 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         actions = [np.zeros((1, group.size, group.action_layout.size)) for group in self.team.acting]
         for slot in self._agent_slots:
             if slot.agent in self.agents:
-                actions[slot.group][0, slot.member] = action_dict[slot.agent]
+                action, choices = action_dict[slot.agent], self.team.acting[slot.group].action_layout.choices
+                actions[slot.group][0, slot.member] = from_flat(action, choices) if self._flat and choices else action
         with Reported(self._config):
             transition = self.team.step(actions)
         self._sums.add(transition)

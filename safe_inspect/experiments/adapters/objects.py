@@ -1,9 +1,9 @@
-"""Objects of Tune that an experiment names: schedulers and callbacks. Importing this module loads Ray."""
+"""Objects that an experiment names by dotted paths; of Tune: schedulers and callbacks. Importing this loads Ray."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, cast
 
 from ray import tune
 from ray.tune.schedulers import TrialScheduler
@@ -27,9 +27,9 @@ def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
     entry = settings.get("scheduler")
     if entry is None:
         return None
-    made = _built(entry, "tune_config.scheduler")
+    made = built(entry, "tune_config.scheduler")
     if not isinstance(made, TrialScheduler):
-        raise _mistake(f"{entry['functor']!r} is no scheduler of ray.tune", "tune_config.scheduler")
+        raise mistake(f"{entry['functor']!r} is no scheduler of ray.tune", "tune_config.scheduler")
     return made
 
 
@@ -50,34 +50,49 @@ def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
     found = []
     for index, entry in enumerate(settings.get("callbacks") or ()):
         where = f"tune_config.callbacks[{index}]"
-        made = _built(entry, where)
+        made = built(entry, where)
         if not isinstance(made, tune.Callback):
-            raise _mistake(f"{entry['functor']!r} is no ray.tune.Callback; name RLlib's among the RLlib keys", where)
+            raise mistake(f"{entry['functor']!r} is no ray.tune.Callback; name RLlib's among the RLlib keys", where)
         found.append(made)
     return found
 
 
-def _built(value: Any, where: str) -> Any:
-    """Return a value of a configuration with an object in the place of every `{functor: ..., config: {...}}`."""
+def built(value: Any, where: str) -> Any:
+    """Return a value of a configuration with an object in the place of every `{functor: ..., config: {...}}`.
+
+    Raises:
+        ConfigError: There is no such class, or it refuses its `config`.
+    """
     if isinstance(value, list):
-        return [_built(item, where) for item in value]
+        return [built(item, where) for item in value]
     if not isinstance(value, Mapping):
         return value
     if "functor" not in value or set(value) - {"functor", "config"}:
-        return {key: _built(item, where) for key, item in value.items()}
-    module, _, attribute = str(value["functor"]).rpartition(".")
-    try:
-        maker = getattr(import_user_module(module), attribute, None)
-    except RegistryError as error:
-        raise _mistake(str(error), where) from error
-    if not callable(maker):
-        raise _mistake(f"module {module!r} has no {attribute!r}", where)
-    config = _built(value.get("config") or {}, where)
+        return {key: built(item, where) for key, item in value.items()}
+    maker = named(str(value["functor"]), where)
+    config = built(value.get("config") or {}, where)
     try:
         return maker(**config)
     except Exception as error:  # the maker is the user's or Ray's, and says in its own way what it does not take
-        raise _mistake(f"{value['functor']} refuses its `config`: {error}", where) from error
+        raise mistake(f"{value['functor']} refuses its `config`: {error}", where) from error
 
 
-def _mistake(message: str, where: str) -> ConfigError:
+def named(path: str, where: str) -> Callable[..., Any]:
+    """Return what a dotted path names.
+
+    Raises:
+        ConfigError: There is no such class or function.
+    """
+    module, _, attribute = path.rpartition(".")
+    try:
+        maker = getattr(import_user_module(module), attribute, None)
+    except RegistryError as error:
+        raise mistake(str(error), where) from error
+    if not callable(maker):
+        raise mistake(f"module {module!r} has no {attribute!r}", where)
+    return cast(Callable[..., Any], maker)
+
+
+def mistake(message: str, where: str) -> ConfigError:
+    """Return the error of an object that a key names."""
     return ConfigError(Problem(message, where))

@@ -15,6 +15,7 @@ from gymnasium.vector import VectorEnv as _VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from safe_inspect.environments.accumulator import EpisodeAccumulator
+from safe_inspect.environments.facades.flat_actions import flat_space, from_flat
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, require_steps
@@ -44,7 +45,8 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
             raise SafeInspectError(f"one agent acts from outside here, not {', '.join(acting)}")
         group = self.team.acting[0]
         self.single_observation_space = box(group.observation_layout)
-        self.single_action_space = action_space(group.action_layout)
+        self._choices = group.action_layout.choices if self._config.get("flat_actions") else ()
+        self.single_action_space = flat_space(self._choices) if self._choices else action_space(group.action_layout)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
@@ -77,6 +79,8 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
     def step(self, actions: AnyArray) -> tuple[AnyArray, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
         """Take a step; what has ended before begins again instead."""
         again = np.flatnonzero(self._ended)
+        if self._choices:
+            actions = from_flat(actions, self._choices)
         with Reported(self._config):
             transition = self.team.step([np.where(self._ended[:, None], 0.0, actions)[:, None]])
             self._sums.add(transition)

@@ -22,8 +22,9 @@ from safe_inspect.experiments.export.export_check import (
     random_readings,
     worst,
 )
-from safe_inspect.experiments.export.net_layers import mode_of_sac
+from safe_inspect.experiments.export.net_layers import best_of_dqn, mode_of_sac
 from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
+from safe_inspect.experiments.modules.dqn_policy import DqnPolicy
 from safe_inspect.experiments.modules.policy import trained_policy
 from safe_inspect.experiments.modules.policy_info import policy_info
 from safe_inspect.experiments.modules.sac_policy import SacPolicy
@@ -91,6 +92,8 @@ def export_policy(
     module = loaded.module
     if isinstance(module, SacPolicy):
         module = mode_of_sac(module, title)
+    elif isinstance(module, DqnPolicy):
+        module = best_of_dqn(module, title)
     else:
         check_module(module, title)
     if loaded.info is None:

@@ -10,6 +10,7 @@ import torch
 from ray.rllib.core.columns import Columns
 
 from safe_inspect.errors import CheckpointError
+from safe_inspect.experiments.modules.dqn_policy import BestChoices, DqnPolicy
 from safe_inspect.experiments.modules.sac_policy import SacPolicy
 from safe_inspect.types import FloatArray
 
@@ -43,9 +44,7 @@ def mode_of_sac(module: SacPolicy, title: str) -> Perceptron:
     Raises:
         CheckpointError: The policy is recurrent, or no perceptron.
     """
-    encoder, head = (getattr(getattr(part, "net", None), "mlp", None) for part in (module.pi_encoder, module.pi))
-    if not isinstance(encoder, torch.nn.Sequential) or not isinstance(head, torch.nn.Sequential):
-        raise CheckpointError(f"{title}: the policy is no multilayer perceptron; only such can be exported")
+    encoder, head = _layers(module.pi_encoder, title), _layers(module.pi, title)
     last: Any = head[-1]
     size = last.out_features // 2
     mean = torch.nn.Linear(last.in_features, size)
@@ -54,6 +53,27 @@ def mode_of_sac(module: SacPolicy, title: str) -> Perceptron:
         mean.bias.copy_(last.bias[:size])
     layers = torch.nn.Sequential(*list(encoder), *list(head)[:-1], mean, torch.nn.Tanh())
     return Perceptron(layers.eval(), torch.full((size,), NO_SPREAD))
+
+
+def best_of_dqn(module: DqnPolicy, title: str) -> Perceptron:
+    """Return the values of the choices of RLlib's policy for DQN, up to a number that all of them have in common.
+
+    With separate nets for value and advantage that number is the value of the state, less the mean advantage.
+
+    Raises:
+        CheckpointError: The policy is recurrent, no perceptron, or has learned the distribution of returns.
+    """
+    if module.num_atoms > 1:
+        raise CheckpointError(f"{title}: the policy has learned a distribution of returns (`num_atoms`); train without")
+    layers = (*_layers(module.encoder, title), *_layers(module.af, title), BestChoices(module.choices))
+    return Perceptron(torch.nn.Sequential(*layers).eval(), None)
+
+
+def _layers(part: Any, title: str) -> torch.nn.Sequential:
+    layers = getattr(getattr(part, "net", None), "mlp", None)
+    if not isinstance(layers, torch.nn.Sequential):
+        raise CheckpointError(f"{title}: the policy is no multilayer perceptron; only such can be exported")
+    return layers
 
 
 def scaled_to(low: FloatArray, high: FloatArray) -> torch.nn.Linear:

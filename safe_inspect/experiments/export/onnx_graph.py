@@ -17,6 +17,7 @@ from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHe
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
 from safe_inspect.evaluation.policy_files.raw_values import CommandedElement, element_columns
+from safe_inspect.experiments.modules.dqn_policy import BestChoices
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
 
@@ -212,7 +213,17 @@ class _Graph:
         ends = [self.constant([end], "column", np.int64) for end in (first, last, 1)]
         return self.node("Slice", [value, *ends])
 
+    def best_choices(self, choices: Sequence[int], value: str) -> str:
+        """The values of the choices, from those of their combinations; see `BestChoices`."""
+        axes = range(1, len(choices) + 1)
+        table = self.node("Reshape", [value, self.constant([-1, *choices], "choices", np.int64)])
+        others = [[axis for axis in axes if axis != own] for own in axes]
+        best = [self.node("ReduceMax", [table], axes=rest, keepdims=0) if rest else table for rest in others]
+        return self.node("Concat", best, axis=1)
+
     def _layer(self, layer: Any, value: str) -> str:
+        if type(layer) is BestChoices:
+            return self.best_choices(layer.choices, value)
         if type(layer) is torch.nn.Linear:
             inputs = [value, self.constant(_array(layer.weight), "weight")]
             if layer.bias is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -15,6 +16,7 @@ from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.export.export import Exported, portable, write_policy
 from safe_inspect.experiments.export.net_layers import NO_SPREAD, Perceptron
 from safe_inspect.experiments.export.onnx_graph import require_onnx
+from safe_inspect.experiments.modules.dqn_policy import BestChoices
 from safe_inspect.experiments.modules.policy_info import policy_info
 from safe_inspect.experiments.runs.checkpoints import SINGLE
 
@@ -25,6 +27,7 @@ def export_perceptron(
     output: str | os.PathLike[str],
     *,
     log_std: Sequence[float] | torch.Tensor | None = None,
+    combined: bool = False,
     overrides: Iterable[str] = (),
     training: Mapping[str, Any] | None = None,
 ) -> Exported:
@@ -38,6 +41,8 @@ def export_perceptron(
         cfg: Experiment file, or id of the task, for one agent.
         output: The file.
         log_std: Logarithms of the standard deviations, for a policy that is drawn; its mean is flown unless given.
+        combined: Whether the layers give a value for each combination of levels, as those of DQN on
+            `FlatDiscreteActions` do; the combination with the largest is flown.
         overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
         training: What is known of the training, such as `steps` and `seed`.
 
@@ -58,8 +63,9 @@ def export_perceptron(
         training=dict(training or {}),
     )
     net = torch.nn.Sequential(*layers).to("cpu", torch.float32).eval()
-    choices = sum(action_layout(agents[0]).choices)
-    sizes = len(info.observation), choices or len(info.action)
+    choices = action_layout(agents[0]).choices
+    outputs = math.prod(choices) if combined else sum(choices)
+    sizes = len(info.observation), outputs if choices else len(info.action)
     linear = [layer for layer in net if isinstance(layer, torch.nn.Linear)]
     found = (linear[0].in_features, linear[-1].out_features) if linear else (0, 0)
     if found != sizes:
@@ -68,6 +74,8 @@ def export_perceptron(
             f"{sizes[1]}; give the task in which it was trained"
         )
     spread = None
+    if combined and choices:
+        info, net = replace(info, distribution="greedy"), net.append(BestChoices(choices)).eval()
     if not choices:
         spread = torch.full((sizes[1],), NO_SPREAD) if log_std is None else torch.as_tensor(log_std).detach().cpu()
     return write_policy(Perceptron(net, spread), info, output, experiment.spec, agents[0], str(output))

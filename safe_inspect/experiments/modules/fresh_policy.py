@@ -18,6 +18,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies
+from safe_inspect.experiments.modules.dqn_policy import CHOICES, DQN_MODEL_KEYS, DqnPolicy, choices_of
 from safe_inspect.experiments.modules.hurdle import COASTS, HURDLE, HurdleCatalog, TorchHurdle
 from safe_inspect.experiments.modules.sac_policy import TWIN_Q, SacPolicy
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
@@ -98,7 +99,7 @@ def _last(head: torch.nn.Module) -> torch.nn.Linear:
     return [layer for layer in head.modules() if isinstance(layer, torch.nn.Linear)][-1]
 
 
-def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy:
+def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnPolicy:
     """Return the module of the weights in a file.
 
     Args:
@@ -109,22 +110,23 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy:
         CheckpointError: The file describes no module, or its weights do not fit it.
     """
     known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys()
-    known |= {INFO, TWIN_Q, COASTS}
+    known |= {INFO, TWIN_Q, COASTS, *DQN_MODEL_KEYS}
     unknown = sorted(weights.model.keys() - known)
     if unknown:
         raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}`; another version wrote it")
     try:
-        squashed = TWIN_Q in weights.model
-        module = (SacPolicy if squashed else FreshPolicy)(
+        kind: Any = SacPolicy if TWIN_Q in weights.model else DqnPolicy if CHOICES in weights.model else FreshPolicy
+        module = kind(
             observation_space=weights.observation_space,
             action_space=weights.action_space,
             model_config={**weights.model, "initial_weights": None},
-            inference_only=squashed,
+            inference_only=kind is not FreshPolicy,
         )
     except Exception as error:  # RLlib has many for settings that make no net
         raise CheckpointError(f"{title}: the policy's settings are damaged ({error})") from None
     load_arrays(module, weights.arrays, title)
-    return module
+    found: FreshPolicy | SacPolicy | DqnPolicy = module
+    return found
 
 
 def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
@@ -176,6 +178,11 @@ def policy_spec(
     settings = {**dataclasses.asdict(known), **own, INFO: info}
     if algorithm == "SAC":
         return RLModuleSpec(module_class=SacPolicy, model_config={**dataclasses.asdict(known), INFO: info})
+    if algorithm == "DQN":
+        settings = dataclasses.asdict(known)
+        if info:
+            settings |= {CHOICES: choices_of(info), INFO: {**info, "distribution": "greedy"}}
+        return RLModuleSpec(module_class=DqnPolicy, model_config=settings)
     if algorithm == "APPO":
         from safe_inspect.experiments.modules.appo_policy import AppoPolicy
 

@@ -15,7 +15,9 @@ from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.experiments.modules.dqn_policy import CHOICES
 from safe_inspect.experiments.modules.fresh_policy import FreshPolicy
+from safe_inspect.experiments.modules.sac_policy import TWIN_Q
 from safe_inspect.experiments.modules.saved_policy import load_arrays
 from safe_inspect.experiments.modules.weights_file import read_weights
 from safe_inspect.experiments.runs.checkpoints import policy_folder
@@ -72,6 +74,10 @@ def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentG
         if policy.trains:
             continue
         weights = read_weights(_source(policy))
+        if {CHOICES, TWIN_Q} & weights.model.keys():
+            raise CheckpointError(
+                f"{policy.checkpoint}: policies of SAC and DQN do not fly beside policies that learn; give one of PPO"
+            )
         for agent in policy.agents:
             pairs = zip(
                 ("observation", "action"),

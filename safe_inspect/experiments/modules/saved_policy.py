@@ -17,7 +17,13 @@ from safe_inspect.types import AnyArray
 
 
 class SavedPolicy(RLModule):  # type: ignore[misc]
-    """What the package's policies have in common: beside RLlib's files each checkpoint has one of `weights_file`."""
+    """What the package's policies have in common: beside RLlib's files each checkpoint has one of `weights_file`.
+
+    Attributes:
+        flown_space: The space of the actions of the task, where it is another than the module's.
+    """
+
+    flown_space: Any = None
 
     def save_to_path(
         self,

@@ -28,7 +28,8 @@ from safe_inspect.version import __version__
 #: Key of `model_config` for the texts of `PolicyInfo`.
 INFO = "policy_info"
 
-_PARTS = ("encoder.", "pi_encoder.", "pi.", "vf.")  # not the target networks of APPO, nor the Q-functions of SAC
+# Not the target networks of APPO and DQN, nor the Q-functions of SAC.
+_PARTS = ("encoder.", "pi_encoder.", "pi.", "af.", "vf.")
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def pack(module: Any, state: Mapping[str, Any]) -> bytes:
     info = {"safe_inspect": __version__, "format": str(POLICY_FORMAT), **(model.pop(INFO, None) or {})}
     net = {
         "observation_space": _plain(module.observation_space),
-        "action_space": _plain(module.action_space),
+        "action_space": _plain(getattr(module, "flown_space", None) or module.action_space),
         "model_config": model,
     }
     arrays = {name: np.asarray(value, order="C") for name, value in state.items() if name.startswith(_PARTS)}

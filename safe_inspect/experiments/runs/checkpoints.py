@@ -135,8 +135,8 @@ def weights_path(folder: Path) -> Path:
         checkpoint = folder.parents[len(MODULES.parts)]
         raise CheckpointError(
             f"{checkpoint}: the checkpoint holds the policy {folder.name!r} only as a pickle, which may run any code, "
-            "so it is not loaded; an earlier version wrote it, or an algorithm other than PPO, APPO, IMPALA and SAC. "
-            "Train again"
+            "so it is not loaded; an earlier version wrote it, or an algorithm other than PPO, APPO, IMPALA, SAC and "
+            "DQN, or it is an RLModule of your own. Train again"
         )
     return path
 

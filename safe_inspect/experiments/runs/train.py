@@ -39,6 +39,7 @@ class TrainingResult:
         interrupted: Whether the user ended the training.
         notes: What was translated in the configuration, a sentence each.
         trials: What came of each trial of a search; empty without a search.
+        best: The checkpoint of this attempt with the best `checkpoint_score_attribute`; None of a search, or without.
     """
 
     folder: Path
@@ -50,6 +51,7 @@ class TrainingResult:
     interrupted: bool
     notes: tuple[str, ...]
     trials: tuple[TrialResult, ...] = ()
+    best: Path | None = None
 
 
 def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
@@ -97,12 +99,15 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         except SafeInspectError:
             raise
         except Exception as error:  # of Ray, Tune and PyArrow, which name a full disk by many errors or by none
-            if not is_full(folder.path):
-                if _has_checkpoint(folder):
-                    error.add_note(f"the checkpoints are whole; go on with --resume {folder.path}")
-                raise
             hint = f"go on with --resume {folder.path}"
             hint = hint if _has_checkpoint(folder) else "start again, as there is no checkpoint yet"
+            if not is_full(folder.path):
+                if tune_run.process_died(error):
+                    what = f"{folder.path}: a process of the training was killed, or the machine ran out of memory"
+                    raise SafeInspectError(f"{what}; {hint}") from None
+                if _has_checkpoint(folder):
+                    error.add_note(f"the checkpoints are whole; {hint}")
+                raise
             what = f"{folder.path}: the disk is full ({os.strerror(errno.ENOSPC)})"
             raise OutputError(f"{what}; free some space and {hint}") from None
     trials = read_trials(folder)
@@ -119,6 +124,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         monitor.interrupted,
         settings.notes,
         trials,
+        None if trials else monitor.best,
     )
 
 

@@ -52,6 +52,7 @@ class Monitor:
         self.interrupted = False
         self.last: dict[str, float] = {}
         self.iterations = 0
+        self.best: Path | None = None
         self._logs: dict[str, TrainingLog] = {}
         self._lines: dict[str, TrainingProgress] = {}
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from ray import tune
+from ray.exceptions import RayActorError
 
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
@@ -19,6 +22,7 @@ from safe_inspect.experiments.imitation.warm_start import warm_start
 from safe_inspect.experiments.modules.frozen import check_frozen
 from safe_inspect.experiments.runs import cluster, run_folder
 from safe_inspect.experiments.runs.checkpoints import Checkpoint
+from safe_inspect.experiments.runs.progress import flatten
 from safe_inspect.experiments.runs.run_folder import RunFolder
 from safe_inspect.experiments.runs.tune_hooks import (
     Monitor,
@@ -92,6 +96,7 @@ def run_tune(
         failed = next(iter(results.errors), None)
         if failed is not None:
             _raise_failure(read_failure(folder.failure), failed)
+    monitor.best = _best(results[0], settings.tune.settings)
     if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
         raise CheckpointError(f"{start.path}: the training did not go on from the checkpoint")
     return monitor
@@ -173,6 +178,26 @@ def _tuner(
             ),
         ),
     )
+
+
+def _best(result: Any, chosen: Mapping[str, Any]) -> Path | None:
+    """Return the best of the checkpoints that a training has kept; None where nothing says which that is."""
+    score = str(chosen.get("checkpoint_score_attribute"))
+    kept = [(flatten(metrics).get(score), checkpoint.path) for checkpoint, metrics in result.best_checkpoints or ()]
+    scored = [(value, path) for value, path in kept if value is not None and math.isfinite(value)]
+    if not scored:
+        return None
+    pick = min if chosen.get("checkpoint_score_order", "max") == "min" else max
+    return Path(pick(scored)[1])
+
+
+def process_died(error: BaseException | None) -> bool:
+    """Return whether a training ended because one of Ray's processes did: it was killed, or memory ran out."""
+    while error is not None:
+        if isinstance(error, RayActorError) and not error.actor_init_failed:
+            return True
+        error = getattr(error, "cause", None) or error.__cause__
+    return False
 
 
 def _quiet() -> None:

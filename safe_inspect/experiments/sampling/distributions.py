@@ -13,8 +13,9 @@ from ray.rllib.core.distribution.torch.torch_distribution import (
 )
 
 from safe_inspect.environments.layout import Layout
+from safe_inspect.experiments.modules.dqn_policy import DqnPolicy
 from safe_inspect.experiments.modules.hurdle import TorchHurdle
-from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, SquashedGaussian
+from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, Greedy, SquashedGaussian
 from safe_inspect.random.hurdle_draws import Hurdle
 
 
@@ -27,6 +28,8 @@ def distribution_of(layout: Layout) -> Distribution:
 
 def distribution_of_module(module: Any) -> Distribution | None:
     """Return the distribution of RLlib's module in sampling and in training; None when it is none of these."""
+    if isinstance(module, DqnPolicy):
+        return Greedy(module.choices)
     try:
         kinds = {module.get_exploration_action_dist_cls(), module.get_train_action_dist_cls()}
     except (AttributeError, NotImplementedError):

@@ -82,7 +82,7 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
                 settings[name] = value
                 unchecked.append(name)
             else:
-                names = [*tables.known, *tables.renamed, *tables.dropped]
+                names = [*tables.known, *tables.renamed]
                 problems.append(Problem(f"there is no key `{given}`", where, hint=did_you_mean(str(given), names)))
             continue
         if name in source:

@@ -40,6 +40,8 @@ def _why_stock(settings: dict[str, Any]) -> str:
         ("num_learners", _above(1), "several learners share a batch"),
         ("torch_compile_learner", bool, "the fast one is not compiled"),
         ("torch_skip_nan_gradients", lambda value: value is False, "each gradient is to be checked"),
+        ("rl_module", bool, "the fast one learns the package's own policies alone"),
+        ("learner_connector", bool, "a connector stands between episodes and learner"),
         ("use_critic", lambda value: value is False, "there is no value function"),
         ("num_aggregator_actors_per_learner", _above(0), "other processes make the batches"),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from safe_inspect.config.keys.rllib_keys import BATCHED_ALGORITHMS
+from safe_inspect.config.keys.rllib_keys import BATCHED_ALGORITHMS, CHANGING_KEYS
 from safe_inspect.errors import Problem
 from safe_inspect.experiments.settings.values import is_searched
 
@@ -38,6 +38,9 @@ def choose_runner(settings: dict[str, Any]) -> tuple[list[str], list[Problem]]:
 def _why_stock(settings: dict[str, Any]) -> str:
     if settings["algorithm"] not in BATCHED_ALGORITHMS:
         return f"the batched one serves {', '.join(BATCHED_ALGORITHMS)}, not {settings['algorithm']}"
+    for key in CHANGING_KEYS:
+        if settings.get(key):
+            return f"the batched one serves the package's own policies alone (`{key}`)"
     if settings["model_config"].get("use_lstm"):
         return "the policy is recurrent (`use_lstm`)"
     if settings.get("restart_failed_sub_environments"):

@@ -74,6 +74,12 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
         settings["checkpoint_score_attribute"] = run_keys.STOP_RENAMED.get(score, score)
     if settings.get("metric"):
         settings["metric"] = run_keys.STOP_RENAMED.get(settings["metric"], settings["metric"])
+    for key in ("checkpoint_score_attribute", "metric"):
+        figure = settings.get(key)
+        if figure and figure not in run_keys.STOP_KEYS and "/" not in figure:  # callbacks may log others
+            known = [*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED]
+            message = f"`{figure}` is never reported"
+            problems.append(Problem(message, f"tune_config.{key}", hint=did_you_mean(figure, known)))
     if settings.get("scheduler") is None:
         notes += [
             f"`{key}` ranks trials for a `scheduler`, and there is none"
@@ -135,7 +141,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         old_keys.RESERVED_PREFIXES,
         old_keys.RESERVED_PARTS,
         old_keys.SPELLINGS,
-        open=own is None,
+        open=algorithm not in keys.CLOSED_ALGORITHMS,
         searchable=not nested,
     )
     found = translate_keys(mapping, path, tables)

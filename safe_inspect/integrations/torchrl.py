@@ -1,0 +1,63 @@
+"""`team_env`: several deputies as an environment of TorchRL; one deputy needs no adapter.
+
+``pip install 'safe_inspect[torchrl]'``. TorchRL's own `GymWrapper` takes
+``safe_inspect.make_vec(task, num_envs, autoreset_mode="Disabled")``: it resets by mask, as that mode wants it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from numbers import Number
+from typing import Any
+
+from pettingzoo.utils.wrappers import BaseParallelWrapper
+from torchrl.envs import PettingZooWrapper
+
+from safe_inspect.environments.facades.parallel import InspectionParallelEnv
+from safe_inspect.environments.registration import load_spec
+
+_ByAgent = dict[str, Any]
+
+
+class NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
+    """An environment of PettingZoo whose infos hold the same numbers after a reset and after a step, and no words.
+
+    TorchRL makes tensors of infos, and takes their names from the first reset. So an info holds the numbers that a
+    reset tells, statistics of its draws left out.
+    """
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[_ByAgent, _ByAgent]:
+        """Begin a new episode."""
+        observations, infos = super().reset(seed=seed, options=options)
+        self._names = {
+            agent: [name for name, value in info.items() if isinstance(value, Number) and "/" not in name]
+            for agent, info in infos.items()
+        }
+        return observations, self._numbers(infos)
+
+    def step(self, actions: _ByAgent) -> tuple[_ByAgent, _ByAgent, _ByAgent, _ByAgent, _ByAgent]:
+        """Hold the actions over one step."""
+        observations, rewards, terminated, truncated, infos = super().step(actions)
+        return observations, rewards, terminated, truncated, self._numbers(infos)
+
+    def _numbers(self, infos: _ByAgent) -> _ByAgent:
+        return {agent: {name: info[name] for name in self._names[agent]} for agent, info in infos.items()}
+
+
+def team_env(
+    cfg: str | os.PathLike[str], overrides: Iterable[str] = (), *, gamma: float = 1.0, **kwargs: Any
+) -> PettingZooWrapper:
+    """Return one environment of several deputies, grouped as `PettingZooWrapper` does it.
+
+    Args:
+        cfg: Experiment file, or id of a task.
+        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
+        gamma: As for `InspectionParallelEnv`.
+        **kwargs: What `PettingZooWrapper` takes, such as `group_map`.
+
+    Raises:
+        ConfigError: The file has mistakes.
+    """
+    environment = NumericInfos(InspectionParallelEnv(load_spec(cfg, overrides), gamma=gamma))
+    return PettingZooWrapper(environment, **kwargs)
