@@ -183,3 +183,14 @@ def test_a_reader_that_leaves_is_no_error():
     assert process.wait(60) == 0
     assert process.stderr.read() == ""
     process.stderr.close()
+
+
+@pytest.mark.parametrize(("interrupted", "code"), [(True, 130), (False, 0)])
+def test_a_training_that_the_user_stops_has_another_exit_code(here, capsys, monkeypatch, interrupted, code):
+    from safe_inspect.cli.commands import train
+    from safe_inspect.experiments.runs.train import TrainingResult
+
+    result = TrainingResult(here, None, 3, 900, 1.0, {}, interrupted, ())
+    monkeypatch.setattr(train, "train", lambda run: result)
+    assert main(["train", CFG]) == code
+    assert ("go on:" in capsys.readouterr().out) == interrupted
