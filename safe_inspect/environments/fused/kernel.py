@@ -98,17 +98,20 @@ def evaluate_step(
             out = status.ctypes.data
         sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]
     sound &= _map(readings, factors, observation)
-    values[0] = 0.0
+    for row in range(rows):
+        values[0, row] = 0.0
+        flags[0, row] = flags[1, row] = False
     for t in range(1, values.shape[0]):
         for row in range(rows):
             values[0, row] += values[t, row]
-    flags[:2] = False
     ended = False
     for row in range(rows):
         sound &= math.isfinite(values[0, row])
         if status[row] != 0:  # the agent had ended before the step
-            values[:, row] = 0.0
-            flags[:, row] = False
+            for t in range(values.shape[0]):
+                values[t, row] = 0.0
+            for k in range(2 + dones):
+                flags[k, row] = False
         else:
             for k in range(dones):
                 if flags[2 + k, row]:
