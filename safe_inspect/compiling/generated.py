@@ -13,9 +13,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from safe_inspect.compiling.folders import PACKAGE, digest_of, user_folder
 from safe_inspect.compiling.kernel import Kernel
 
-_FOLDER = Path(__file__).parents[1] / "__pycache__" / "generated"
+_FOLDER = PACKAGE / "__pycache__" / "generated"
 _functions: dict[str, Generated] = {}
 
 
@@ -79,11 +80,9 @@ def _all_called(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
 
 
 def _written(name: str, source: str) -> Path:
-    """Return a file that holds the source: beside the package's machine code, or in a folder of the user."""
-    for folder in (
-        _FOLDER,
-        Path(tempfile.gettempdir()) / f"safe_inspect-{os.getuid() if hasattr(os, 'getuid') else 0}",
-    ):
+    """Return a file that holds the source: beside the package's machine code, or in a folder of the user's."""
+    own = f"safe_inspect-{os.getuid() if hasattr(os, 'getuid') else 0}"
+    for folder in (_FOLDER, user_folder(digest_of()) / "generated", Path(tempfile.gettempdir()) / own):
         path = folder / name
         try:
             if not path.is_file():

@@ -6,6 +6,8 @@ Numba recompiles a cached function when its own file has changed, but not when a
 another file has: after an update of a checkout old machine code would go on running. So the cached machine code of the
 whole package is removed when the source of any compiled function has changed.
 
+What Python calls is compiled together with all that it calls; see `safe_inspect.compiling.linking`.
+
 What a compiled function returns to Python is None, a number, one array, or a tuple of numbers; other results are
 written into arrays that it is given. Ctrl-C during a call is handled as soon as Python code runs again, and Numba runs
 some to return a NamedTuple or a tuple of arrays, without a check for KeyboardInterrupt: the process would end with a
@@ -15,12 +17,15 @@ segmentation fault or a SystemError.
 from __future__ import annotations
 
 import functools
-import hashlib
+import gc
 import sys
 import time
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar, overload
+
+from safe_inspect.compiling.folders import PACKAGE, digest_of
 
 __all__ = ["BORROWING", "Kernel", "njit"]
 
@@ -31,7 +36,6 @@ BORROWING: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_PACKAGE = Path(__file__).parents[1]
 _STAMP = "compiled.stamp"
 #: Seconds of compiling after which a terminal is told what the wait is for.
 _PATIENCE = 2.0
@@ -53,6 +57,7 @@ class Kernel(Generic[P, R]):
         functools.update_wrapper(self, function)
         self._function, self._options = function, options
         self._dispatcher: Callable[P, R] | None = None
+        self._part: Any = None
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Call the compiled function."""
@@ -72,16 +77,17 @@ class Kernel(Generic[P, R]):
 
     @property
     def dispatcher(self) -> Any:
-        """Numba's dispatcher of the function."""
+        """Numba's dispatcher of the function, for calls from Python."""
         if self._dispatcher is None:
-            prepare()
-            from numba import njit as compile_with
-
-            try:
-                self._dispatcher = compile_with(cache=True, **self._options)(self._function)
-            except RuntimeError:  # neither the package's folder nor the user's can be written
-                self._dispatcher = compile_with(**self._options)(self._function)
+            self._dispatcher = _linking().whole(self, self._options)
         return self._dispatcher
+
+    @property
+    def part(self) -> Any:
+        """Numba's dispatcher of the function, for calls from other kernels."""
+        if self._part is None:
+            self._part = _linking().part(self, self._options)
+        return self._part
 
 
 @overload
@@ -106,6 +112,12 @@ def compiling_seconds() -> float:
     return _spent[0]
 
 
+def _linking() -> Any:
+    """Return the module that compiles, which loads Numba."""
+    prepare()
+    return import_module("safe_inspect.compiling.linking")
+
+
 @functools.cache
 def prepare() -> None:
     """Load Numba, teach it what a `Kernel` is, and remove machine code that is out of date; done once."""
@@ -115,21 +127,25 @@ def prepare() -> None:
 
     @typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
     def _type_of(kernel: Kernel[..., Any], context: Any) -> Any:
-        return typeof_impl(kernel.dispatcher, context)
+        return typeof_impl(kernel.part, context)
 
     class Announcer(event.Listener):  # type: ignore[misc]
         """Measures the time of the compiler, and says once, on a terminal, that the wait is for it."""
 
         depth, since, quiet = 0, 0.0, not sys.stderr.isatty()
+        collects = False
 
         def on_start(self, event: Any) -> None:
             if self.depth == 0:
-                self.since = time.monotonic()
+                self.since, self.collects = time.monotonic(), gc.isenabled()
+                gc.disable()  # compiling leaves little garbage, and much to look through
             self.depth += 1
 
         def on_end(self, event: Any) -> None:
             self.depth -= 1
             if self.depth == 0:
+                if self.collects:
+                    gc.enable()
                 _spent[0] += time.monotonic() - self.since
             if not self.quiet and _spent[0] > _PATIENCE:
                 self.quiet = True
@@ -138,30 +154,26 @@ def prepare() -> None:
     event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]
 
 
-def remove_stale_cache(package: Path = _PACKAGE) -> bool:
+def remove_stale_cache(package: Path = PACKAGE) -> bool:
     """Remove the cached machine code below a folder unless it belongs to the present sources.
 
     Args:
         package: The folder of a package.
 
     Returns:
-        Whether the cache was out of date. A folder that cannot be written is left alone: an installed package has
-        fresh files, and Numba then keeps its cache elsewhere.
+        Whether the cache was out of date. A folder that cannot be written is left alone: the machine code is then
+        kept in a folder of the user's, one for each state of the sources.
     """
-    digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        source = path.read_bytes()
-        if b"@njit" in source:
-            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + source)
+    digest = digest_of.__wrapped__(package)  # of the files as they are now
     stamp = package / "__pycache__" / _STAMP
     try:
-        if stamp.is_file() and stamp.read_text(encoding="ascii") == digest.hexdigest():
+        if stamp.is_file() and stamp.read_text(encoding="ascii") == digest:
             return False
         for pattern in ("*.nbi", "*.nbc"):
             for path in package.rglob(f"__pycache__/{pattern}"):
                 path.unlink(missing_ok=True)
         stamp.parent.mkdir(exist_ok=True)
-        stamp.write_text(digest.hexdigest(), encoding="ascii")
+        stamp.write_text(digest, encoding="ascii")
     except OSError:
         return False
     return True

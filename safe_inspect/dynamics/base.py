@@ -75,7 +75,9 @@ def advance_kernel(dynamics: Dynamics, step_size: float) -> Kernel[..., None]:
 
 
 def advance({first}{arrays}, control, masses, step_size, physics_steps, delta_v, time, step):
-    deputies, idle = masses.shape[0], np.zeros(control.shape[2])
+    deputies, idle = masses.shape[0], np.empty(control.shape[2])
+    for k in range(len(idle)):
+        idle[k] = 0.0
     for n in range(a0.shape[0]):
         for b in range(a0.shape[1]):
             held, mass = (control[n, b], masses[b]) if b < deputies else (idle, 1.0)

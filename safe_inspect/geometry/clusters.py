@@ -131,9 +131,11 @@ def _fill_empty(
     The points are fixed before the first is moved, one for each empty cluster, farthest first; labels stay. When no
     point lies off its centre there is nothing to gain and nothing moves.
     """
-    vacant = np.flatnonzero(weight[:k] == 0)
-    far = np.empty(len(vacant), dtype=np.int64)
-    for i in range(len(vacant)):
+    vacant, far, count = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64), 0
+    for j in range(k):
+        vacant[count] = j
+        count += weight[j] == 0
+    for i in range(count):
         best = 0
         for m in range(total):
             if distance[m] > distance[best]:
@@ -142,7 +144,7 @@ def _fill_empty(
             return
         far[i] = best
         distance[best] = -1.0
-    for i in range(len(vacant)):
+    for i in range(count):
         new, old = vacant[i], label[far[i]]
         for axis in range(3):
             sums[old, axis] -= own[axis, far[i]]
@@ -167,7 +169,11 @@ def _assign(own: FloatArray, total: int, centres: FloatArray, k: int, label: Int
 @njit
 def _average(own: FloatArray, total: int, label: IntArray, distance: FloatArray, centres: FloatArray, k: int) -> bool:
     """Move each centre to the mean of its points; return whether a cluster was empty."""
-    sums, weight = np.zeros((k, 3)), np.zeros(k, dtype=np.int64)
+    sums, weight = np.empty((k, 3)), np.empty(k, dtype=np.int64)
+    for j in range(k):
+        weight[j] = 0
+        for axis in range(3):
+            sums[j, axis] = 0.0
     for m in range(total):
         j = label[m]
         weight[j] += 1
@@ -183,17 +189,22 @@ def _average(own: FloatArray, total: int, label: IntArray, distance: FloatArray,
             for axis in range(3):
                 centres[j, axis] = sums[j, axis] / weight[j]
     if vacant:
-        largest = np.argmax(weight)
+        largest = 0
+        for j in range(k):
+            largest = j if weight[j] > weight[largest] else largest
         for j in range(k):
             if weight[j] == 0:  # a cluster of one that gave its point away waits beside the largest one
-                centres[j] = centres[largest]
+                for axis in range(3):
+                    centres[j, axis] = centres[largest, axis]
     return vacant
 
 
 @njit
 def _lloyd(own: FloatArray, total: int, centres: FloatArray, k: int, max_iterations: int) -> bool:
     """Run Lloyd's iterations on one row; return whether the centres are a fixed point."""
-    label, before = np.empty(total, dtype=np.int64), np.full(total, -1)
+    label, before = np.empty(total, dtype=np.int64), np.empty(total, dtype=np.int64)
+    for m in range(total):
+        before[m] = -1
     distance = np.empty(total)
     vacant = False
     for _ in range(max_iterations):
@@ -257,7 +268,8 @@ def cluster(
                 points, candidates[row], centres[row], num_centres[row], draws.key[row], draws.step[row], rule, chosen,
                 own,
             )  # fmt: skip
-            previous[row] = candidates[row]
+            for p in range(candidates.shape[1]):
+                previous[row, p] = candidates[row, p]
 
 
 @njit

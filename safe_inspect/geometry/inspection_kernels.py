@@ -136,4 +136,5 @@ def cluster_candidates(
                 num_centres[row], settled[row] = cluster_row(
                     points, wanted, centres[row], num_centres[row], key[n], step[n], rule, chosen, own
                 )
-                previous[row] = wanted
+                for p in range(total):
+                    previous[row, p] = wanted[p]

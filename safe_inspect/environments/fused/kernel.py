@@ -38,7 +38,8 @@ def _map(readings: FloatArray, factors: FloatArray, asked: BoolArray, observatio
     finite, size = True, observation.shape[1]
     for row in range(observation.shape[0]):
         if not asked[row]:
-            observation[row] = np.nan
+            for e in range(size):
+                observation[row, e] = np.float32(np.nan)
             continue
         for e in range(size):
             value = (readings[row, e] * factors[0, e] - factors[1, e]) * factors[2, e] / factors[3, e] + factors[4, e]
@@ -102,17 +103,20 @@ def evaluate_step(
         else:
             out = status.ctypes.data
         sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]
-    values[0] = 0.0
+    for row in range(rows):
+        values[0, row] = 0.0
+        flags[0, row] = flags[1, row] = False
     for t in range(1, values.shape[0]):
         for row in range(rows):
             values[0, row] += values[t, row]
-    flags[:2] = False
     ended = False
     for row in range(rows):
         sound &= math.isfinite(values[0, row])
         if status[row] != 0:  # the agent had ended before the step
-            values[:, row] = 0.0
-            flags[:, row] = False
+            for t in range(values.shape[0]):
+                values[t, row] = 0.0
+            for k in range(2 + dones):
+                flags[k, row] = False
         else:
             for k in range(dones):
                 if flags[2 + k, row]:

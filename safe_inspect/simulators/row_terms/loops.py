@@ -141,38 +141,45 @@ def _source(inputs: Sequence[tuple[str, int]], dtype: str, writes: bool) -> str:
     head, arguments, at = [], [], 2
     for index, (name, axes) in enumerate(inputs):
         a, e, g, d = (f"{letter}{index}" for letter in "aegd")
-        head.append(f"{a} = starts[t[{at}]] + t[{at + 1}]")
-        head.append(f"{e}, {g} = t[{at + 2}], t[{at + 3}]")
-        head += [f"{d}_{axis} = t[{at + 4 + axis}]" for axis in range(axes)]
+        head.append(f"{a} = read_number(bases + 8 * {_entry(at)}, int64) + {_entry(at + 1)}")
+        head.append(f"{e}, {g} = {_entry(at + 2)}, {_entry(at + 3)}")
+        head += [f"{d}_{axis} = {_entry(at + 4 + axis)}" for axis in range(axes)]
         shape = ", ".join(f"{d}_{axis}" for axis in range(axes))
         stored = "uint8" if name == "bool" else name
-        array = f"carray(pointer({a} + n * {e} + i * {g}, {stored}), ({shape or 1},))"
-        arguments.append(array if axes else f"{array}[0] != 0" if name == "bool" else f"{array}[0]")
+        there = f"{a} + n * {e} + i * {g}, {stored}"
+        value = f"read_number({there})"
+        arguments.append(
+            f"carray(pointer({there}), ({shape},))" if axes else f"{value} != 0" if name == "bool" else value
+        )
         at += 4 + axes
     here = "out + (n * agents + i) * stride"
     if writes:
         call = f"row({', '.join([*arguments, f'carray(pointer({here}, {dtype}), (size,))'])})"
-        body = f"if asked == 0 or carray(pointer(asked + n * agents + i, uint8), (1,))[0] != 0:\n                {call}"
+        body = f"if asked == 0 or read_number(asked + n * agents + i, uint8) != 0:\n                {call}"
     else:
         value = f"row({', '.join(arguments)})"
         stored = "uint8" if dtype == "bool" else dtype
-        body = f"carray(pointer({here}, {stored}), (1,))[0] = {f'1 if {value} else 0' if dtype == 'bool' else value}"
-    head += [f"asked = starts[{int(MemoryBase.ASKED)}]"] * writes
+        body = f"write_number({here}, {stored}, {f'uint8(1 if {value} else 0)' if dtype == 'bool' else value})"
+    head += [f"asked = read_number(bases + {8 * int(MemoryBase.ASKED)}, int64)"] * writes
     lines = "\n    ".join(head)
     return f"""from numba import carray, float32, float64, int8, int16, int32, int64, uint8, uint16, uint32, uint64
 
-from safe_inspect.compiling.addresses import pointer
+from safe_inspect.compiling.addresses import pointer, read_number, write_number
 
 
 def loop(table, bases, out, environments, agents):
-    t, starts = carray(pointer(table, int64), ({at},)), carray(pointer(bases, int64), ({len(MemoryBase)},))
-    stride, size = t[0], t[1]
+    stride, size = {_entry(0)}, {_entry(1)}
     {lines}
     for n in range(environments):
         for i in range(agents):
             {body}
     return 1
 """
+
+
+def _entry(index: int) -> str:
+    """Return the source of an element of the table."""
+    return f"read_number(table + {8 * index}, int64)"
 
 
 def address_of(array: AnyArray) -> int:
