@@ -130,12 +130,12 @@ def test_closed_motions_are_certified_as_dense_samples_say(run):
     least = np.full((len(state), len(run.names)), np.inf)
     for time in np.linspace(0.0, PERIOD, 2001):
         least = np.minimum(least, run.phi(flown(state, np.zeros((len(state), 3)), time)))
-    work = np.empty(NODE_STACK)
+    work, weak = np.empty(NODE_STACK), np.zeros(1, np.int64)
     safe = np.array(
         [
             closed_motion(
                 run._model, (*state.position[i], *state.velocity[i]),
-                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), Margins(1e-3, 1e-5, 1e-3), work,
+                (np.cos(state.sun_angle[i]), np.sin(state.sun_angle[i])), Margins(1e-3, 1e-5, 1e-3), work, weak,
             ) == SAFE
             for i in range(len(state))
         ]

@@ -23,7 +23,7 @@ from safe_inspect.rta.filters.backup.arcs import turned
 from safe_inspect.rta.filters.backup.half_spaces import further_closed_motion
 from safe_inspect.rta.filters.backup.model import FINEST, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.filters.backup.sequences import SAFE, broken_at_closed, too_fast, uncertain_closed
-from safe_inspect.types import FloatArray
+from safe_inspect.types import FloatArray, IntArray
 
 #: Eighth of the squared angle of the finest cell [rad^2].
 _EIGHTH = 0.5 * (math.pi / FINEST) ** 2
@@ -89,8 +89,20 @@ def _cell(n: float, a: ClosedNode, b: ClosedNode, centre: float, rho: float, spa
     )  # fmt: skip
 
 
+@njit(**INLINED)
+def refuted(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, place: int) -> bool:
+    """Return whether the drift-free motion from x breaks a constraint at the beginning of a cell of the orbit.
+
+    Where a motion nearby was refused, this is a cheap test to ask before `closed_motion`.
+    """
+    node = _node(m.n, x, sun, m.orbit[place, 0], m.orbit[place, 1])
+    return bool(broken_at_closed(m.constraints, node, margins) != SAFE)
+
+
 @njit(**BORROWING)
-def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, work: FloatArray) -> int:
+def closed_motion(
+    m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, work: FloatArray, weak: IntArray
+) -> int:  # fmt: skip
     """Return a constraint that the drift-free motion from x breaks within an orbit, or SAFE.
 
     Args:
@@ -99,6 +111,7 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
         sun: Cosine and sine of the sun angle there.
         margins: Margins of the constraints.
         work: Workspace, shape `NODE_STACK`.
+        weak: Receives the cell of the orbit where the motion is refused, for `refuted`, shape (1,).
     """
     u, w = x[3] / m.n, x[5] / m.n
     in_plane, across = math.sqrt(x[0] * x[0] + u * u), math.sqrt(x[2] * x[2] + w * w)
@@ -115,6 +128,7 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
             node = _node(m.n, x, sun, m.orbit[place, 0], m.orbit[place, 1])
             code = broken_at_closed(m.constraints, node, margins)
             if code != SAFE:
+                weak[0] = place
                 return int(code)
             _store(work, place, node)
     _copy(work, 0, ORBIT_CELLS)
@@ -134,6 +148,7 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
                 b = top if top > ORBIT_CELLS else place + 1
                 continue
             if cells <= 1.0:
+                weak[0] = place
                 return int(code)
             top += 1
             middle = math.floor(0.5 * (work[a, 0] + work[b, 0]))
@@ -141,6 +156,7 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
             node = _node(m.n, x, sun, math.cos(angle), math.sin(angle))
             code = broken_at_closed(m.constraints, node, margins)
             if code != SAFE:
+                weak[0] = place
                 return int(code)
             _store(work, top, node)
             work[top, 0], b = middle, top

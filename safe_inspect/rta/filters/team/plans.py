@@ -100,7 +100,7 @@ def _pair_safe(
     if t.fixed[i] or t.fixed[j]:
         if not apart(q.n, after, q.constraints[COLLISION].closed_near + wide.coasting):
             return False
-    elif closed_motion(q, after, sun, wide, s.work) != SAFE:
+    elif closed_motion(q, after, sun, wide, s.work, s.weak[PLANS:]) != SAFE:
         return False
     elif plan == STAY == other and still(g.one, t.thrust[i, plan]) and still(g.one, t.thrust[j, other]):
         return True
