@@ -3,9 +3,10 @@
     python benchmarks/nearest_thrust.py [--states 480] [--rounds 200] [--json result.json]
 
 The states are those of adversarial flights (see `rta_filter` beside this) in which the filter changes the desired
-thrust, taken at random. The reference is a search that asks the filter itself, `admissible`: thrusts at random in the ball
-about the desired thrust that is nearer than the best one known, and about the best, at distances from 0.3 N down to 0.3 mN
-of it. What it finds is an upper bound of the nearest, so the excess is a lower bound; more rounds show how near they are.
+thrust, taken at random. The reference is a search that asks the filter itself, `admissible`: thrusts at random in the
+ball about the desired thrust that is nearer than the best one known, and about the best, at distances from 0.3 N down
+to 0.3 mN of it. What it finds is an upper bound of the nearest, so the excess is a lower bound; more rounds show how
+near they are.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def nearest(run: BackupFilter, state: RelativeState, want: FloatArray, first: Fl
     """Return the admissible thrusts nearest to the desired ones that a random search from `first` finds [N]."""
     generator = np.random.default_rng(7)
     best, rows = first.copy(), np.arange(len(state))
-    for i in range(rounds):
+    for _ in range(rounds):
         radius = distance(best, want)[:, None, None]
         around = generator.normal(size=(len(state), _IN_BALL + _ABOUT_BEST, 3))
         around /= np.sqrt((around**2).sum(axis=-1, keepdims=True))

@@ -130,7 +130,7 @@ def test_closed_motions_are_certified_as_dense_samples_say(run):
     least = np.full((len(state), len(run.names)), np.inf)
     for time in np.linspace(0.0, PERIOD, 2001):
         least = np.minimum(least, run.phi(flown(state, np.zeros((len(state), 3)), time)))
-    work, weak = np.empty(NODE_STACK), np.zeros(1, np.int64)
+    work, weak = np.empty(NODE_STACK), np.zeros(2, np.int64)
     safe = np.array(
         [
             closed_motion(

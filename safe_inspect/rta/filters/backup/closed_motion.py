@@ -21,7 +21,7 @@ from safe_inspect.rta.constraints.certified import COLLISION
 from safe_inspect.rta.constraints.rows import INLINED, ClosedCell, ClosedNode, Margins, SunAngle, sun_axes
 from safe_inspect.rta.filters.backup.arcs import turned
 from safe_inspect.rta.filters.backup.half_spaces import further_closed_motion
-from safe_inspect.rta.filters.backup.model import FINEST, ORBIT_CELLS, FilterModel
+from safe_inspect.rta.filters.backup.model import FINE_NODES, FINEST, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.filters.backup.sequences import SAFE, broken_at_closed, too_fast, uncertain_closed
 from safe_inspect.types import FloatArray, IntArray
 
@@ -90,13 +90,24 @@ def _cell(n: float, a: ClosedNode, b: ClosedNode, centre: float, rho: float, spa
 
 
 @njit(**INLINED)
-def refuted(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, place: int) -> bool:
-    """Return whether the drift-free motion from x breaks a constraint at the beginning of a cell of the orbit.
+def _remember(weak: IntArray, angle: int) -> None:
+    """Put the node next to an angle, in finest cells, before the last that was remembered."""
+    nearest = (angle + FINEST // FINE_NODES // 2) // (FINEST // FINE_NODES) % FINE_NODES
+    if nearest != weak[0]:
+        weak[0], weak[1] = nearest, weak[0]
 
-    Where a motion nearby was refused, this is a cheap test to ask before `closed_motion`.
+
+@njit(**INLINED)
+def refuted(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, weak: IntArray) -> bool:
+    """Return whether the drift-free motion from x breaks a constraint at one of two of the `FINE_NODES`.
+
+    Where motions nearby were refused, this is a cheap test to ask before `closed_motion`.
     """
-    node = _node(m.n, x, sun, m.orbit[place, 0], m.orbit[place, 1])
-    return bool(broken_at_closed(m.constraints, node, margins) != SAFE)
+    for place in weak:
+        node = _node(m.n, x, sun, m.fine[place, 0], m.fine[place, 1])
+        if broken_at_closed(m.constraints, node, margins) != SAFE:
+            return True
+    return False
 
 
 @njit(**BORROWING)
@@ -111,7 +122,7 @@ def closed_motion(
         sun: Cosine and sine of the sun angle there.
         margins: Margins of the constraints.
         work: Workspace, shape `NODE_STACK`.
-        weak: Receives the cell of the orbit where the motion is refused, for `refuted`, shape (1,).
+        weak: Receives which of the `FINE_NODES` is next to where the motion is refused, for `refuted`, shape (2,).
     """
     u, w = x[3] / m.n, x[5] / m.n
     in_plane, across = math.sqrt(x[0] * x[0] + u * u), math.sqrt(x[2] * x[2] + w * w)
@@ -128,7 +139,7 @@ def closed_motion(
             node = _node(m.n, x, sun, m.orbit[place, 0], m.orbit[place, 1])
             code = broken_at_closed(m.constraints, node, margins)
             if code != SAFE:
-                weak[0] = place
+                _remember(weak, place * (FINEST // ORBIT_CELLS))
                 return int(code)
             _store(work, place, node)
     _copy(work, 0, ORBIT_CELLS)
@@ -148,7 +159,6 @@ def closed_motion(
                 b = top if top > ORBIT_CELLS else place + 1
                 continue
             if cells <= 1.0:
-                weak[0] = place
                 return int(code)
             top += 1
             middle = math.floor(0.5 * (work[a, 0] + work[b, 0]))
@@ -156,7 +166,7 @@ def closed_motion(
             node = _node(m.n, x, sun, math.cos(angle), math.sin(angle))
             code = broken_at_closed(m.constraints, node, margins)
             if code != SAFE:
-                weak[0] = place
+                _remember(weak, middle)
                 return int(code)
             _store(work, top, node)
             work[top, 0], b = middle, top
