@@ -211,6 +211,32 @@ def test_every_answer_is_admissible_and_few_are_far_from_the_best(run):
     assert beaten.mean() < 0.1
 
 
+def test_thrusts_in_adversarial_flight_are_near_the_nearest_safe_ones(run):
+    """A random search about each answer gains a hundredth of a newton or two on average."""
+    state, generator = safe_starts(run, 14, 120), np.random.default_rng(14)
+    for step in range(60):
+        desired = np.clip(adversaries(state, step, generator), -1.0, 1.0)
+        result = run(state, desired)
+        before, state = state, flown(state, result.control, DT)
+    changed = np.flatnonzero(result.intervening)
+    state, desired, best = before[changed], desired[changed], result.control[changed]
+    flown_away = np.linalg.norm(best - desired, axis=1)
+    for trial in range(2000):
+        away = np.linalg.norm(best - desired, axis=1)
+        size = 10.0 ** generator.uniform(-3.0, -0.3, (len(best), 1))
+        other = best + size * generator.normal(size=best.shape)
+        if trial % 3 == 0:  # anywhere nearer
+            other = desired + (away[:, None] * generator.random((len(best), 1))) * (other - best) / size / 2.0
+        other = np.clip(other, -1.0, 1.0)
+        nearer = np.flatnonzero(np.linalg.norm(other - desired, axis=1) < away - 1e-4)
+        nearer = nearer[run.admissible(state[nearer], other[nearer])]
+        best[nearer] = other[nearer]
+    excess = flown_away - np.linalg.norm(best - desired, axis=1)
+    assert len(excess) > 80
+    assert excess.mean() < 0.03
+    assert (excess > 0.1).mean() < 0.06
+
+
 def test_the_refusing_constraints_are_named(run):
     state = RelativeState(np.array([[0.0, 60.0, 0.0]]), np.array([[0.0, 0.0, 0.0]]), np.array([-0.5 * np.pi]))
     outcome = run(state, np.array([[0.0, 1.0, 0.0]]))

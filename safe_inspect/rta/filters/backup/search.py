@@ -34,8 +34,6 @@ _ROUNDS = 6
 _POLISH = 4
 #: A proposal that moves less than this [N] has settled.
 _STILL = 1e-7
-#: Plans that the pattern search tries, beside the last that was safe.
-_MANY = 48
 #: Halvings of the segment from the backup to the projection, with which the pattern search begins.
 _HALVINGS = 3
 #: Its first step: share of the distance to be gained, and the largest; and its last, in multiples of `u_max`.
@@ -44,6 +42,8 @@ _SHARE, _LARGEST, _SMALLEST = 0.8, 0.5, 0.015
 _TURN = 0.3
 #: Most strides of a step that was taken, each so many times as long as the one before.
 _STRIDES, _STRETCH = 4, 1.5
+#: After steps of which none gains, the next are so many times as long, and go between them.
+_SHRINK = 0.5
 #: A step must gain this share of its length.
 _GAIN = 0.05
 
@@ -128,7 +128,7 @@ def propose(
 @njit(**INNER)
 def _take(m: FilterModel, x: RowState, sun: SunAngle, plan: int, s: Workspace) -> int:
     """Make `s.trial` the best control if it is verified; return the plan after it, or NO_PLAN."""
-    found = verified(m, x, sun, s.trial, plan, as_int(_MANY), s)[1]
+    found = verified(m, x, sun, s.trial, plan, as_int(PLANS), s)[1]
     if found != NO_PLAN:
         for axis in range(3):
             s.best[axis], s.plan[axis] = s.trial[axis], s.w[axis]
@@ -219,7 +219,7 @@ def search(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspa
     while abs(length) >= smallest and away - least > smallest:
         found = _step(m, x, sun, away, length, plan, s)
         if found == NO_PLAN:
-            length *= -0.5
+            length *= -_SHRINK
             continue
         plan, moved, away = found, True, math.sqrt(squared(s.best, s.desired))
     for axis in range(3):
