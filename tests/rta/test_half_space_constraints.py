@@ -190,10 +190,10 @@ def test_closed_motions_are_certified_as_dense_samples_say(constraint):
     state.velocity[:, 1] = -2.0 * N * state.position[:, 0]
     zero = np.zeros((400, 3))
     least = np.min([constraint.phi(flown(state, zero, time)) for time in np.linspace(0.0, PERIOD, 1501)], axis=0)
-    work, model, margins = np.empty(NODE_STACK), run._model, Margins(1e-3, 1e-5, 1e-3)
+    work, weak, model, margins = np.empty(NODE_STACK), np.zeros(2, np.int64), run._model, Margins(1e-3, 1e-5, 1e-3)
     safe = np.array(
         [
-            closed_motion(model, (*state.position[i], *state.velocity[i]), (1.0, 0.0), margins, work) == SAFE
+            closed_motion(model, (*state.position[i], *state.velocity[i]), (1.0, 0.0), margins, work, weak) == SAFE
             for i in range(400)
         ]
     )

@@ -79,7 +79,7 @@ class AxisSpeed(Constraint):
     unit: ClassVar[str] = "m/s"
     kernels: ClassVar[RowKernels | None] = RowKernels(
         broken=_broken, uncertain=_uncertain, slack=_slack, support=_support, amplitude=_amplitude,
-        allowed_speed=_allowed_speed,
+        allowed_speed=_allowed_speed, convex=True,
     )  # fmt: skip
 
     vel_limit: PositiveSpeed = DEFAULTS.vel_limit

@@ -69,7 +69,7 @@ class MaximumRange(Constraint, name="r_max"):
     unit: ClassVar[str] = "m"
     kernels: ClassVar[RowKernels | None] = RowKernels(
         broken=_broken, uncertain=_uncertain, slack=_slack, support=_support, gap=_gap,
-        closed_broken=_broken, closed_uncertain=_uncertain,
+        closed_broken=_broken, closed_uncertain=_uncertain, convex=True,
     )  # fmt: skip
 
     r_max: PositiveLength = DEFAULTS.r_max

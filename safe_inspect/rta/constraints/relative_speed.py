@@ -97,7 +97,7 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
     unit: ClassVar[str] = "m/s"
     kernels: ClassVar[RowKernels | None] = RowKernels(
         broken=_broken, uncertain=_uncertain, slack=_slack, support=_support, allowed_speed=_allowed_speed,
-        closed_broken=_broken, closed_uncertain=_uncertain, cost=1,
+        closed_broken=_broken, closed_uncertain=_uncertain, cost=1, convex=True,
     )  # fmt: skip
 
     v0: NonNegativeSpeed = DEFAULTS.v0

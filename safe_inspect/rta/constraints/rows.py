@@ -150,6 +150,7 @@ class RowKernels:
         turn: (p, sun, d): replaces in a direction d of velocities what turns with the sun; None where nothing does.
         allowed_speed: (p, node): the largest speed [m/s]; None where there is no such limit.
         cost: Constraints of lower cost are asked first about a cell.
+        convex: Whether the half-spaces of `support` contain every safe state.
     """
 
     broken: Kernel[..., bool]
@@ -163,6 +164,7 @@ class RowKernels:
     turn: Kernel[..., None] | None = None
     allowed_speed: Kernel[..., float] | None = None
     cost: int = 0
+    convex: bool = False
 
 
 @njit(**INLINED)

@@ -21,9 +21,9 @@ from safe_inspect.rta.constraints.certified import COLLISION
 from safe_inspect.rta.constraints.rows import INLINED, ClosedCell, ClosedNode, Margins, SunAngle, sun_axes
 from safe_inspect.rta.filters.backup.arcs import turned
 from safe_inspect.rta.filters.backup.half_spaces import further_closed_motion
-from safe_inspect.rta.filters.backup.model import FINEST, ORBIT_CELLS, FilterModel
+from safe_inspect.rta.filters.backup.model import FINE_NODES, FINEST, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.filters.backup.sequences import SAFE, broken_at_closed, too_fast, uncertain_closed
-from safe_inspect.types import FloatArray
+from safe_inspect.types import FloatArray, IntArray
 
 #: Eighth of the squared angle of the finest cell [rad^2].
 _EIGHTH = 0.5 * (math.pi / FINEST) ** 2
@@ -89,8 +89,31 @@ def _cell(n: float, a: ClosedNode, b: ClosedNode, centre: float, rho: float, spa
     )  # fmt: skip
 
 
+@njit(**INLINED)
+def _remember(weak: IntArray, angle: int) -> None:
+    """Put the node next to an angle, in finest cells, before the last that was remembered."""
+    nearest = (angle + FINEST // FINE_NODES // 2) // (FINEST // FINE_NODES) % FINE_NODES
+    if nearest != weak[0]:
+        weak[0], weak[1] = nearest, weak[0]
+
+
+@njit(**INLINED)
+def refuted(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, weak: IntArray) -> bool:
+    """Return whether the drift-free motion from x breaks a constraint at one of two of the `FINE_NODES`.
+
+    Where motions nearby were refused, this is a cheap test to ask before `closed_motion`.
+    """
+    for place in weak:
+        node = _node(m.n, x, sun, m.fine[place, 0], m.fine[place, 1])
+        if broken_at_closed(m.constraints, node, margins) != SAFE:
+            return True
+    return False
+
+
 @njit(**BORROWING)
-def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, work: FloatArray) -> int:
+def closed_motion(
+    m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, work: FloatArray, weak: IntArray
+) -> int:  # fmt: skip
     """Return a constraint that the drift-free motion from x breaks within an orbit, or SAFE.
 
     Args:
@@ -99,6 +122,7 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
         sun: Cosine and sine of the sun angle there.
         margins: Margins of the constraints.
         work: Workspace, shape `NODE_STACK`.
+        weak: Receives which of the `FINE_NODES` is next to where the motion is refused, for `refuted`, shape (2,).
     """
     u, w = x[3] / m.n, x[5] / m.n
     in_plane, across = math.sqrt(x[0] * x[0] + u * u), math.sqrt(x[2] * x[2] + w * w)
@@ -115,6 +139,7 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
             node = _node(m.n, x, sun, m.orbit[place, 0], m.orbit[place, 1])
             code = broken_at_closed(m.constraints, node, margins)
             if code != SAFE:
+                _remember(weak, place * (FINEST // ORBIT_CELLS))
                 return int(code)
             _store(work, place, node)
     _copy(work, 0, ORBIT_CELLS)
@@ -141,6 +166,7 @@ def closed_motion(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, 
             node = _node(m.n, x, sun, math.cos(angle), math.sin(angle))
             code = broken_at_closed(m.constraints, node, margins)
             if code != SAFE:
+                _remember(weak, middle)
                 return int(code)
             _store(work, top, node)
             work[top, 0], b = middle, top

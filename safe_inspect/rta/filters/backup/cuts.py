@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.certified import COLLISION, PSM
+from safe_inspect.rta.constraints.certified import CERTIFIED, COLLISION, PSM
 from safe_inspect.rta.constraints.rows import INNER, Margins, Node, SunAngle, direction, node
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.half_spaces import half_space, needed
@@ -21,6 +21,12 @@ from safe_inspect.rta.filters.backup.model import FURTHER, HOLD_PIECES, FilterMo
 from safe_inspect.rta.filters.backup.sequences import support_of
 from safe_inspect.rta.filters.backup.workspace import Workspace
 from safe_inspect.types import FloatArray
+
+#: Bits of the constraints whose half-spaces contain every safe control, and of further ones, which may.
+CONVEX = -1 << FURTHER
+for _code, _constraint in enumerate(CERTIFIED):
+    if _constraint.kernels is not None and _constraint.kernels.convex:
+        CONVEX |= 1 << _code
 
 
 class Refusal(NamedTuple):
@@ -115,22 +121,36 @@ def cut_hold(
 
 
 @njit(**INNER)
-def cut_broken(
-    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, own_side: bool, margins: Margins, s: Workspace,
-    count: int,
+def cut_end(
+    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, codes: int, margins: Margins, s: Workspace, count: int
 ) -> tuple[int, int]:  # fmt: skip
-    """Append the half-spaces of all constraints broken at the end of a hold; return the count and the bits of them."""
+    """Append the half-spaces of those constraints of the bits `codes` that are broken at the end of a hold.
+
+    Returns:
+        The new count, and the bits of the constraints that are broken.
+    """
     k, bits = HOLD_PIECES, 0
     b, sun_b = held(m, x, u, k), turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
     end, d = node(b, sun_b), s.d
     for code in range(FURTHER + m.further):
-        if code == COLLISION or not m.active >> code & 1:
+        if not (m.active & codes) >> code & 1:
             continue
         need = support(m, code, end, margins, d)
         value = d[0] * b[0] + d[1] * b[1] + d[2] * b[2] + d[3] * b[3] + d[4] * b[4] + d[5] * b[5]
         if value < need:
             count = add(m, need, b, u, k, s, count)
             bits |= 1 << code
+    return count, bits
+
+
+@njit(**INNER)
+def cut_broken(
+    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, own_side: bool, margins: Margins, s: Workspace,
+    count: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Append the half-spaces of all constraints broken at the end of a hold; return the count and the bits of them."""
+    count, bits = cut_end(m, x, sun, u, ~(1 << COLLISION), margins, s, count)
+    b = held(m, x, u, HOLD_PIECES)
     near = m.constraints[COLLISION].near
     if near > 0.0 and b[0] * b[0] + b[1] * b[1] + b[2] * b[2] < (near + margins.length) ** 2:
         bits |= 1 << COLLISION

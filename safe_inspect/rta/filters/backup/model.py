@@ -28,6 +28,8 @@ FINE_NODES = 64
 #: Radial and cross-track speeds of a plan in units of n r; the radial one is counted from that of the centred ellipse.
 RADIAL = (0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
 CROSS = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
+#: How many plans there are.
+PLANS = (len(RADIAL) + 1) * (len(CROSS) + 1)
 #: Parts of the motion for which a tube has margins: a hold of a thrust, the hold of the plan after it, the closed
 #: motion after that; and the last two of a plan without a hold before it.
 HOLD, PLAN, CLOSED, FIRST_PLAN, FIRST_CLOSED = range(5)

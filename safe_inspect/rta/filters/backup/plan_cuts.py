@@ -24,7 +24,7 @@ from safe_inspect.rta.filters.backup.model import (
     PLAN,
     FilterModel,
 )
-from safe_inspect.rta.filters.backup.plans import ORDER, QUICK, plan_thrust
+from safe_inspect.rta.filters.backup.plans import ORDER, QUICK, plan_thrust, size_of
 from safe_inspect.rta.filters.backup.sequences import bits_of, least_slack, slack_of
 from safe_inspect.rta.filters.backup.workspace import Workspace
 from safe_inspect.rta.filters.tube.margins import tracking_thrust, widened
@@ -97,6 +97,14 @@ def _best_plan(m: FilterModel, after: RowState, start: SunAngle, w: FloatArray) 
 
 
 @njit(**INNER)
+def tightest(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspace) -> int:
+    """Return the constraint that is nearest to broken on the best plan after a hold."""
+    k = HOLD_PIECES
+    start = turned(turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1]), m.hold_sun[k, 0], m.hold_sun[k, 1])
+    return _best_plan(m, held(m, x, u, k), start, s.w)[1]
+
+
+@njit(**INNER)
 def cut_recovery(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, margin: float, s: Workspace, count: int
 ) -> tuple[int, int]:  # fmt: skip
@@ -106,14 +114,14 @@ def cut_recovery(
     differences.
     """
     w = s.w
-    effort = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    effort = size_of(u)
     sun_b = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     start = turned(sun_b, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     after = held(m, x, u, HOLD_PIECES)
     plan, which = _best_plan(m, after, start, w)
     plan_thrust(m, after, plan, w)
     b, over = held(m, after, w, HOLD_PIECES), _excess(m, w)
-    tube = widened(m, _NO_MARGINS, CLOSED, effort, math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
+    tube = widened(m, _NO_MARGINS, CLOSED, effort, size_of(w))
     spare = margin + _METRES_PER_NEWTON * tracking_thrust(m, PLAN, effort)
     # the same after a small step of the control along each axis
     u[0] += _STEP

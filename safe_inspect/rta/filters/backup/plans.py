@@ -9,12 +9,21 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
+from safe_inspect.dynamics.cwh_row import RowState, cwh_row
+from safe_inspect.rta.constraints.rows import INLINED, INNER, Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
-from safe_inspect.rta.filters.backup.closed_motion import closed_motion
+from safe_inspect.rta.filters.backup.closed_motion import closed_motion, refuted
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import CROSS, FIRST_PLAN, HOLD_PIECES, PLAN, RADIAL, FilterModel
+from safe_inspect.rta.filters.backup.model import (
+    CLOSED,
+    CROSS,
+    FIRST_CLOSED,
+    FIRST_PLAN,
+    HOLD_PIECES,
+    PLAN,
+    RADIAL,
+    FilterModel,
+)
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import Workspace
 from safe_inspect.rta.filters.tube.margins import tracking_thrust, widened
@@ -23,9 +32,7 @@ from safe_inspect.types import FloatArray
 NO_PLAN = -1
 #: In place of an effort: there is no hold before a plan.
 NO_HOLD = -1.0
-_R, _C = len(RADIAL) + 1, len(CROSS) + 1
-#: How many plans there are.
-PLANS = _R * _C
+_C = len(CROSS) + 1
 #: The plan that leaves the radial and the cross-track speed as they are: the one that stays on a closed motion.
 STAY = _C + 1
 #: A plan that changes the velocity by less [m/s] is to coast, to well within the margins.
@@ -42,6 +49,12 @@ ORDER = (
 
 
 @njit(**INNER)
+def size_of(u: FloatArray) -> float:
+    """Return the length of a thrust [N], shape (3,)."""
+    return float(math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]))
+
+
+@njit(**INNER)
 def plan_thrust(m: FilterModel, x: RowState, index: int, u: FloatArray) -> float:
     """Write the thrust of a plan from x, which may exceed the thrusters; return the largest of an axis [N].
 
@@ -51,8 +64,18 @@ def plan_thrust(m: FilterModel, x: RowState, index: int, u: FloatArray) -> float
         index: The plan, 0 to PLANS - 1.
         u: Receives the thrust [N], shape (3,).
     """
-    u[0], u[1], u[2] = 0.0, 0.0, 0.0
-    free = held(m, x, u, HOLD_PIECES)
+    return float(_thrust(m, _coasted_hold(m, x), index, u))
+
+
+@njit(**INLINED)
+def _coasted_hold(m: FilterModel, x: RowState) -> RowState:
+    """Return the state after a hold without thrust."""
+    return cwh_row(m.hold_phi[HOLD_PIECES], m.hold_gamma[HOLD_PIECES], x, 0.0, 0.0, 0.0)
+
+
+@njit(**INLINED)
+def _thrust(m: FilterModel, free: RowState, index: int, u: FloatArray) -> float:
+    """Write the thrust of a plan, given the state after a hold without thrust; see `plan_thrust`."""
     scale = m.n * math.sqrt(free[0] * free[0] + free[1] * free[1] + free[2] * free[2])
     a, c = index // _C, index % _C
     radial = free[3] if a == 1 else 0.5 * m.n * free[1] + scale * RADIAL[a - 1 if a > 1 else 0]
@@ -69,6 +92,53 @@ def still(m: FilterModel, u: FloatArray) -> bool:
     return bool(max(abs(u[0]), abs(u[1]), abs(u[2])) * m.dt <= _STILL * m.mass)
 
 
+@njit(**INLINED)
+def _tube_parts(effort: float) -> tuple[int, int]:
+    """Return the part of the motion that a plan's hold is, and that of the closed motion after it."""
+    return (PLAN, CLOSED) if effort >= 0.0 else (FIRST_PLAN, FIRST_CLOSED)
+
+
+@njit(**INLINED)
+def _possible(
+    m: FilterModel, free: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray,
+    s: Workspace,
+) -> bool:  # fmt: skip
+    """Write the thrust of a plan; False where it is not admissible or its motion breaks where it did last.
+
+    `free` is the state after a hold without thrust, and `sun` the sun angle then.
+    """
+    first, then = _tube_parts(effort)
+    # with half margins the thrust may exceed the thrusters by rounding: 1e-9 of them, which is not flown
+    most = m.u_max * (1.0 + max(0.0, 2e-9 - 2e-6 * margins.length)) - tracking_thrust(m, first, effort)
+    if _thrust(m, free, index, u) > most:
+        return False
+    size = size_of(u)
+    for axis in range(3):
+        u[axis] = min(max(u[axis], -m.u_max), m.u_max)
+    gamma = m.hold_gamma[HOLD_PIECES]
+    after = (
+        free[0] + gamma[0, 0] * u[0] + gamma[0, 1] * u[1], free[1] + gamma[1, 0] * u[0] + gamma[1, 1] * u[1],
+        free[2] + gamma[2, 2] * u[2], free[3] + gamma[3, 0] * u[0] + gamma[3, 1] * u[1],
+        free[4] + gamma[4, 0] * u[0] + gamma[4, 1] * u[1], free[5] + gamma[5, 2] * u[2],
+    )  # fmt: skip
+    return not refuted(m, after, sun, widened(m, margins, then, effort, size), s.weak[index])
+
+
+@njit(**INNER)
+def _safe(
+    m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray, s: Workspace
+) -> bool:  # fmt: skip
+    """Is a plan's thrust u safe in the hold and ever after?"""
+    first, then = _tube_parts(effort)
+    size = size_of(u)
+    after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    if closed_motion(m, after, later, widened(m, margins, then, effort, size), s.work, s.weak[index]) != SAFE:
+        return False
+    if index == STAY and still(m, u):
+        return True  # the hold is a part of the closed motion
+    return bool(hold(m, x, sun, u, widened(m, margins, first, effort, size), s.cells, s.at) == SAFE)
+
+
 @njit(**INNER)
 def try_plan(
     m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray, s: Workspace
@@ -77,20 +147,9 @@ def try_plan(
 
     `effort` is the size of the thrust before it [N], on which the tube about the plan depends; negative without one.
     """
-    hold_part = PLAN if effort >= 0.0 else FIRST_PLAN
-    # with half margins the thrust may exceed the thrusters by rounding: 1e-9 of them, which is not flown
-    most = m.u_max * (1.0 + max(0.0, 2e-9 - 2e-6 * margins.length)) - tracking_thrust(m, hold_part, effort)
-    if plan_thrust(m, x, index, u) > most:
-        return False
-    size = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    for axis in range(3):
-        u[axis] = min(max(u[axis], -m.u_max), m.u_max)
-    after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
-    if closed_motion(m, after, later, widened(m, margins, hold_part + 1, effort, size), s.work) != SAFE:
-        return False
-    if index == STAY and still(m, u):
-        return True  # the hold is a part of the closed motion
-    return bool(hold(m, x, sun, u, widened(m, margins, hold_part, effort, size), s.cells, s.at) == SAFE)
+    later = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    possible = _possible(m, _coasted_hold(m, x), later, index, margins, effort, u, s)
+    return bool(possible and _safe(m, x, sun, index, margins, effort, u, s))
 
 
 @njit(**INNER)
@@ -113,8 +172,11 @@ def find_plan(
     """
     if first != NO_PLAN and try_plan(m, x, sun, first, margins, effort, u, s):
         return first
+    free, later = _coasted_hold(m, x), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     for place in range(most):
         index = ORDER[place]
-        if index != first and try_plan(m, x, sun, index, margins, effort, u, s):
+        if index == first or not _possible(m, free, later, index, margins, effort, u, s):
+            continue
+        if _safe(m, x, sun, index, margins, effort, u, s):
             return index
     return NO_PLAN

@@ -28,10 +28,10 @@ class BackupFilter(SafetyFilter):
     A *backup plan* of a state is one hold of admissible thrust, safe at every moment, into a closed natural motion
     (no drift, v_y = -2 n x) on which every constraint is met for one orbit, and so, for the sun's direction has
     the same period, for ever. A state with a plan of the family of `plans` is *recoverable*. The desired control is
-    flown if the hold is safe at every moment and the state after it is recoverable. Else cutting planes look for the
-    nearest such control: each round makes linear what the last proposal broke and solves the programme exactly. A
-    proposal is taken only if it passes the exact test. If none does, the search goes on along the segment from the
-    backup plan's thrust, which passes by induction, to the last proposal.
+    flown if the hold is safe at every moment and the state after it is recoverable. Else its projection onto the
+    half-spaces of the convex constraints (speeds, the largest range) is, if it passes the same exact test: no safe
+    control is nearer. If it does not, a pattern search leads from the backup plan's thrust, which passes by induction,
+    to the desired control through controls that pass; see `search`.
 
     Beside the eight constraints of the inspection task it keeps every one that defines `Constraint.half_space`.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK
+from safe_inspect.rta.filters.backup.model import PLANS
 from safe_inspect.rta.numerics.projection import ProjectionWorkspace, projection_workspace
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -20,6 +21,7 @@ class Workspace(NamedTuple):
 
     Attributes:
         work: For `closed_motion`, shape `NODE_STACK`.
+        weak: Nodes where the closed motion of each plan was refused last, and of a pair, shape (PLANS + 1, 2).
         cells: For `hold`, shape (64, 4).
         where: Where a hold was refused, shape (2,).
         at: The same, of a plan's hold.
@@ -32,6 +34,7 @@ class Workspace(NamedTuple):
     """
 
     work: FloatArray
+    weak: IntArray
     cells: IntArray
     where: IntArray
     at: IntArray
@@ -53,7 +56,8 @@ class Workspace(NamedTuple):
 def workspace(most: int) -> Workspace:
     """Return a workspace for programmes of up to `most` half-spaces."""
     return Workspace(
-        np.empty(NODE_STACK), np.empty((64, 4), np.int64), np.empty(2, np.int64), np.empty(2, np.int64),
+        np.empty(NODE_STACK), np.zeros((PLANS + 1, 2), np.int64),
+        np.empty((64, 4), np.int64), np.empty(2, np.int64), np.empty(2, np.int64),
         np.empty((most, 3)), np.empty(most), np.empty(most, np.bool_), projection_workspace(most),
         np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
     )  # fmt: skip

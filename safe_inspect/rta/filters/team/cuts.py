@@ -17,16 +17,17 @@ from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.cuts import Refusal, cut_broken, cut_hold
 from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, HOLD_PIECES, PAIR_BIT, PLAN, FilterModel
 from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
-from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust
-from safe_inspect.rta.filters.backup.rows import NODE_MARGIN
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust, size_of
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
 from safe_inspect.rta.filters.team.plans import farthest_plans, minus
-from safe_inspect.rta.filters.team.tracking import beside, size_of, state_of
+from safe_inspect.rta.filters.team.tracking import beside, state_of
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.rta.filters.tube.margins import widened
 
 _NO_MARGINS = Margins(0.0, 0.0, 0.0)
+#: Slack that a plan is asked for at the nodes of its orbit [m], for what lies between them.
+_NODE_MARGIN = 0.05
 #: Step of the differences [N].
 _STEP = 1e-4
 
@@ -161,7 +162,7 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, 
     m, n = g.one, g.one.n
     one, two = size_of(t.thrust[i, t.plan[i]]), size_of(t.thrust[j, t.plan[j]])
     wide = beside(g, beside(g, _NO_MARGINS, as_int(CLOSED), i, one, t), as_int(CLOSED), j, two, t)
-    reach = g.pair.constraints[COLLISION].closed_near + NODE_MARGIN + wide.coasting
+    reach = g.pair.constraints[COLLISION].closed_near + _NODE_MARGIN + wide.coasting
     a, b = _shifted_end(m, i, as_int(-1), t, s), _shifted_end(m, j, as_int(-1), t, s)
     a0, a1 = _shifted_end(m, i, as_int(0), t, s), _shifted_end(m, i, as_int(1), t, s)
     b0, b1 = _shifted_end(m, j, as_int(0), t, s), _shifted_end(m, j, as_int(1), t, s)
@@ -223,7 +224,7 @@ def cut_plans(
     """
     if alone:
         _write_thrust(stuck, as_int(-1), t)
-        new, code = cut_recovery(g.one, state_of(t.x, stuck), sun, t.u, NODE_MARGIN, s, as_int(0))
+        new, code = cut_recovery(g.one, state_of(t.x, stuck), sun, t.u, _NODE_MARGIN, s, as_int(0))
         if bits:
             t.bits[stuck] |= 1 << code
         return int(_spread(new, stuck, as_int(-1), count, t, s))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from safe_inspect.compiling import njit
 from safe_inspect.rta.constraints.rows import INNER
-from safe_inspect.rta.filters.backup.model import FilterModel
-from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, plan_thrust
+from safe_inspect.rta.filters.backup.model import PLANS, FilterModel
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, plan_thrust
 from safe_inspect.rta.filters.team.tracking import state_of
 from safe_inspect.rta.filters.team.workspace import TeamWorkspace
 from safe_inspect.rta.filters.tube.rows import remembers

@@ -16,12 +16,20 @@ from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, HOLD, HOLD_PIECES, PLAN, FilterModel
-from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, ORDER, PLANS, STAY, still, try_plan
+from safe_inspect.rta.filters.backup.model import (
+    CLOSED,
+    FINE_NODES,
+    HOLD,
+    HOLD_PIECES,
+    PLAN,
+    PLANS,
+    FilterModel,
+)
+from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, ORDER, STAY, size_of, still, try_plan
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
 from safe_inspect.rta.filters.team.drifting import apart
-from safe_inspect.rta.filters.team.tracking import beside, size_of, state_of
+from safe_inspect.rta.filters.team.tracking import beside, state_of
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.rta.filters.tube.margins import widened
 from safe_inspect.types import FloatArray
@@ -100,7 +108,7 @@ def _pair_safe(
     if t.fixed[i] or t.fixed[j]:
         if not apart(q.n, after, q.constraints[COLLISION].closed_near + wide.coasting):
             return False
-    elif closed_motion(q, after, sun, wide, s.work) != SAFE:
+    elif closed_motion(q, after, sun, wide, s.work, s.weak[PLANS]) != SAFE:
         return False
     elif plan == STAY == other and still(g.one, t.thrust[i, plan]) and still(g.one, t.thrust[j, other]):
         return True

@@ -7,17 +7,13 @@ import math
 import numpy as np
 
 from safe_inspect.compiling import njit
+from safe_inspect.rta.constraints.certified import COLLISION, PSM
 from safe_inspect.rta.constraints.rows import INNER, SunAngle, scaled
-from safe_inspect.rta.filters.backup.plans import NO_PLAN, PLANS, QUICK, STAY
+from safe_inspect.rta.filters.backup.model import PLANS
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, STAY
 from safe_inspect.rta.filters.backup.returning import return_control
-from safe_inspect.rta.filters.backup.rows import (
-    BACKUP,
-    DESIRED,
-    MARGINS,
-    NEAR_BITS,
-    NEAREST,
-    RETURN,
-)
+from safe_inspect.rta.filters.backup.rows import BACKUP, DESIRED, NEAREST, RETURN
+from safe_inspect.rta.filters.backup.search import MARGINS
 from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, workspace
 from safe_inspect.rta.filters.team.cuts import cut_ends, cut_holds, cut_plans
 from safe_inspect.rta.filters.team.order import enter
@@ -37,6 +33,8 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Positions (N, D, 3), velocities (N, D, 3) and sun angles (N,).
 TeamArrays = tuple[FloatArray, FloatArray, FloatArray]
+#: Bits of what keeps off the chief.
+_NEAR_BITS = 1 << COLLISION | 1 << PSM
 #: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
 _EXTRA = 2.0
 _ROUNDS = 6
@@ -219,7 +217,7 @@ def filter_team_rows(
             any_bits = 0
             for i in range(t.x.shape[0]):
                 any_bits |= t.bits[i]
-            near = any_bits & NEAR_BITS != 0
+            near = any_bits & _NEAR_BITS != 0
             if done or not near:
                 break
         if done:

@@ -24,12 +24,6 @@ def state_of(x: FloatArray, i: int) -> RowState:
 
 
 @njit(**INNER)
-def size_of(u: FloatArray) -> float:
-    """Return the length of a thrust."""
-    return math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-
-
-@njit(**INNER)
 def beside(
     g: TeamModel, margins: Margins, part: int, i: int, thrust: float, t: TeamWorkspace
 ) -> Margins:  # fmt: skip

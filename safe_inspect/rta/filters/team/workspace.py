@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.rta.filters.backup.model import FilterModel
-from safe_inspect.rta.filters.backup.plans import PLANS
+from safe_inspect.rta.filters.backup.model import PLANS, FilterModel
 from safe_inspect.rta.numerics.active_set import QPWorkspace, qp_workspace
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 

@@ -1,0 +1,227 @@
+"""The search for the safe control that is nearest to the desired one, compiled.
+
+First the desired control is projected onto the half-spaces of the constraints that are convex, speeds and the largest
+range. All controls that meet these lie within, so if the projection passes the exact test no other is nearer. If it
+does not, because of the chief, the sun cone, or for want of a plan, the set of safe controls is not convex, and a
+pattern search (Hooke and Jeeves, "Direct search solution of numerical and statistical problems", Journal of the ACM 8,
+1961) leads from the backup's thrust to the desired one through controls that pass the test.
+"""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle, scaled
+from safe_inspect.rta.filters.backup.arcs import held, turned
+from safe_inspect.rta.filters.backup.cuts import CONVEX, Refusal, cut_broken, cut_end, cut_hold
+from safe_inspect.rta.filters.backup.holds import hold
+from safe_inspect.rta.filters.backup.model import HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
+from safe_inspect.rta.filters.backup.plan_cuts import tightest
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, STAY, find_plan, size_of
+from safe_inspect.rta.filters.backup.sequences import SAFE
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
+from safe_inspect.rta.filters.tube.margins import widened
+from safe_inspect.rta.numerics.projection import nearest
+from safe_inspect.types import FloatArray
+
+#: Margins that a control must leave to be taken; a backup is still one with half of them.
+MARGINS = Margins(1e-3, 1e-5, 1e-3)
+#: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
+_EXTRA = 2.0
+_ROUNDS = 6
+_POLISH = 4
+#: A proposal that moves less than this [N] has settled.
+_STILL = 1e-7
+#: Halvings of the segment from the backup to the projection, with which the pattern search begins.
+_HALVINGS = 3
+#: Its first step: share of the distance to be gained, and the largest; and its last, in multiples of `u_max`.
+_SHARE, _LARGEST, _SMALLEST = 0.8, 0.5, 0.015
+#: How much steps turn to the desired control, beyond where they would only keep the distance from it.
+_TURN = 0.3
+#: Most strides of a step that was taken, each so many times as long as the one before.
+_STRIDES, _STRETCH = 4, 1.5
+#: After steps of which none gains, the next are so many times as long, and go between them.
+_SHRINK = 0.5
+#: A step must gain this share of its length.
+_GAIN = 0.05
+
+
+@njit(**INNER)
+def squared(a: FloatArray, b: FloatArray) -> float:
+    """Return the squared distance of two thrusts [N^2]."""
+    return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
+
+@njit(**INNER)
+def verified(
+    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, first: int, most: int, s: Workspace
+) -> tuple[int, int]:  # fmt: skip
+    """Return the constraint that refuses the hold of u, or SAFE, and a plan for the state after it, or NO_PLAN."""
+    effort = size_of(u)
+    code = hold(m, x, sun, u, widened(m, MARGINS, as_int(HOLD), effort, 0.0), s.cells, s.where)
+    if code != SAFE:
+        return code, NO_PLAN
+    after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    return SAFE, find_plan(m, after, later, MARGINS, effort, first, most, s.w, s)
+
+
+@njit(**INNER)
+def _wanted(m: FilterModel, u: FloatArray) -> Margins:
+    """Return the margins of the programme's half-spaces: the state after the hold is that before a plan."""
+    return widened(m, scaled(MARGINS, _EXTRA), as_int(PLAN), size_of(u), 0.0)
+
+
+@njit(**INNER)
+def _refusals(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, code: int, s: Workspace) -> int:
+    """Return the bits of the constraints that refuse a control, given what `verified` says of its hold."""
+    if code == SAFE:
+        return 1 << tightest(m, x, sun, u, s)
+    return int(cut_broken(m, x, sun, u, False, _wanted(m, u), s, as_int(0))[1] | 1 << code)
+
+
+@njit(**INNER)
+def propose(
+    m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace
+) -> tuple[int, bool]:  # fmt: skip
+    """Project the desired control; return the bits of what refuses it and whether u, the projection, is verified.
+
+    The desired one, clipped, is written into `s.desired`, and the thrust of the plan after a verified u into `s.w`.
+    """
+    for axis in range(3):
+        s.desired[axis] = min(max(desired[axis], -m.u_max), m.u_max)
+        u[axis] = s.desired[axis]
+    code, plan = verified(m, x, sun, u, as_int(NO_PLAN), as_int(PLANS), s)
+    if plan != NO_PLAN:
+        return 0, True
+    bits, count, piece = 0, as_int(0), s.where[0]
+    bits = _refusals(m, x, sun, u, code, s)
+    for attempt in range(_ROUNDS):
+        margins, before = _wanted(m, u), count
+        if code != SAFE and CONVEX >> code & 1:
+            count = cut_hold(m, x, sun, u, Refusal(code, piece), False, margins, s, count)
+        elif attempt > 0:
+            break
+        count = cut_end(m, x, sun, u, CONVEX, margins, s, count)[0]
+        if count == before:
+            break
+        for _ in range(_POLISH):
+            if not nearest(s.rows, s.bounds, count, m.u_max, s.desired, False, s.proposal, s.missed, s.projection):
+                return bits, False
+            moved = math.sqrt(squared(s.proposal, u))
+            for axis in range(3):
+                u[axis] = s.proposal[axis]
+            if moved < _STILL:
+                break
+            before = count
+            count = cut_end(m, x, sun, u, CONVEX, scaled(margins, 0.75), s, count)[0]
+            if count == before:
+                break
+        code, plan = verified(m, x, sun, u, as_int(NO_PLAN), as_int(PLANS), s)
+        if plan != NO_PLAN:
+            return bits, True
+        piece = s.where[0]
+    return bits, False
+
+
+@njit(**INNER)
+def _take(m: FilterModel, x: RowState, sun: SunAngle, plan: int, s: Workspace) -> int:
+    """Make `s.trial` the best control if it is verified; return the plan after it, or NO_PLAN."""
+    found = verified(m, x, sun, s.trial, plan, as_int(PLANS), s)[1]
+    if found != NO_PLAN:
+        for axis in range(3):
+            s.best[axis], s.plan[axis] = s.trial[axis], s.w[axis]
+    return int(found)
+
+
+@njit(**INNER)
+def _step(
+    m: FilterModel, x: RowState, sun: SunAngle, away: float, length: float, plan: int, s: Workspace
+) -> int:  # fmt: skip
+    """Try steps of a length from the best control, 120 degrees apart; return the plan after the new best, or NO_PLAN.
+
+    Args:
+        m: The task.
+        x: The state.
+        sun: Cosine and sine of the sun angle.
+        away: Distance of the best control from the desired one [N].
+        length: Length of the step [N]; with the other sign steps go between those of the first.
+        plan: The plan after the best control.
+        s: Workspace.
+    """
+    best, desired, trial = s.best, s.desired, s.trial
+    ex, ey, ez = (desired[0] - best[0]) / away, (desired[1] - best[1]) / away, (desired[2] - best[2]) / away
+    # a vector across that direction, from the axis that it leaves most free
+    ax, ay, az = abs(ex), abs(ey), abs(ez)
+    if ax <= ay and ax <= az:
+        tx, ty, tz = 0.0, -ez, ey
+    elif ay <= az:
+        tx, ty, tz = ez, 0.0, -ex
+    else:
+        tx, ty, tz = -ey, ex, 0.0
+    scale = 1.0 / math.sqrt(tx * tx + ty * ty + tz * tz)
+    tx, ty, tz = scale * tx, scale * ty, scale * tz
+    bx, by, bz = ey * tz - ez * ty, ez * tx - ex * tz, ex * ty - ey * tx
+    size = abs(length)
+    keeping = 0.5 * size / away
+    forward = size * (keeping + _TURN * (1.0 - keeping))
+    if not forward < size:
+        return NO_PLAN
+    aside = math.copysign(math.sqrt(size * size - forward * forward), length)
+    for which in range(3):
+        t, b = aside * (1.0, -0.5, -0.5)[which], aside * (0.0, 0.75**0.5, -(0.75**0.5))[which]
+        dx, dy, dz = forward * ex + t * tx + b * bx, forward * ey + t * ty + b * by, forward * ez + t * tz + b * bz
+        nearest_yet, taken = (away - _GAIN * size) ** 2, NO_PLAN
+        for _ in range(1 + _STRIDES):
+            trial[0] = min(max(best[0] + dx, -m.u_max), m.u_max)
+            trial[1] = min(max(best[1] + dy, -m.u_max), m.u_max)
+            trial[2] = min(max(best[2] + dz, -m.u_max), m.u_max)
+            distance = squared(trial, desired)
+            if not distance < nearest_yet:
+                break
+            found = _take(m, x, sun, plan, s)
+            if found == NO_PLAN:
+                break
+            plan, taken, nearest_yet = found, found, distance
+            dx, dy, dz = _STRETCH * dx, _STRETCH * dy, _STRETCH * dz
+        if taken != NO_PLAN:
+            return taken
+    return NO_PLAN
+
+
+@njit(**INNER)
+def search(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspace) -> bool:
+    """Write into u, which holds the projection, a verified control as near to the desired one as steps lead.
+
+    They begin at `s.backup`, and end where no step of `_SMALLEST` gains, or next to the distance of the projection.
+
+    Returns:
+        Whether it is another one than the backup; the thrust of the plan after it is then in `s.plan`.
+    """
+    for axis in range(3):
+        s.best[axis], s.proposal[axis] = s.backup[axis], u[axis]
+    least, smallest = math.sqrt(squared(u, s.desired)), _SMALLEST * m.u_max
+    low, high, plan, moved = 0.0, 1.0, as_int(STAY), False
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        for axis in range(3):
+            s.trial[axis] = s.backup[axis] + middle * (s.proposal[axis] - s.backup[axis])
+        found = as_int(NO_PLAN)
+        if squared(s.trial, s.desired) < squared(s.best, s.desired):
+            found = _take(m, x, sun, plan, s)
+        if found != NO_PLAN:
+            low, plan, moved = middle, found, True
+        else:
+            high = middle
+    away = math.sqrt(squared(s.best, s.desired))
+    length = max(min(_LARGEST * m.u_max, _SHARE * (away - least)), smallest)
+    while abs(length) >= smallest and away - least > smallest:
+        found = _step(m, x, sun, away, length, plan, s)
+        if found == NO_PLAN:
+            length *= -_SHRINK
+            continue
+        plan, moved, away = found, True, math.sqrt(squared(s.best, s.desired))
+    for axis in range(3):
+        u[axis] = s.best[axis]
+    return moved
