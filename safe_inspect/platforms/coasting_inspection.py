@@ -36,11 +36,9 @@ def _left_after_coasting(
     inspector: NDArray[np.int8],
     sun_angle: float,
     step: int,
-    horizon: int,
     table: FloatArray,
     axes: FloatArray,
-    limits: FloatArray,
-    n: float,
+    constants: FloatArray,
     reading: FloatArray,
 ) -> None:
     """Write the shares that are left, and the mean direction of those left at the end.
@@ -51,23 +49,23 @@ def _left_after_coasting(
         inspector: Who inspected each point, -1 for nobody, shape (P,).
         sun_angle: Angle of the sun [rad].
         step: Control steps since the reset.
-        horizon: Control steps of an episode.
         table: Of each look ahead: control steps, angle of the orbit and its cosine and sine, cosine and sine of the
             angle by which the sun has turned, and whether a share is noted behind it, shape (K, 7).
         axes: The points [m], shape (3, P).
-        limits: Radius squared, and what light asks for, see `inspect_in_binary_light`, shape (2,).
-        n: Mean motion [rad/s].
+        constants: Radius squared and what light asks for, see `inspect_in_binary_light`, mean motion [rad/s], and
+            control steps of an episode, shape (4,).
         reading: Takes the result, shape (7,).
     """
+    horizon, terminator, n, last = constants
     state = position[0], position[1], position[2], velocity[0], velocity[1], velocity[2]
     found, total, noted = inspector.copy(), len(inspector), 0
     cos_sun, sin_sun = math.cos(sun_angle), math.sin(sun_angle)
     for k in range(table.shape[0]):
         steps, angle, cos, sin, cos_turn, sin_turn, notes = table[k]
-        if step + steps <= horizon:
+        if step + steps <= last:
             viewer = coasting_position(n, state, angle, cos, sin)
             sun = cos_sun * cos_turn - sin_sun * sin_turn, -(sin_sun * cos_turn + cos_sun * sin_turn), 0.0
-            inspect_in_binary_light(viewer, sun, axes, limits[0], limits[1], 0, found)
+            inspect_in_binary_light(viewer, sun, axes, horizon, terminator, 0, found)
         if notes:
             left = 0
             for p in range(total):
@@ -81,7 +79,7 @@ def _left_after_coasting(
             left += 1
             for axis in range(3):
                 reading[noted + axis] += axes[axis, p]
-    length = math.sqrt(limits[0]) * max(left, 1)
+    length = math.sqrt(horizon) * max(left, 1)
     for axis in range(3):
         reading[noted + axis] /= length
 
@@ -133,11 +131,9 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
                 EnvironmentArray(f"points/{name}/inspector"),
                 EnvironmentArray("sun_angle"),
                 EnvironmentArray("step"),
-                self.horizon,
                 self._table(world),
                 point_axes(model.surface.points),
-                np.array([radius * radius, radius * light.threshold]),
-                float(world.mean_motion),
+                np.array([radius * radius, radius * light.threshold, world.mean_motion, self.horizon]),
             ),
         )
 

@@ -19,6 +19,7 @@ LEVELS = configs_root() / "translational-inspection" / "experiment.yml"
 GAMMA = 0.98
 #: A deputy leaves the scene sooner or later.
 FAST = "X Thrust.config.properties={low: -3 N, high: 3 N}"
+NO_FILTER = "env_config.rta.config.enabled=False"
 CHOICES = ",".join(
     f"{{functor: DiscreteControllerGlue, config: {{controller: {axis} Thrust, levels: [-0.1, 0, 0.1]}}}}"
     for axis in "XYZ"
@@ -110,7 +111,7 @@ LOST, LATE, CUT = (True, False, True), (False, True, True), (False, False, False
 
 @pytest.mark.parametrize(
     ("path", "overrides", "wanted"),
-    [(ONE, ["horizon=70"], {LATE, CUT}), (ONE, [FAST], {LOST, CUT}), (TEAM, [FAST], {LOST, CUT})],
+    [(ONE, ["horizon=70"], {LATE, CUT}), (ONE, [FAST], {LOST, CUT}), (TEAM, [FAST, NO_FILTER], {LOST, CUT})],
     ids=["late", "lost", "team"],
 )
 def test_decisions_are_those_of_the_environment_flown_step_by_step(path, overrides, wanted):

@@ -86,8 +86,9 @@ def test_a_fresh_policy_burns_as_it_is_told():
     import torch
 
     module = module_of(experiment_of(path=ONE), orthogonal=True, initial_burn_probability=0.2, initial_std=0.3)
-    inputs = module.forward_inference({"obs": torch.zeros(1, 13)})["action_dist_inputs"][0].detach().numpy()
-    assert len(inputs) == 1 + 6 + 7
+    seen = torch.zeros(1, module.observation_space.shape[0])
+    inputs = module.forward_inference({"obs": seen})["action_dist_inputs"][0].detach().numpy()
+    assert len(inputs) == 1 + 6 + 6
     assert inputs[0] == pytest.approx(np.log(0.25), abs=1e-5)
     np.testing.assert_allclose(inputs[4:7], np.log(0.3), atol=1e-5)
     steps = module_of(experiment_of(path=STEPS), hurdle=True)

@@ -265,9 +265,10 @@ class _BurnsNowAndThen:
 
 class TestDecisions:
     task = LEVELS.with_name("experiment-burn-and-coast.yml")
+    durations = "CoastGlue.config.durations=[1,2,4,8,16,32,64]"
 
     def flown(self, acting):
-        environment = taught(self.task, _BurnsNowAndThen(), "horizon=26", num_envs=2)
+        environment = taught(self.task, _BurnsNowAndThen(), "horizon=26", self.durations, num_envs=2)
         slots = agent_slots(environment, lambda agent: "p")
         actions = fly_round(environment, slots, acting, ("p",), 0.9).steps["p"].actions
         return actions.reshape(-1, 2, 4)[:, 0]

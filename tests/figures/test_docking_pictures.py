@@ -42,7 +42,7 @@ def test_a_docking_is_filmed_and_viewed(tmp_path, capsys):
     assert main(["film", *source, "--frames", "2", "--width", "320", "--output", str(tmp_path / "a.gif")]) == 0
     assert (tmp_path / "a.gif").read_bytes().startswith(b"GIF89a")
     assert main(["view", *source, "--output", str(tmp_path / "a.html")]) == 0
-    assert "<title>DockingAutopilot, episode 0 of seed 0</title>" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "<title>DockingAutopilot, DOCKING, episode 0 of seed 0</title>" in (tmp_path / "a.html").read_text(encoding="utf-8")
     assert "points" not in capsys.readouterr().out
 
 
@@ -82,7 +82,7 @@ def test_a_moment_without_a_sun_has_no_light(docked):
 
 def test_the_page_of_a_docking(docked, docking_team):
     data = data_of(episode_page(docked))
-    assert [chart["label"].split()[0].rstrip(",") for chart in data["charts"]] == [
+    assert [chart["label"].split()[0].rstrip(",;") for chart in data["charts"]] == [
         "range",
         "speed",
         "thrust",

@@ -67,7 +67,7 @@ def observe(
 @njit(error_model="numpy")
 def evaluate_step(
     calls: IntArray, bases: IntArray, endings: IntArray, factors: FloatArray, readings: FloatArray,
-    asked: BoolArray, observation: NDArray[np.float32], values: FloatArray, flags: BoolArray, status: NDArray[np.int8],
+    observation: NDArray[np.float32], values: FloatArray, flags: BoolArray, status: NDArray[np.int8],
 ) -> int:  # fmt: skip
     """Write what a step gives for the agents of a group, R = N * G rows.
 
@@ -80,10 +80,10 @@ def evaluate_step(
         factors: Scale, and what `Affine` subtracts, multiplies by, divides by and adds, of each element of an
             observation, shape (5, O).
         readings: Takes the readings, those of the observation first, shape (R, S); what is foreign stands there.
-        asked: Whose observations are asked for, shape (R,); those who end are added. The others' are NaN.
-        observation: Takes the observations, shape (R, O).
+        observation: Takes the observations that are asked for, shape (R, O); the others are NaN.
         values: Takes the rewards and the terms, shape (1 + T, R); what is foreign stands there.
-        flags: Takes who is terminated and who truncated, and what each done said, shape (2 + K, R); likewise.
+        flags: Takes who is terminated and who truncated, and what each done said; likewise. The last row says whose
+            observations are asked for; those who end are added. Shape (2 + K + 1, R).
         status: Takes the statuses, shape (R,).
 
     Returns:
@@ -92,6 +92,7 @@ def evaluate_step(
     """
     rows, environments, dones = len(status), endings[-1, 0], len(endings) - 1
     agents, sound, first = rows // environments, True, calls.shape[0] - endings[-1, 1]
+    asked = flags[2 + dones]
     for c in range(first):
         kind, index = calls[c, 0], calls[c, 1]
         if kind == READING:

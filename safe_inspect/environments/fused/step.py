@@ -107,33 +107,24 @@ class FusedGroup:
             evaluate: Any = kernel.evaluate_step.dispatcher
             known = self._bases[id(after)] = after, before, placed, _bases(before, after, placed), evaluate
         _, _, placed, bases, evaluate = known
-        bases[MemoryBase.ASKED] = 0 if asked is None else address_of(asked)
-        asked = np.ones(rows, dtype=np.bool_) if asked is None else asked
         observation = np.empty((rows, program.size), dtype=np.float32)
         values = np.empty((1 + self._term_count, rows))
-        flags = np.empty((2 + self._done_count, rows), dtype=np.bool_)
+        flags = np.empty((2 + self._done_count + 1, rows), dtype=np.bool_)
+        flags[-1] = True if asked is None else asked
+        bases[MemoryBase.ASKED] = 0 if asked is None else address_of(flags[-1])
         status = np.empty(rows, dtype=np.int8)
         if program.foreign:
             self._call(step, placed.readings, values, flags)
         if placed.intervening is not None:
             placed.intervening[:] = step.writable_intervening
         found: int = evaluate(
-            placed.calls,
-            bases,
-            placed.endings,
-            program.factors,
-            placed.readings,
-            asked,
-            observation,
-            values,
-            flags,
-            status,
+            placed.calls, bases, placed.endings, program.factors, placed.readings, observation, values, flags, status
         )
         if found & kernel.NOT_FINITE:
             return None
         if program.foreign:
             self._group.check_unobserved(view, before)
-        return StepOutcome(observation, values, flags, status, bool(found & kernel.ENDED))
+        return StepOutcome(observation, values, flags[:-1], status, bool(found & kernel.ENDED))
 
     def _place(self, state: State) -> PlacedProgram:
         """Return the program for a state: where its inputs lie depends on the number of environments alone."""
