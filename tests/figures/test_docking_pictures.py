@@ -42,7 +42,8 @@ def test_a_docking_is_filmed_and_viewed(tmp_path, capsys):
     assert main(["film", *source, "--frames", "2", "--width", "320", "--output", str(tmp_path / "a.gif")]) == 0
     assert (tmp_path / "a.gif").read_bytes().startswith(b"GIF89a")
     assert main(["view", *source, "--output", str(tmp_path / "a.html")]) == 0
-    assert "<title>DockingAutopilot, DOCKING, episode 0 of seed 0</title>" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "<title>DockingAutopilot, DOCKING, episode 0 of seed 0</title>" in page
     assert "points" not in capsys.readouterr().out
 
 
