@@ -7,4 +7,4 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/setup.sh
 "${VENV:-.venv}/bin/python" -m safe_inspect.train_rl \
     --cfg configs/translational-inspection/experiment-burn-and-coast.yml \
-    num_env_steps_sampled_lifetime=7500000 "$@"
+    num_env_steps_sampled_lifetime=13000000 "$@"
