@@ -19,7 +19,8 @@ from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.inspection.rotation import rotating_body
+from safe_inspect.tasks.inspection.points import InspectionPoints
+from safe_inspect.tasks.inspection.rotation import ChiefRotation, rotating_body
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration
 
@@ -91,7 +92,7 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
     a quarter, a half and the whole of `duration`, or at the horizon of the episode where that comes before; and the
     mean (x, y, z) of the unit vectors, Hill frame, of the points that are left in the end, zeros if there are none. The
     way is the closed-form solution of the Clohessy-Wiltshire equations, looked at every 0.05 rad of the orbit at most;
-    other deputies, collisions and the limit of range are not looked at.
+    other deputies, collisions, the limit of range and a camera's field of view are not looked at.
 
     Attributes:
         inspection_entity_name: The body that carries the points, at the origin of Hill's frame.
@@ -107,7 +108,15 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
     horizon: int = Field(default=1224, ge=1)
 
     def in_task(self, simulator: Simulator, horizon: int) -> Self:
-        """Return the sensor with the horizon of the task, unless one was given."""
+        """Return the sensor with the horizon of the task, unless one was given.
+
+        Raises:
+            ValueError: The body turns, or light has another rule than lit or dark.
+        """
+        for component in simulator.compose()[1]:
+            turns = isinstance(component, ChiefRotation) and component.entity_name == self.inspection_entity_name
+            light = component.illumination_params if isinstance(component, InspectionPoints) else None
+            self._require(turns=turns, binary=light is None or light.bin_ray_flag)
         return self if "horizon" in self.model_fields_set else self.model_copy(update={"horizon": horizon})
 
     def row(self, world: World, group: Group) -> RowTerm:
@@ -117,11 +126,8 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
             ValueError: The body turns, or light has another rule than lit or dark.
         """
         name, model = self.inspection_entity_name, world.points[self.inspection_entity_name]
-        if name == rotating_body(world):
-            raise ValueError(f"{self.registered_name} looks at points of a body that does not turn, and {name!r} does")
         light = model.surface.light
-        if not light.binary:
-            raise ValueError(f"{self.registered_name} takes a point to be lit or dark; set `bin_ray_flag: True`")
+        self._require(turns=name == rotating_body(world), binary=light.binary)
         radius = model.surface.radius
         return RowTerm(
             _left_after_coasting,
@@ -136,6 +142,15 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
                 np.array([radius * radius, radius * light.threshold, world.mean_motion, self.horizon]),
             ),
         )
+
+    def _require(self, *, turns: bool, binary: bool) -> None:
+        if turns:
+            text = (
+                f"looks at points of a body that does not turn, and {self.inspection_entity_name!r} does; leave it out"
+            )
+            raise ValueError(f"{self.registered_name} {text}")
+        if not binary:
+            raise ValueError(f"{self.registered_name} takes a point to be lit or dark; set `bin_ray_flag: True`")
 
     def _table(self, world: World) -> FloatArray:
         n = float(world.mean_motion)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
+from safe_inspect.errors import ConfigError
 from safe_inspect.platforms import CoastingInspectionSensor
+from safe_inspect.tasks.inspection.points import InspectionPoints
+from safe_inspect.tasks.inspection.rotation import ChiefRotation
 
 TASK = configs_root() / "translational-inspection" / "experiment-burn-and-coast.yml"
 STEPS = 400
@@ -63,12 +68,26 @@ def test_nothing_is_inspected_behind_the_horizon():
     assert (far[:, 3] < near[:, 3]).any()
 
 
-@pytest.mark.parametrize(
-    ("override", "told"),
-    [("env_config.simulator.config.illumination_params.bin_ray_flag=False", "set `bin_ray_flag: True`")],
-)
-def test_what_it_cannot_look_at_is_refused(override, told):
-    env = BatchedEnvironment(load_experiment(TASK.with_stem("experiment-outlook"), [override]).spec)
+LIGHT = "env_config.simulator.config.illumination_params.bin_ray_flag=False"
+
+
+def test_graded_light_is_refused():
+    with pytest.raises(
+        ConfigError, match="Sensor_CoastingInspection takes a point to be lit or dark; set `bin_ray_flag"
+    ):
+        load_experiment(TASK, [LIGHT])
+    env = BatchedEnvironment(load_experiment(TASK.with_stem("experiment-outlook"), [LIGHT]).spec)
     env.reset()
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match="set `bin_ray_flag: True`"):
         CoastingInspectionSensor()(env.view())
+
+
+def test_a_body_that_turns_is_refused():
+    sensor = CoastingInspectionSensor()
+
+    def turning(entity):
+        return SimpleNamespace(compose=lambda: (None, (InspectionPoints(), ChiefRotation(entity_name=entity))))
+
+    with pytest.raises(ValueError, match="a body that does not turn, and 'chief' does"):
+        sensor.in_task(turning("chief"), 300)
+    assert sensor.in_task(turning("other"), 300).horizon == 300
