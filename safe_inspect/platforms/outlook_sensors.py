@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.coasting import grid, largest_coasting_range, least_coasting_range
+from safe_inspect.dynamics.coasting import coasting_position, grid, largest_coasting_range, least_coasting_range
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray
 from safe_inspect.simulators.row_terms.loops import RowTerm
@@ -17,7 +17,7 @@ from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
-from safe_inspect.units import PositiveDuration
+from safe_inspect.units import PositiveDuration, PositiveLength
 
 #: Widest cell of the grid on which approaches are bracketed, as an angle of the orbit [rad].
 _CELL = 0.25
@@ -29,6 +29,33 @@ def _coasting_ranges(
 ) -> None:
     reading[0] = least_coasting_range(position, velocity, table, n)
     reading[1] = largest_coasting_range(position, velocity, table, n)
+
+
+@njit
+def _times_to_limits(
+    position: FloatArray,
+    velocity: FloatArray,
+    table: FloatArray,
+    steps: FloatArray,
+    nearest: float,
+    farthest: float,
+    n: float,
+    reading: FloatArray,
+) -> None:
+    """Write the shares of the duration after which the range falls below `nearest` and rises above `farthest`."""
+    reading[0] = reading[1] = 1.0
+    crashes = least_coasting_range(position, velocity, table, n) < nearest
+    leaves = largest_coasting_range(position, velocity, table, n) > farthest
+    state = position[0], position[1], position[2], velocity[0], velocity[1], velocity[2]
+    for k in range(steps.shape[0]):
+        if not (crashes or leaves):
+            break
+        x, y, z = coasting_position(n, state, steps[k, 0], steps[k, 1], steps[k, 2])
+        square = x * x + y * y + z * z
+        if crashes and square < nearest * nearest:
+            reading[0], crashes = (k + 1) / steps.shape[0], False
+        if leaves and square > farthest * farthest:
+            reading[1], leaves = (k + 1) / steps.shape[0], False
 
 
 @njit
@@ -58,6 +85,37 @@ class CoastingRangeSensor(Sensor, name="Sensor_CoastingRange"):
         n = float(world.mean_motion)
         table = grid(n, 2.0 * math.pi / n if self.duration is None else self.duration, _CELL)
         return RowTerm(_coasting_ranges, (OwnArray("position"), OwnArray("velocity"), table, n))
+
+
+class CoastingTimeToLimitsSensor(Sensor, name="Sensor_CoastingTimeToLimits"):
+    """When coasting would end in a crash, and when beyond the largest range [-], shape (R, 2).
+
+    Shares of `duration` after which the range to the origin of Hill's frame, with the thrusters off, is first below
+    `crash_region_radius` and first above `max_distance` at the end of a control step; 1 where it never is. The motion
+    is the closed-form solution of the Clohessy-Wiltshire equations.
+
+    Attributes:
+        duration: How long the deputy coasts [s]; one orbit unless given.
+        crash_region_radius: Smallest range, that of `CrashDoneFunction` [m].
+        max_distance: Largest range, that of `MaxDistanceDoneFunction` [m].
+    """
+
+    elements: ClassVar[tuple[str, ...]] = ("time_to_crash", "time_to_exit")
+    bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
+
+    duration: PositiveDuration | None = None
+    crash_region_radius: PositiveLength = 10.0
+    max_distance: PositiveLength = 800.0
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the two shares."""
+        n = float(world.mean_motion)
+        duration = 2.0 * math.pi / n if self.duration is None else self.duration
+        angles = n * world.step_size * np.arange(1, max(1, round(duration / world.step_size)) + 1)
+        steps = np.stack((angles, np.cos(angles), np.sin(angles)), axis=-1)
+        table = grid(n, duration, _CELL)
+        limits = self.crash_region_radius, self.max_distance
+        return RowTerm(_times_to_limits, (OwnArray("position"), OwnArray("velocity"), table, steps, *limits, n))
 
 
 class TimeLeftSensor(Sensor, name="Sensor_TimeLeft"):

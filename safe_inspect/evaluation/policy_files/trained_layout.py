@@ -41,7 +41,7 @@ def check_layout(title: str, trained: PolicyInfo, agent: AgentSpec) -> None:
         ("observation", trained.observation, observed_elements(agent, exportable=False)),
         ("action", trained.action, commanded_elements(agent, exportable=False)),
     ):
-        difference = _difference(theirs, mine)
+        difference = difference_of(theirs, mine)
         if difference:
             raise CheckpointError(
                 f"{title}: the policy is of another task ({trained.task}): in the {what} of {agent.name}, "
@@ -50,8 +50,8 @@ def check_layout(title: str, trained: PolicyInfo, agent: AgentSpec) -> None:
             )
 
 
-def _difference(trained: Sequence[TrainedElement], task: Sequence[TrainedElement]) -> str:
-    """Return the first difference; empty where there is none."""
+def difference_of(trained: Sequence[TrainedElement], task: Sequence[TrainedElement]) -> str:
+    """Return the first difference between elements of training and those of a task; empty where there is none."""
     for index, (old, new) in enumerate(zip(trained, task, strict=False)):
         if (old.name, old.unit.strip("-")) != (new.name, new.unit.strip("-")):  # both stand for no unit
             return f"element {index} is {old} in training and {new} in the task"

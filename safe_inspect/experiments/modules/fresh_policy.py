@@ -22,7 +22,8 @@ from safe_inspect.experiments.modules.dqn_policy import CHOICES, DQN_MODEL_KEYS,
 from safe_inspect.experiments.modules.hurdle import COASTS, HURDLE, HurdleCatalog, TorchHurdle
 from safe_inspect.experiments.modules.sac_policy import TWIN_Q, SacPolicy
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
-from safe_inspect.experiments.modules.weights_file import INFO, Weights, initial_weights
+from safe_inspect.experiments.modules.starting_weights import starting_weights
+from safe_inspect.experiments.modules.weights_file import INFO, Weights
 
 _HIDDEN_GAIN = math.sqrt(2.0)
 _POLICY_GAIN = 0.01
@@ -38,7 +39,8 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
     given) in a fresh policy; decisions that last have it always.
     ``orthogonal`` draws orthogonal weights of gain sqrt(2), of gain 0.01 in the last layer of the policy.
     ``initial_weights`` is the folder of a checkpoint with one policy, or the name of a policy that the package ships,
-    of the same nets, observations and actions, that learns on: a team may begin with what one deputy has learned.
+    of the same nets and actions, that learns on: a team may begin with what one deputy has learned. The policy may see
+    more than that one (see `starting_weights`).
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -61,7 +63,7 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
                 _last(self.pi).bias[0] = math.log(burns / (1.0 - burns))
             if own.get("initial_weights"):
                 if not self.inference_only:  # a runner gets its weights from the learner
-                    load_arrays(self, initial_weights(own["initial_weights"]).arrays, own["initial_weights"])
+                    load_arrays(self, starting_weights(own["initial_weights"], own), own["initial_weights"])
                 # A checkpoint builds the module anew with this, and the other one may be gone by then.
                 self.model_config = {**own, "initial_weights": None}
 
@@ -172,7 +174,7 @@ def policy_spec(
     if algorithm not in FLOWN_ALGORITHMS:
         return RLModuleSpec(model_config=known)
     if own.get("initial_weights"):
-        initial_weights(own["initial_weights"])  # a mistake is found now, not in RLlib's processes
+        starting_weights(own["initial_weights"], {INFO: info})  # a mistake is found now, not in RLlib's processes
         if own["initial_weights"] not in shipped_policies():  # which work in other folders
             own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
     settings = {**dataclasses.asdict(known), **own, INFO: info}
