@@ -21,7 +21,7 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
-from safe_inspect.platforms.outlook_sensors import CoastingRangeSensor, TimeLeftSensor
+from safe_inspect.platforms.outlook_sensors import CoastingRangeSensor, CoastingTimeToLimitsSensor, TimeLeftSensor
 from safe_inspect.platforms.point_sensors import (
     InspectedPointsScoreSensor,
     InspectedPointsSensor,
@@ -45,6 +45,7 @@ __all__ = [
     "ClearanceSensor",
     "CoastingInspectionSensor",
     "CoastingRangeSensor",
+    "CoastingTimeToLimitsSensor",
     "Controller",
     "DeputyScanSensor",
     "EntityPositionSensor",

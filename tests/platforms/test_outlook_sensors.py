@@ -14,6 +14,7 @@ from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.platforms import (
     CoastingRangeSensor,
+    CoastingTimeToLimitsSensor,
     TimeLeftSensor,
     UninspectedPointsMapSensor,
     UninspectedPointsMomentsSensor,
@@ -58,6 +59,30 @@ class TestCoastingRange:
                 near, far = coasting(position, velocity, duration)
                 assert near - 0.5 <= found[0] <= near + 1e-9  # the table stands still between its seconds
                 assert far - 1e-9 <= found[1] <= far + 0.5
+
+
+class TestCoastingTimeToLimits:
+    def test_episodes_without_thrust_end_when_it_says(self):
+        env = BatchedEnvironment(load_experiment(TASK).spec, 128, seed=3)
+        env.reset()
+        sensor = CoastingTimeToLimitsSensor(duration=6100.0)  # 610 control steps
+        told = sensor(env.view()) * 610
+        length = np.zeros(128, dtype=int)
+        state = env.state.position[:, 0].copy(), env.state.velocity[:, 0].copy()
+        steps = [transition(N, 12.0, 10.0 * k)[0] for k in range(1, 611)]
+        flown = np.array([step[:3] @ np.concatenate(state, axis=1).T for step in steps])  # (610, 3, 128)
+        ranges = np.linalg.norm(flown, axis=1)
+        for column, over in enumerate((ranges < 10.0, ranges > 800.0)):
+            wanted = np.where(over.any(axis=0), over.argmax(axis=0) + 1, 610)
+            np.testing.assert_allclose(told[:, column], wanted)
+            assert 0 < (wanted < 610).sum() < 128
+        coast = np.ones((128, 1, env.action_layout.size))  # the middle of three levels of thrust
+        for step in range(1, 101):
+            done = env.step(coast).done[:, 0]
+            length = np.where((length == 0) & done, step, length)
+        crashed = (told[:, 0] <= 100) & (told[:, 0] <= told[:, 1])
+        assert crashed.any()
+        np.testing.assert_array_equal(length[crashed], told[crashed, 0].round())
 
 
 class TestTimeLeft:
