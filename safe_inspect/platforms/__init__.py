@@ -16,6 +16,7 @@ from safe_inspect.platforms.cwh import CWHPlatform, SixDofPlatform
 from safe_inspect.platforms.docking_sensors import ApproachVelocitySensor, SpeedLimitSensor, SpeedSensor
 from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
 from safe_inspect.platforms.neighbour_sensors import (
+    ClosestApproachPositionSensor,
     DeputyScanSensor,
     NearestDeputiesPositionSensor,
     NearestDeputiesPresenceSensor,
@@ -43,6 +44,7 @@ __all__ = [
     "ApproachVelocitySensor",
     "CWHPlatform",
     "ClearanceSensor",
+    "ClosestApproachPositionSensor",
     "CoastingInspectionSensor",
     "CoastingRangeSensor",
     "CoastingTimeToLimitsSensor",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.coasting import closest_time, coast, grid
 from safe_inspect.geometry.neighbours import nearest_positions, nearest_presence, nearest_velocities, scan_deputies
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.platforms.base import Sensor
@@ -16,7 +19,35 @@ from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
-from safe_inspect.units import PositiveLength
+from safe_inspect.units import PositiveDuration, PositiveLength
+
+#: Widest cell of the grid on which approaches are bracketed, as an angle of the orbit [rad].
+_CELL = 0.25
+
+
+@njit
+def _closest_approach(
+    deputies: int,
+    max_range: float,
+    table: FloatArray,
+    n: float,
+    own: int,
+    position: FloatArray,
+    velocity: FloatArray,
+    relative: FloatArray,
+) -> None:
+    """Write the position at closest approach; the difference of two motions solves the equations of one."""
+    nearest_positions(0, max_range, own, position, relative)
+    least = max_range * max_range
+    for other in range(deputies):
+        if other == own:
+            continue
+        p, v = position[other] - position[own], velocity[other] - velocity[own]
+        time = closest_time(p, v, table, n)
+        x, y, z, _, _, _, squared, _, _ = coast(p, v, time, math.sin(n * time), math.cos(n * time), n)
+        if squared < least:
+            least = squared
+            relative[0], relative[1], relative[2] = x, y, z
 
 
 class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition"):
@@ -51,6 +82,37 @@ class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition
         return RowTerm(
             nearest_positions, (world.num_deputies, self.max_range, _own_index(group), EnvironmentArray("position"))
         )
+
+
+class ClosestApproachPositionSensor(Sensor, name="Sensor_ClosestApproachPosition"):
+    """Where the deputy that comes closest will then be relative to the own [m], Hill frame, shape (R, 3).
+
+    Of all other deputies and all times within `duration`, with everybody's thrusters off, by the closed-form solution
+    of the Clohessy-Wiltshire equations. Where none comes within `max_range`, it reads as
+    `Sensor_NearestDeputiesPosition` does without a deputy.
+
+    Attributes:
+        duration: How far ahead it looks [s]; a quarter of an orbit unless given.
+        max_range: Range within which an approach is seen, and the length of the reading where there is none [m].
+    """
+
+    elements: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    symbol: ClassVar[str] = "m"
+
+    duration: PositiveDuration | None = None
+    max_range: PositiveLength = 1000.0
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """From -max_range to max_range [m]."""
+        return -self.max_range, self.max_range
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Write the position [m], Hill frame."""
+        n = float(world.mean_motion)
+        table = grid(n, 0.5 * math.pi / n if self.duration is None else self.duration, _CELL)
+        arrays = EnvironmentArray("position"), EnvironmentArray("velocity")
+        return RowTerm(_closest_approach, (world.num_deputies, self.max_range, table, n, _own_index(group), *arrays))
 
 
 class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity"):

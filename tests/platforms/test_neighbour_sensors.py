@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_inspect.dynamics import Dynamics
+from safe_inspect.dynamics.cwh import transition
 from safe_inspect.glues import LinearNormalizer, Normalization, ObserveSensor, StandardNormalNormalizer
 from safe_inspect.platforms import (
+    ClosestApproachPositionSensor,
     DeputyScanSensor,
     NearestDeputiesPositionSensor,
     NearestDeputiesPresenceSensor,
@@ -17,6 +19,7 @@ from safe_inspect.platforms import (
     PositionSensor,
     Sensor,
 )
+from safe_inspect.simulators.offers import Offers
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import World
@@ -28,7 +31,7 @@ def view_of(position, velocity=None, first: int = 0, size: int | None = None) ->
     environments, deputies, _ = position.shape
     names = tuple(f"blue{index}" for index in range(deputies))
     world = World(names, {**dict(zip(names, range(deputies), strict=True)), "chief": deputies}, np.full(deputies, 12.0),
-                  10.0)  # fmt: skip
+                  10.0, Offers(world={"mean_motion": 0.001027}))  # fmt: skip
     state = State(environments, base_specs(deputies + 1, deputies, 3, Dynamics.arrays))
     state.position[:, :deputies] = position
     if velocity is not None:
@@ -67,6 +70,25 @@ class TestNearest:
         assert NearestDeputiesPositionSensor(k=3)(view)[0].tolist() == [0, 0, 40, 0, 600, -800, 0, 600, -800]
         assert NearestDeputiesVelocitySensor(k=3)(view)[0].tolist() == [2, 0, 0, 0, 0, 0, 0, 0, 0]
         assert NearestDeputiesPresenceSensor(k=3)(view).tolist() == [[1, 0, 0], [1, 0, 0]]
+
+    def test_the_closest_approach_is_that_of_flights_without_thrust(self) -> None:
+        position, velocity = flight(11)
+        view = view_of(position, velocity)
+        found = ClosestApproachPositionSensor(duration=1500.0)(view).reshape(position.shape)
+        states = np.concatenate((position, velocity), axis=2)
+        flown = np.stack([states @ transition(view.world.mean_motion, 12.0, t)[0][:3].T for t in np.arange(1501.0)])
+        for row in range(position.shape[0]):
+            for own in range(position.shape[1]):
+                relative = np.delete(flown[:, row], own, axis=1) - flown[:, row, own, None]
+                ranges = np.linalg.norm(relative, axis=2)
+                nearest = np.unravel_index(ranges.argmin(), ranges.shape)
+                np.testing.assert_allclose(found[row, own], relative[nearest], atol=0.5)  # within half a second
+                assert np.linalg.norm(found[row, own]) <= ranges.min() + 1e-9
+
+    def test_no_approach_lies_far_out(self) -> None:
+        view = view_of([[[0, 30, -40], [0, 30, 40]]], [[[0, 0, -1], [0, 0, 1]]])
+        found = ClosestApproachPositionSensor(duration=60.0, max_range=50.0)(view)
+        np.testing.assert_allclose(found, [[0, 30, -40], [0, 30, 40]])
 
     def test_alone(self) -> None:
         view = view_of([[[0, 0, 60]], [[0, 0, 0]]])
