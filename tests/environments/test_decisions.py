@@ -42,12 +42,12 @@ def test_the_thrust_is_held_for_one_step_and_the_rest_is_coast():
     assert core.acting[0].action_layout.names[-1] == "coast"
     action = np.array([[[1.0, -0.5, 0.0, 0.0]], [[0.2, 0.2, 0.2, 1.0]], [[0.0, 0.0, 1.0, 2.4]]])
     held, due = [], []
-    for _ in range(9):
+    for _ in range(18):
         core.step([action])
         held.append(core.state.control[:, 0] / 0.1)
         due.append(core.due()[0][:, 0])
-    for row, lasts in enumerate((1, 4, 8)):
-        for time in range(9):
+    for row, lasts in enumerate((4, 8, 16)):
+        for time in range(18):
             wanted = action[row, 0, :3] if time % lasts == 0 else np.zeros(3)
             np.testing.assert_allclose(held[time][row], wanted, atol=1e-15)
             assert due[time][row] == ((time + 1) % lasts == 0)
@@ -222,7 +222,7 @@ def test_a_metric_counts_decisions():
     from safe_inspect.evaluation.rollouts.rollout import rollout
 
     spec = load_experiment(ONE, ["horizon=40"]).spec
-    sleep = np.array([0.0, 0.0, 0.0, 3.0])
+    sleep = np.array([0.0, 0.0, 0.0, 2.0])  # 16 steps
     episodes = rollout(spec, lambda seen: np.tile(sleep, (len(seen), 1)), 3, metrics=[Decisions()])
     assert episodes.metrics["decisions"].tolist() == np.ceil(episodes.length / 16).tolist()
 

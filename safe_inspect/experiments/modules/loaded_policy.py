@@ -30,7 +30,7 @@ class LoadedPolicy:
         self.spec, self.agent = spec, agent.name
         self._policy, self._file = policy, isinstance(policy, OnnxPolicy)
         self._size = observation_layout(agent).size
-        self._discrete = bool(action_layout(agent).choices)
+        self._action = action_layout(agent)
 
     def predict(self, observation: AnyArray, generator: np.random.Generator | None = None) -> AnyArray:
         """Return the action: the mean of a Gaussian policy, the likeliest levels of a categorical, both of a hurdle.
@@ -56,7 +56,10 @@ class LoadedPolicy:
             actions = self._policy.in_task_units(whole) if self._file else np.asarray(self._policy(whole))
         else:
             actions = self._policy.draw(whole, int(generator.integers(2**63)))
-        actions = actions.astype(np.int64 if self._discrete else np.float32)
+        if self._action.choices:
+            actions = actions.astype(np.int64)
+        else:
+            actions = np.clip(actions, self._action.low, self._action.high).astype(np.float32)
         return actions if rows.ndim == 2 else actions[0]
 
     def make(self, **kwargs: Any) -> InspectionEnv:
