@@ -142,7 +142,7 @@ class _Flights:
         size = _LEAST_ROWS
         while size < count:
             size *= 2
-        if self.divisible and 0 < count and size < len(self.running):
+        if self.divisible and count > 0 and size < len(self.running):
             self._go_on(size, count)
 
     def _go_on(self, size: int, count: int) -> None:
