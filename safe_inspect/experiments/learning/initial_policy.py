@@ -20,7 +20,7 @@ _ROWS_AT_ONCE = 1024
 class InitialPolicy:
     """A policy that does not learn; the loss has c KL(this policy || the one that learns), with a c that may fade.
 
-    Source: Schmitt et al., Kickstarting Deep Reinforcement Learning, 2018, equation 3, with the divergence of PPO.
+    Source: Schmitt et al., Kickstarting Deep Reinforcement Learning, 2018; their cross entropy has the same gradient.
 
     Args:
         module: RLlib's module of the policy that learns.
