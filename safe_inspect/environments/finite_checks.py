@@ -108,7 +108,8 @@ def require_finite(what: str, value: AnyArray, after: State, before: State | Non
             path = os.path.join(folder, f"state_{name}_{os.getpid()}.npz")
             state.take(rows).save(path)
             saved.append(path)
+    first = rows[0] if after.whole_rows is None else after.whole_rows[rows[0]]
     raise PluginValueError(
-        f"{what} gave {value[bad[0]].ravel().tolist()} in environment {rows[0]}, step {int(after.step[rows[0]])} "
+        f"{what} gave {value[bad[0]].ravel().tolist()} in environment {first}, step {int(after.step[rows[0]])} "
         f"({len(rows)} of {after.num_envs} environments); the states are saved in {' and '.join(saved)}"
     )

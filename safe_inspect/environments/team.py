@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,7 @@ class TeamEnvironment:
                 group.fused = FusedGroup(group, self.simulation.world)
         self.num_envs = num_envs
         self.observes_coasting = True
+        self._parts: dict[int, TeamEnvironment] = {}
         self._everyone = np.ones((num_envs, len(spec.agents)), dtype=np.bool_)
         self._everyone.flags.writeable = False  # every step in which all take part gives this one out
         self._idle = [np.zeros(num_envs * group.size, dtype=np.bool_) for group in self.groups]
@@ -265,7 +267,9 @@ class TeamEnvironment:
                 step.after.remembering = name
                 done.remember(step, name)
                 step.after.remembering = None
-            asked = None if self.observes_coasting else group.due(simulation.state).reshape(-1)
+            asked = None
+            if not self.observes_coasting:
+                asked = (group.due(simulation.state) & simulation.running[:, None]).reshape(-1)
             found = group.fused.evaluate_step(step, asked) if group.fused is not None else None
             if found is None:  # the plugins themselves tell what is wrong
                 found = group.evaluate_step(step)
@@ -295,8 +299,8 @@ class TeamEnvironment:
             )
         if self.spec.shared_dones and self._share(transitions, active, fired):
             ended = True
-            for group, transition in zip(self.groups, transitions, strict=True):
-                self._observe_last(group, transition)
+            for group, transition in zip(self.groups, transitions, strict=True):  # a shared done may end coasts
+                self._observe_missing(group, transition, transition.done)
         if ended:
             finished = simulation.state.finished
             finished[...] = self._statuses(transitions)
@@ -307,9 +311,28 @@ class TeamEnvironment:
             over, outcome = np.zeros(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.int8)
         return TeamTransition(tuple(transitions), over, outcome, team)
 
-    def _observe_last(self, group: AgentGroup, transition: Transition) -> None:
-        """Observe those whose episode a shared done function has ended amid a decision."""
-        missing = (transition.done & np.isnan(transition.observation).any(axis=2)).reshape(-1)
+    def part(self, size: int) -> TeamEnvironment:
+        """Return an environment of fewer rows, always the same, in which some of these go on; see `Simulation.enter`.
+
+        It observes nobody whose decision has not elapsed, and cannot be reset.
+        """
+        if size not in self._parts:
+            part = self._parts[size] = copy(self)
+            part.simulation, part.num_envs = self.simulation.part(size), size
+            part._everyone = self._everyone[:size]
+            part._idle = [idle[: size * group.size] for idle, group in zip(self._idle, self.groups, strict=True)]
+            part.observes_coasting = False
+        return self._parts[size]
+
+    def observe_missing(self, transition: TeamTransition, rows: BoolArray) -> None:
+        """Write the observations that the last step has left out of a mask of environments, shape (N,)."""
+        for group, found in zip(self.groups, transition.groups, strict=True):
+            self._observe_missing(group, found, rows[:, None])
+
+    @staticmethod
+    def _observe_missing(group: AgentGroup, transition: Transition, wanted: BoolArray) -> None:
+        """Write the observations of some agents, a mask of shape (N, G), that a step has left out."""
+        missing = (wanted & np.isnan(transition.observation).any(axis=2)).reshape(-1)
         if group.fused is not None and missing.any():
             view = transition.step.after
             found = group.fused.observe(view, missing)

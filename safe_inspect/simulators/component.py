@@ -89,6 +89,25 @@ class RunningComponent:
     def end(self, state: State, rows: IntArray) -> None:
         """Take note of the environments whose episodes have just ended, shape (E,)."""
 
+    def part(self, rows: IntArray) -> RunningComponent:
+        """Return what follows the steps of some environments alone, as a batch of R rows: by default itself.
+
+        Override it, and `join`, where something lives through resets, so that decisions that last are stepped without
+        the environments that wait.
+
+        Args:
+            rows: Their indices, shape (R,).
+        """
+        return self
+
+    def join(self, part: Any, rows: IntArray) -> None:
+        """Take back what a part has kept of some environments.
+
+        Args:
+            part: What `part` returned.
+            rows: Their indices, shape (R,); they are the first R rows of the part.
+        """
+
     def restart(self) -> None:
         """Forget what lives through resets: the run starts again with another seed."""
 

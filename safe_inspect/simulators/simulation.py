@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -108,6 +109,7 @@ class Simulation:
         self._prefetcher = InitialStatePrefetcher(num_envs, self._specs, self._draw_initial_states)
         self.reset_info: dict[str, IntArray] = {}
         self.running = np.zeros(num_envs, dtype=np.bool_)
+        self._whole_rows = np.arange(num_envs)
         self.flown = self.state["control"]
         self.views = self._views(self.state)
 
@@ -251,6 +253,42 @@ class Simulation:
         self.state.put(paused.rows, paused.state)
         self.running[paused.rows] = paused.running
         self.views = self._views(self.state)
+
+    @property
+    def divisible(self) -> bool:
+        """Whether some of the environments can be stepped alone: every component knows what it keeps of each."""
+        kept = self.state_dict()
+        components = self.components.items()
+        return all(name not in kept or type(one).part is not RunningComponent.part for name, one in components)
+
+    def part(self, size: int) -> Simulation:
+        """Return a simulation of fewer environments, for some of these; see `enter`. It cannot be reset."""
+        part = copy(self)
+        part._slots, part._episodes = self._slots[:size], self._episodes[:size]
+        part._whole_rows = np.arange(size)
+        part.state = State(size, self._specs)
+        part.before = State(size, self._specs, part.state)
+        part.state.whole_rows = part.before.whole_rows = part._whole_rows
+        part.running = np.zeros(size, dtype=np.bool_)
+        return part
+
+    def enter(self, whole: Simulation, paused: Paused, rows: IntArray) -> None:
+        """Go on, in a part of a whole simulation, where some environments wait.
+
+        Args:
+            whole: The whole simulation.
+            paused: The environments, one for each row of this simulation.
+            rows: Their indices in the whole, shape (R,).
+        """
+        self.components = {name: component.part(rows) for name, component in whole.components.items()}
+        self._actuating = [one for one in self.components.values() if type(one).actuate is not RunningComponent.actuate]
+        self.unpause(paused._replace(rows=np.arange(len(rows))))
+        self._whole_rows[...] = rows
+
+    def leave(self, whole: Simulation, rows: IntArray) -> None:
+        """Give back to the whole what the components have kept of its environments, the first rows of this part."""
+        for name, component in whole.components.items():
+            component.join(self.components[name], rows)
 
     def _views(self, state: State) -> tuple[View, ...]:
         return tuple(View(state, self.world, group) for group in self._groups)

@@ -49,6 +49,7 @@ class State:
         wholes: The same memory as numbers of int64.
         bound: Kernels with their arguments, for those who call them in every step; no copy keeps them.
         memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
+        whole_rows: Indices of the environments in a larger batch of which these are a part, shape (N,); None: no part.
     """
 
     def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None = None) -> None:
@@ -80,6 +81,7 @@ class State:
     ) -> None:
         """Make the arrays: views of the common memory, and the constant ones beside it."""
         self.num_envs = num_envs
+        self.whole_rows: IntArray | None = None
         self.specs = specs
         self.bound: dict[Any, tuple[Any, tuple[Any, ...]]] = {}
         self._block = block

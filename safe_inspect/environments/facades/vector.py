@@ -39,7 +39,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
     environments that it concerns, shape (N,), bool.
 
     Where actions say for how many control steps they hold (`CoastGlue`), a step is a decision of every environment; see
-    `InspectionEnv`. Those with short decisions wait for the longest one, so that a step takes its time.
+    `InspectionEnv`. Those with short decisions wait for the longest one without being stepped.
 
     Args:
         spec: The task.

@@ -83,7 +83,7 @@ def evaluate_step(
         observation: Takes the observations that are asked for, shape (R, O); the others are NaN.
         values: Takes the rewards and the terms, shape (1 + T, R); what is foreign stands there.
         flags: Takes who is terminated and who truncated, and what each done said; likewise. The last row says whose
-            observations are asked for; those who end are added. Shape (2 + K + 1, R).
+            observations are asked for; those who end in this step are added. Shape (2 + K + 1, R).
         status: Takes the statuses, shape (R,).
 
     Returns:
@@ -124,8 +124,8 @@ def evaluate_step(
                     flags[endings[k, 1], row] = True
                     status[row] = endings[k, 0]
             flags[1, row] &= not flags[0, row]
-        if status[row] != 0:
-            ended = asked[row] = True
+            asked[row] |= status[row] != 0
+        ended |= status[row] != 0
     for c in range(first, calls.shape[0]):
         out = readings.ctypes.data + 8 * calls[c, 1]
         sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]

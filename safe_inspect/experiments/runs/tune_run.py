@@ -15,7 +15,12 @@ from ray.exceptions import RayActorError
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.adapters import environment
-from safe_inspect.experiments.adapters.algorithm import build_config, claimed_processors, environment_settings
+from safe_inspect.experiments.adapters.algorithm import (
+    INITIAL_KL_COEFF,
+    build_config,
+    claimed_processors,
+    environment_settings,
+)
 from safe_inspect.experiments.adapters.objects import callbacks_of, ranking, scheduler_of
 from safe_inspect.experiments.adapters.registration import register_environments
 from safe_inspect.experiments.imitation.warm_start import warm_start
@@ -124,7 +129,8 @@ def _config(
         }
     environments = environment_settings(experiment, trial.rllib.settings, **more)
     rllib, policies = trial.rllib, settings.policies
-    if start is None:
+    held = [rllib.settings, *(policy.settings for policy in policies.values())]
+    if start is None or any(given.get(INITIAL_KL_COEFF) is not None for given in held):
         rllib, policies = warm_start(experiment, rllib, policies, folder.path / "imitation" / trial.name, stream)
     config = build_config(rllib, environments, policies)
     if number and isinstance(config.seed, int):

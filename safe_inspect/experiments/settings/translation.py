@@ -162,6 +162,9 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
             ]
     if settings.get(IMITATION) is not None:
         problems += imitation_problems(settings[IMITATION], f"{path}.{IMITATION}", algorithm)
+    if settings.get("initial_kl_coeff") is not None and algorithm != "PPO":
+        message = "only PPO has the key `initial_kl_coeff`"
+        problems.append(Problem(message, f"{path}.initial_kl_coeff", hint="remove it"))
     if isinstance(settings.get("evaluation_config"), Mapping):
         evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm, True)
         settings["evaluation_config"] = evaluation.settings

@@ -64,6 +64,19 @@ class DeltaVScale:
         self._steps[:], self._sum[:], self._episodes[:] = state["steps"], state["sum"], state["episodes"]
         self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
+    def take(self, rows: IntArray) -> DeltaVScale:
+        """Return the scale of some slots alone."""
+        part = DeltaVScale(self._schedule, len(rows))
+        part.load_state_dict({name: array[rows] for name, array in self.state_dict().items()})
+        return part
+
+    def put(self, rows: IntArray, other: DeltaVScale) -> None:
+        """Overwrite some slots, shape (R,), with the first R of another."""
+        count = len(rows)
+        self.scale[rows], self._steps[rows] = other.scale[:count], other._steps[:count]
+        self._sum[rows], self._episodes[rows] = other._sum[:count], other._episodes[:count]
+        self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
+
     def end_episodes(self, rows: IntArray, fraction: FloatArray) -> None:
         """Take note of finished episodes: their slots and inspected fractions."""
         self._sum[rows] += fraction

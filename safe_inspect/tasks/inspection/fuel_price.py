@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from typing import Any, Literal
 
 import numpy as np
@@ -87,6 +88,14 @@ class _RunningSchedule(RunningComponent):
             points = state.points[self._points.entity]
             found = points.team_score[rows] if self._by_score else points.team_count[rows] / self._points.num_points
             self._scale.end_episodes(rows, found)
+
+    def part(self, rows: IntArray) -> RunningComponent:
+        part = copy(self)
+        part._scale = self._scale.take(rows)
+        return part
+
+    def join(self, part: _RunningSchedule, rows: IntArray) -> None:
+        self._scale.put(rows, part._scale)
 
     def restart(self) -> None:
         self._scale = DeltaVScale(self._schedule, self._num_envs)
