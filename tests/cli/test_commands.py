@@ -266,6 +266,10 @@ def test_what_is_no_command_line_is_refused(typed, words):
     assert len(err.splitlines()) == 1
 
 
+def test_a_misspelt_command_is_told_the_nearest(typed):
+    assert typed("evaluat")[2].startswith("error: there is no command 'evaluat'; did you mean `evaluate`?")
+
+
 @pytest.mark.parametrize(
     "words",
     [

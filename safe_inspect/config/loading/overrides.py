@@ -68,7 +68,7 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
     if len(found) == 1:
         return _replaced(tree, found[0], parse(text, location), location)
     if found:
-        candidates = ", ".join(f"`{'.'.join(map(str, path))}`" for path in found[:12])
+        candidates = ", ".join(f"`{_shortest(tree, path, parts)}`" for path in found[:12])
         more = f" and {len(found) - 12} more" if len(found) > 12 else ""
         message = f"`{dotted}` fits {len(found)} places"
         raise ConfigError(Problem(message, location=location, hint=f"write one of {candidates}{more}"))
@@ -80,6 +80,19 @@ def _existing(tree: Any, parts: list[str]) -> list[Found]:
     if any(True for _ in _steps(tree, parts[0])):
         return _walk(tree, parts)
     return list(dict.fromkeys(path + end for path in _containers(tree) for end in _walk(_at(tree, path), parts)))
+
+
+def _shortest(tree: Any, path: Found, parts: list[str]) -> str:
+    """Return a path from the innermost item of a list with a name, where that fits no other place; else all of it."""
+    for depth in range(len(path) - len(parts), 0, -1):
+        holder = _at(tree, path[:depth])
+        for name in (
+            [*_given_names(holder[path[depth]]), *_class_names(holder[path[depth]])] if isinstance(holder, list) else ()
+        ):
+            end = [name, *map(str, path[depth + 1 :])]
+            if "." not in name and not any(part.isdecimal() for part in end) and _existing(tree, end) == [path]:
+                return ".".join(end)
+    return ".".join(map(str, path))
 
 
 def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
