@@ -53,7 +53,10 @@ def parse_arguments(parser: argparse.ArgumentParser, argv: Sequence[str] | None)
         if arguments.cfg is None and not unknown and arguments.experiment_needed:
             parser.error("no experiment: give its file")
     if unknown:
-        parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+        options = [f"--{name.replace('_', '-')}" for name in vars(arguments)]
+        near = did_you_mean(unknown[0], options) if unknown[0].startswith("--") else ""
+        hint = f"; {near}" if near.startswith("did you mean") else ""
+        parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
     return arguments
 
 
