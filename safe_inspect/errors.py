@@ -96,7 +96,11 @@ class PluginValueError(SafeInspectError, ArithmeticError):
 
 
 class ArgumentError(SafeInspectError, ValueError):
-    """An action outside of its space, or an argument of an environment's `reset` that it does not take."""
+    """An action outside of its space, or an argument that an environment or its `reset` does not take."""
+
+
+class AgentError(SafeInspectError, LookupError):
+    """An agent that the environment does not have."""
 
 
 class CheckpointError(SafeInspectError, RuntimeError):

@@ -6,6 +6,7 @@ import argparse
 import importlib
 import io
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -13,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write
 
@@ -25,6 +26,10 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the mistake and where help is, and exit."""
+        mistyped = re.fullmatch(r"argument command: invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        if mistyped:
+            commands = [name.strip(" '") for name in mistyped[2].split(",")]
+            message = f"there is no command {mistyped[1]!r}; {did_you_mean(mistyped[1], commands)}"
         self.exit(USER_ERROR, f"error: {message}; see `{self.prog} --help`\n")
 
 
@@ -48,7 +53,10 @@ def parse_arguments(parser: argparse.ArgumentParser, argv: Sequence[str] | None)
         if arguments.cfg is None and not unknown and arguments.experiment_needed:
             parser.error("no experiment: give its file")
     if unknown:
-        parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+        options = [f"--{name.replace('_', '-')}" for name in vars(arguments)]
+        near = did_you_mean(unknown[0], options) if unknown[0].startswith("--") else ""
+        hint = f"; {near}" if near.startswith("did you mean") else ""
+        parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
     return arguments
 
 

@@ -25,7 +25,10 @@ def checked_seed(seed: int) -> int:
         TypeError: It is no whole number.
         ValueError: It is out of range.
     """
-    number = operator.index(seed)
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        raise TypeError(f"a seed is a whole number from 0 to 2**64 - 1, not {seed!r}") from None
     if not 0 <= number < 2**64:
         raise ValueError(f"a seed is a whole number from 0 to 2**64 - 1, not {number}")
     return number

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.facades.make_arguments import check_keywords, checked_overrides
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
 from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
@@ -28,7 +29,7 @@ def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Env
     Raises:
         ConfigError: The file has mistakes.
     """
-    return load_experiment(cfg, overrides).spec
+    return load_experiment(cfg, checked_overrides(overrides)).spec
 
 
 def build_spec(resolved: Mapping[str, Any]) -> EnvironmentSpec:
@@ -38,6 +39,7 @@ def build_spec(resolved: Mapping[str, Any]) -> EnvironmentSpec:
 
 def make(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionEnv:
     """Make one environment of an experiment file or a registered id; see `InspectionEnv`."""
+    check_keywords(InspectionEnv, kwargs, cfg, overrides)
     return InspectionEnv(load_spec(cfg, overrides), **kwargs)
 
 
@@ -50,6 +52,7 @@ def make_vec(
     **kwargs: Any,
 ) -> InspectionVectorEnv:
     """Make N environments that step together; see `InspectionVectorEnv`."""
+    check_keywords(InspectionVectorEnv, kwargs, cfg, overrides)
     return InspectionVectorEnv(load_spec(cfg, overrides), num_envs, autoreset_mode=autoreset_mode, **kwargs)
 
 
@@ -57,6 +60,7 @@ def make_parallel(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **
     """Make one environment of any number of agents for PettingZoo; see `InspectionParallelEnv`."""
     from safe_inspect.environments.facades.parallel import InspectionParallelEnv  # the only one that needs PettingZoo
 
+    check_keywords(InspectionParallelEnv, kwargs, cfg, overrides)
     return InspectionParallelEnv(load_spec(cfg, overrides), **kwargs)
 
 
@@ -69,4 +73,5 @@ def make_parallel_vec(
     **kwargs: Any,
 ) -> MultiAgentVectorEnv:
     """Make N environments of any number of agents that step together; see `MultiAgentVectorEnv`."""
+    check_keywords(MultiAgentVectorEnv, kwargs, cfg, overrides)
     return MultiAgentVectorEnv(load_spec(cfg, overrides), num_envs, autoreset_mode=autoreset_mode, **kwargs)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 from safe_inspect.errors import PluginValueError, SafeInspectError
+from safe_inspect.interrupts import Interrupted
 from safe_inspect.plugins.plugin import Plugin
 
 _Given = ParamSpec("_Given")
@@ -26,7 +27,7 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
     Other exceptions than the package's own get a note.
 
     Raises:
-        PluginValueError: A plugin writes into a read-only array.
+        PluginValueError: A plugin writes into a read-only array, or calls `sys.exit`.
     """
 
     @functools.wraps(function)
@@ -35,7 +36,9 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
             return function(*args, **kwargs)
         except SafeInspectError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit, KeyboardInterrupt) as error:
+            if isinstance(error, Interrupted):  # of a signal, wherever that arrives
+                raise
             plugin, file, line = _innermost(error)
             if plugin is None:
                 raise
@@ -46,13 +49,18 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
                     f"{what} writes into an array that is read-only ({file}:{line}: {source}); compute on a copy, or "
                     "remember in a declared array"
                 ) from error
+            if isinstance(error, SystemExit):
+                raise PluginValueError(
+                    f"{what} ends the program ({file}:{line}: {linecache.getline(file, line).strip()}); raise an error "
+                    "that says what is wrong, or return a value"
+                ) from error
             error.add_note(f"raised in {what} ({file}:{line})")
             raise
 
     return wrapped
 
 
-def _innermost(error: Exception) -> tuple[Plugin | None, str, int]:
+def _innermost(error: BaseException) -> tuple[Plugin | None, str, int]:
     """Return the innermost plugin among the calls that led to an exception, and its line; None without one."""
     frames = [(frame.f_locals.get("self"), frame, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     calls = [(plugin, frame, line) for plugin, frame, line in frames if isinstance(plugin, Plugin)]

@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.plugins.registry import registry
+from safe_inspect.plugins.registry import cause_of, registry
 
 #: The key that holds the plugin's name, by the kinds that do not call it ``functor``.
 NAME_KEYS = {"part": "part", "parameter": "type", "simulator": "type", "platform": "platform_class"}
@@ -95,6 +95,8 @@ def build(kind: str, value: Any) -> Plugin:
             plugin = cls.model_validate(fields)
         except ValidationError as error:
             problems += [_located(problem, cls) for problem in errors_of(error)]
+        except (Exception, SystemExit) as error:  # of a validator that its author wrote; those of Pydantic's are above
+            problems.append(_problem((), f"{cls.registered_name} cannot be made: {cause_of(error)}"))
     if problems or plugin is None:
         raise PydanticCustomError("functor", "the functor is wrong", {"errors": problems})
     return plugin

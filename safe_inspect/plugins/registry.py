@@ -133,7 +133,7 @@ class Registry:
             except (Exception, SystemExit) as error:
                 package = entry.dist.name if entry.dist is not None else entry.value
                 what = f"the plugins of {package} are missing, its module {entry.module} cannot be imported"
-                warnings.warn(f"{what}: {_cause(error)}; mend or uninstall it", RuntimeWarning, stacklevel=2)
+                warnings.warn(f"{what}: {cause_of(error)}; mend or uninstall it", RuntimeWarning, stacklevel=2)
 
 
 def import_user_module(name: str, wanted: str = "") -> ModuleType:
@@ -151,13 +151,13 @@ def import_user_module(name: str, wanted: str = "") -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name is not None and f"{name}.".startswith(f"{error.name}."):
             raise RegistryError(f"no module {name!r}{wanted or '; install it or mend the name'}") from None
-        raise RegistryError(f"module {name!r} cannot be imported: {_cause(error)}; mend it") from error
+        raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; mend it") from error
     except (Exception, SystemExit) as error:
-        raise RegistryError(f"module {name!r} cannot be imported: {_cause(error)}; mend it") from error
+        raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; mend it") from error
 
 
-def _cause(error: BaseException) -> str:
-    """Return file, line, class and text of what an import has raised."""
+def cause_of(error: BaseException) -> str:
+    """Return file, line, class and text of what an import, or a class that a user wrote, has raised."""
     if isinstance(error, SyntaxError):
         place = f"{error.filename}:{error.lineno}"
         return f"{place}: {type(error).__name__}: {error.msg}"

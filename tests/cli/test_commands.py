@@ -266,6 +266,12 @@ def test_what_is_no_command_line_is_refused(typed, words):
     assert len(err.splitlines()) == 1
 
 
+def test_a_misspelt_command_or_option_is_told_the_nearest(typed):
+    assert "--drows; did you mean `--draws`?" in typed("acceptance", EXPERIMENT, "--drows", "5")[2]
+    assert "`list tasks` takes no name; remove 'x'" in typed("list", "tasks", "x")[2]
+    assert typed("evaluat")[2].startswith("error: there is no command 'evaluat'; did you mean `evaluate`?")
+
+
 @pytest.mark.parametrize(
     "words",
     [

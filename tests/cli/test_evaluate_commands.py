@@ -260,6 +260,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("file.txt",), "this file is no policy"),
         (("none.onnx",), "none.onnx"),
         (("--policy", "no-such-policy"), "no shipped policy 'no-such-policy'"),
+        (("--policy", "zero-thrust"), "it is a scripted one: give it as a word of its own, without `--policy`"),
     ],
 )
 def test_mistakes_are_told_before_an_episode_is_flown(typed, here, monkeypatch, words, told):

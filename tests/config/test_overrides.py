@@ -220,3 +220,19 @@ def test_a_key_that_several_places_may_have_and_one_that_is_misspelt():
         load_experiment("configs/translational-inspection/experiment.yml", ["kl_targt=1"])
     with pytest.raises(ConfigError, match=r"`output_units` fits \d+ places"):
         load_experiment("configs/translational-inspection/experiment.yml", ["output_units=km"])
+
+
+def test_a_key_that_its_mapping_may_not_have_is_told_those_that_it_may():
+    file = "configs/multiagent-translational-inspection/experiment.yml"
+    with pytest.raises(ConfigError, match=r"`separation` in `env_config.rta.config`; known: `collision_radius`"):
+        load_experiment(file, ["env_config.rta.config.separation=1"])
+
+
+def test_candidates_are_named_by_the_item_that_they_belong_to():
+    file = "configs/translational-inspection/experiment.yml"
+    with pytest.raises(ConfigError, match="`enabled` fits 3 places; write one of `RTAGlueCWHInspection1v1") as refused:
+        load_experiment(file, ["enabled=True"])
+    with pytest.raises(ConfigError, match=r"places; .*`RTAGlueCWHInspection1v1.config.disturbance`"):
+        load_experiment(file, ["disturbance={velocity: 1e-4}"])  # no file has the key there
+    for candidate in str(refused.value).split("write one of ")[1].split(", "):
+        load_experiment(file, [f"{candidate.strip('`')}=True"])

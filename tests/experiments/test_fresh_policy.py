@@ -108,3 +108,5 @@ def test_weights_that_do_not_fit_are_one_message(algorithm, tmp_path):
         algorithm({"team": CHOOSING}, model_config={**NET, "initial_weights": checkpoint})
     with pytest.raises(CheckpointError, match="nowhere"):
         algorithm({"team": ONE}, model_config={**NET, "initial_weights": str(tmp_path / "nowhere")})
+    with pytest.raises(CheckpointError, match="a policy that the package ships; did you mean `burn-and-coast`"):
+        algorithm({"team": ONE}, model_config={**NET, "initial_weights": "burn-and-cost"})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import pickle
 
 import pytest
 from ray import tune
@@ -72,6 +73,19 @@ def test_callbacks_are_built():
     assert type(one).__name__ == "Noting"
     named = [{"functor": f"{__name__}.Noting", "config": {"file": "a"}}, f"{__name__}.Noting"]
     assert [each.file for each in callbacks_of(settings_of(callbacks=named))] == ["a", "results.txt"]
+
+
+class Unready(tune.Callback):
+    """Needs what is not there."""
+
+    def setup(self, **_):
+        raise RuntimeError("no key was found")
+
+
+def test_a_callback_that_cannot_begin_is_named():
+    (made,) = callbacks_of(settings_of(callbacks=f"{__name__}.Unready"))
+    with pytest.raises(ConfigError, match=r"^tune_config.callbacks\[0\]: .*Unready cannot begin: no key was found$"):
+        pickle.loads(pickle.dumps(made)).setup(stop=None)
 
 
 @pytest.mark.parametrize(

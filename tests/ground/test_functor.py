@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.glues import ControllerGlue
 from safe_inspect.plugins.functor import build, describe, errors_of, functor_field, name_key
-from safe_inspect.rewards import ObservedPointsReward
+from safe_inspect.rewards import ObservedPointsReward, Reward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.simulators import CWH3DRadialWithSunInitializer, UniformParameter
 
@@ -146,3 +146,22 @@ def test_build_itself_raises_with_every_problem() -> None:
     with pytest.raises(PydanticCustomError) as caught:
         build("reward", {"functor": "Nothing", "extra": 1})
     assert len(caught.value.context["errors"]) == 2
+
+
+class _Ends(Reward):
+    """Its author's check of the fields raises what no check should."""
+
+    how: str
+
+    def model_post_init(self, context: Any, /) -> None:
+        raise {"exit": SystemExit(3), "key": KeyError("x")}[self.how]
+
+    def __call__(self, step: Any) -> Any:
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(("how", "what"), [("exit", "SystemExit: 3"), ("key", "KeyError: 'x'")])
+def test_a_plugin_that_fails_or_ends_the_program_when_it_is_made_is_named(how: str, what: str) -> None:
+    found = mistakes("reward", {"functor": f"{__name__}._Ends", "config": {"how": how}})
+    assert f"cannot be made: {__file__}:" in found[()]
+    assert found[()].endswith(what)

@@ -16,7 +16,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.messages.file_schemas import FILES, model_schema
 from safe_inspect.config.models.learning import check_learning, flight_note
-from safe_inspect.errors import ConfigError, RegistryError, did_you_mean
+from safe_inspect.errors import ConfigError, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.runs.training_run import read_settings
@@ -36,7 +36,9 @@ _FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
 def run_list(arguments: argparse.Namespace) -> int:
     """Print the tasks, the shipped policies, or plugins."""
     lists = {"tasks": _tasks, "policies": _policies}
-    if arguments.kind in lists and arguments.name is None:
+    if arguments.kind in lists:
+        if arguments.name is not None:
+            raise SafeInspectError(f"`list {arguments.kind}` takes no name; remove {arguments.name!r}")
         print(lists[arguments.kind]())
     else:
         print(catalogue(arguments.kind, arguments.name))

@@ -15,6 +15,8 @@ from typing import Any
 from safe_inspect.config.loading.known_places import learning_keys, may_have, spellings, with_empty_mappings
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, has, locate
+from safe_inspect.config.models.experiment import ExperimentConfig
+from safe_inspect.config.models.fields import known_keys
 from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
@@ -68,7 +70,7 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
     if len(found) == 1:
         return _replaced(tree, found[0], parse(text, location), location)
     if found:
-        candidates = ", ".join(f"`{'.'.join(map(str, path))}`" for path in found[:12])
+        candidates = ", ".join(f"`{_shortest(tree, path, parts)}`" for path in found[:12])
         more = f" and {len(found) - 12} more" if len(found) > 12 else ""
         message = f"`{dotted}` fits {len(found)} places"
         raise ConfigError(Problem(message, location=location, hint=f"write one of {candidates}{more}"))
@@ -80,6 +82,25 @@ def _existing(tree: Any, parts: list[str]) -> list[Found]:
     if any(True for _ in _steps(tree, parts[0])):
         return _walk(tree, parts)
     return list(dict.fromkeys(path + end for path in _containers(tree) for end in _walk(_at(tree, path), parts)))
+
+
+def _shortest(tree: Any, path: Found, parts: list[str]) -> str:
+    """Return a path from the innermost item of a list with a name, where that fits no other place; else all of it."""
+    for depth in range(len(path) - len(parts), 0, -1):
+        holder = _at(tree, path[:depth])
+        for name in (
+            [*_given_names(holder[path[depth]]), *_class_names(holder[path[depth]])] if isinstance(holder, list) else ()
+        ):
+            end = [name, *map(str, path[depth + 1 :])]
+            if "." not in name and not any(part.isdecimal() for part in end) and _fits_alone(tree, end, path):
+                return ".".join(end)
+    return ".".join(map(str, path))
+
+
+def _fits_alone(tree: Any, parts: list[str], path: Found) -> bool:
+    """Return whether a path fits one place alone; that of a key which no file has by the mapping that may hold it."""
+    found = _existing(tree, parts)
+    return found == [path] if found else _existing(tree, parts[:-1]) == [path[:-1]]
 
 
 def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
@@ -138,6 +159,15 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         within = ".".join(parts[:depth])
         message = f"nothing is called `{parts[depth]}` in `{within}`" + ("" if known else ", which holds no keys")
         return Problem(message, "", location, did_you_mean(parts[depth], known) if known else "")
+    ends = _existing(tree, parts[:-1]) if parts[1:] else []
+    holders = [path for path in ends if isinstance(_at(tree, path), Mapping)]
+    if holders:
+        for path in holders:
+            known |= _names(_at(tree, path)) | known_keys(tree, path, ExperimentConfig)
+        message = f"nothing is called `{parts[-1]}` in `{'.'.join(parts[:-1])}`" + (
+            "" if known else ", which holds no keys"
+        )
+        return Problem(message, "", location, did_you_mean(parts[-1], known) if known else "")
     for path in _containers(tree):
         known |= _names(_at(tree, path))
     first = next((part for part in parts if part not in known), None)

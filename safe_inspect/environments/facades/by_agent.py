@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.errors import AgentError, SafeInspectError, did_you_mean
 from safe_inspect.types import AnyArray
+
+Space = TypeVar("Space")
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,17 @@ def places_of(environment: TeamEnvironment) -> dict[str, Place]:
         for index, group in enumerate(environment.acting)
         for member, agent in enumerate(group.agents)
     }
+
+
+def space_of(spaces: Mapping[str, Space], agent: str) -> Space:
+    """Return the space of an agent.
+
+    Raises:
+        AgentError: No agent that acts from outside has that name.
+    """
+    if agent not in spaces:
+        raise AgentError(f"no agent that acts from outside is named {agent!r}; {did_you_mean(str(agent), spaces)}")
+    return spaces[agent]
 
 
 def checked_actions(

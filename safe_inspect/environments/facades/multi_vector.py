@@ -14,6 +14,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import state_info, team_info, transition_info
 from safe_inspect.environments.facades.by_agent import checked_actions, places_of
+from safe_inspect.environments.facades.make_arguments import checked_autoreset, checked_gamma, checked_slot
 from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
@@ -71,11 +72,11 @@ class MultiAgentVectorEnv:
         first_slot: int = 0,
         gamma: float = 1.0,
     ) -> None:
-        self._gamma = gamma
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self._gamma = checked_gamma(gamma)
+        self.autoreset_mode = checked_autoreset(autoreset_mode)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             raise ValueError("several agents begin again in the SAME_STEP, or by reset() alone (DISABLED)")
-        self.core = TeamEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
+        self.core = TeamEnvironment(spec, num_envs, seed=seed, first_slot=checked_slot(first_slot, "first_slot"))
         self.num_envs = num_envs
         self._seed = seed
         self.np_random_seed: int | None = None

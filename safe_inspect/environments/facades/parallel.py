@@ -11,7 +11,8 @@ from pettingzoo import ParallelEnv
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
-from safe_inspect.environments.facades.by_agent import checked_actions, places_of
+from safe_inspect.environments.facades.by_agent import checked_actions, places_of, space_of
+from safe_inspect.environments.facades.make_arguments import checked_gamma, checked_slot
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
@@ -59,10 +60,10 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
     def __init__(
         self, spec: EnvironmentSpec, *, slot: int = 0, gamma: float = 1.0, render_mode: str | None = None
     ) -> None:
-        self._gamma = gamma
+        self._gamma = checked_gamma(gamma)
         self.render_mode = checked_mode(render_mode)
         self.np_random_seed: int | None = None
-        self.core = TeamEnvironment(spec, 1, first_slot=slot)
+        self.core = TeamEnvironment(spec, 1, first_slot=checked_slot(slot, "slot"))
         self._view = None if render_mode is None else Rendering(self.core, render_mode)
         acting = self.core.acting
         self._places = places_of(self.core)
@@ -80,12 +81,20 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         self.state_space = Box(-np.inf, np.inf, self.state().shape, dtype=np.float32)
 
     def observation_space(self, agent: str) -> Box:
-        """Return the space of an agent's observations, always the same object."""
-        return self.observation_spaces[agent]
+        """Return the space of an agent's observations, always the same object.
+
+        Raises:
+            AgentError: No agent that acts from outside has that name.
+        """
+        return space_of(self.observation_spaces, agent)
 
     def action_space(self, agent: str) -> Box | MultiDiscrete:
-        """Return the space of an agent's actions, always the same object."""
-        return self.action_spaces[agent]
+        """Return the space of an agent's actions, always the same object.
+
+        Raises:
+            AgentError: No agent that acts from outside has that name.
+        """
+        return space_of(self.action_spaces, agent)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None

@@ -23,8 +23,10 @@ def check_options(options: Mapping[str, Any] | None, known: Collection[str] = ()
     """Check the options of a reset.
 
     Raises:
-        ArgumentError: An option is unknown.
+        ArgumentError: An option is unknown, or they are no dictionary.
     """
+    if options is not None and not isinstance(options, Mapping):
+        raise ArgumentError(f"reset: options: a dictionary is expected, not {options!r}")
     unknown = [name for name in options or () if name not in known]
     if unknown:
         taken = f"it takes {', '.join(map(repr, known))} alone" if known else "it takes none"

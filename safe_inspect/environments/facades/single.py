@@ -11,6 +11,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
+from safe_inspect.environments.facades.make_arguments import checked_gamma, checked_slot
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
@@ -43,11 +44,11 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
     ) -> None:
         self.render_mode = checked_mode(render_mode)
         require_one_agent(spec, "InspectionEnv", "make_parallel")
-        self.core = BatchedEnvironment(spec, 1, first_slot=slot)
+        self.core = BatchedEnvironment(spec, 1, first_slot=checked_slot(slot, "slot"))
         self.observation_space = box(self.core.observation_layout)
         self.action_space = action_space(self.core.action_layout)
         self._seeded = self._running = False
-        self._gamma = gamma
+        self._gamma = checked_gamma(gamma)
         self._view = None if render_mode is None else Rendering(self.core.team, render_mode)
 
     def reset(

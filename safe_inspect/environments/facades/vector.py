@@ -14,6 +14,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.decisions import DISCOUNT, decide
 from safe_inspect.environments.episodes import state_info, transition_info
+from safe_inspect.environments.facades.make_arguments import checked_autoreset, checked_gamma, checked_slot
 from safe_inspect.environments.facades.rendering import (
     RENDER_FPS,
     RENDER_MODES,
@@ -67,12 +68,12 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         gamma: float = 1.0,
         render_mode: str | None = None,
     ) -> None:
-        self._gamma = gamma
+        self._gamma = checked_gamma(gamma)
         self.render_mode = checked_mode(render_mode)
         require_one_agent(spec, "InspectionVectorEnv", "make_parallel_vec or make_parallel")
         self.num_envs = num_envs
-        self.core = BatchedEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.core = BatchedEnvironment(spec, num_envs, seed=seed, first_slot=checked_slot(first_slot, "first_slot"))
+        self.autoreset_mode = checked_autoreset(autoreset_mode)
         self.metadata = {
             "render_modes": list(RENDER_MODES),
             "render_fps": RENDER_FPS,

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
+from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy, load_onnx
 
 #: The names of the files in the folder of a shipped policy.
@@ -105,7 +106,10 @@ def shipped_policy(name: str, root: Path | None = None) -> ShippedPolicy:
     root = _ROOT if root is None else root
     names = shipped_policies(root)
     if name not in names:
-        raise SafeInspectError(f"no shipped policy {name!r}; {did_you_mean(name, names)}")
+        scripted = (
+            "; it is a scripted one: give it as a word of its own, without `--policy`" if name in BASELINES else ""
+        )
+        raise SafeInspectError(f"no shipped policy {name!r}{scripted or '; ' + did_you_mean(name, names)}")
     record = root / name / RECORD
     try:
         agents = json.loads(record.read_text(encoding="utf-8"))["agents"]

@@ -53,8 +53,27 @@ def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
         made = built(entry, where)
         if not isinstance(made, tune.Callback):
             raise mistake(f"{entry['functor']!r} is no ray.tune.Callback; name RLlib's among the RLlib keys", where)
+        cast(Any, made).setup = _Setup(made.setup, str(entry["functor"]), where)
         found.append(made)
     return found
+
+
+class _Setup:
+    """The `setup` of a callback, which Tune calls when a training begins. A logger that cannot begin is named."""
+
+    def __init__(self, setup: Callable[..., None], functor: str, where: str) -> None:
+        self._setup, self._functor, self._where = setup, functor, where
+
+    def __call__(self, *args: Any, **keywords: Any) -> None:
+        """Call it.
+
+        Raises:
+            ConfigError: It fails: a package or a key is missing, or a place cannot be written.
+        """
+        try:
+            self._setup(*args, **keywords)
+        except Exception as error:  # the logger's author has classes of errors of his own
+            raise mistake(f"{self._functor} cannot begin: {error}", self._where) from error
 
 
 def built(value: Any, where: str) -> Any:

@@ -12,7 +12,7 @@ from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.layout import action_layout, observation_layout
-from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy
 from safe_inspect.experiments.modules.sources import Wanted, is_scripted, open_candidates
 from safe_inspect.types import AnyArray
@@ -44,11 +44,14 @@ class LoadedPolicy:
             Actions that the environment takes, shape (A,) or (N, A): int64 where they are levels, else float32.
 
         Raises:
-            ValueError: The observations have another shape.
+            ArgumentError: The observations have another shape, or are no numbers.
         """
-        rows = np.asarray(observation, dtype=np.float32)
+        try:
+            rows = np.asarray(observation, dtype=np.float32)
+        except (TypeError, ValueError):
+            raise ArgumentError(f"the observations are no array of numbers: {observation!r:.60}") from None
         if rows.ndim not in (1, 2) or rows.shape[-1] != self._size:
-            raise ValueError(
+            raise ArgumentError(
                 f"the observations have the shape {rows.shape}; ({self._size},) or (N, {self._size}) is wanted"
             )
         whole = np.atleast_2d(rows)
@@ -91,6 +94,8 @@ def load_policy(
         ConfigError: The configuration has mistakes.
         SafeInspectError: The source is a scripted policy, or there is no such agent.
     """
+    if not isinstance(source, str | os.PathLike):
+        raise ArgumentError(f"a policy is a name, a file or a folder, not {source!r}")
     text = os.fspath(source)
     if is_scripted(text):
         raise SafeInspectError(f"{text}: a scripted policy flies inside the environment; give it to `rollout`")

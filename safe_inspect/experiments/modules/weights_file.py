@@ -18,7 +18,7 @@ import safetensors.numpy
 from gymnasium.spaces import Box, MultiDiscrete, Space
 from safetensors import SafetensorError, safe_open
 
-from safe_inspect.errors import CheckpointError
+from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.runs.checkpoints import policy_folder, weights_path
@@ -114,7 +114,13 @@ def initial_weights(source: str) -> Weights:
     Raises:
         CheckpointError: The checkpoint is missing or damaged, or its weights cannot be read without running code.
     """
-    folder = shipped_policy(source).checkpoint if source in shipped_policies() else source
+    shipped = shipped_policies()
+    if source not in shipped and not Path(source).exists():
+        raise CheckpointError(
+            f"{source!r} is neither the folder of a checkpoint nor a policy that the package ships; "
+            f"{did_you_mean(source, shipped)}"
+        )
+    folder = shipped_policy(source).checkpoint if source in shipped else source
     return read_weights(policy_folder(folder))
 
 

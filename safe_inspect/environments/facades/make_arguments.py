@@ -1,0 +1,91 @@
+"""What the façades make of the arguments that an environment is made with."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
+from os import PathLike
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.errors import ArgumentError, ConfigError, did_you_mean
+
+
+def checked_gamma(gamma: Any) -> float:
+    """Return the discount of a control step.
+
+    Raises:
+        ArgumentError: It is no number from 0 to 1.
+    """
+    if isinstance(gamma, bool) or not isinstance(gamma, Real) or not 0.0 <= float(gamma) <= 1.0:
+        raise ArgumentError(f"gamma: a number from 0 to 1 is expected, not {gamma!r}")
+    return float(gamma)
+
+
+def checked_slot(slot: Any, name: str) -> int:
+    """Return the index of an environment slot.
+
+    Raises:
+        ArgumentError: It is no whole number, or below 0.
+    """
+    if isinstance(slot, bool) or not isinstance(slot, Integral) or int(slot) < 0:
+        raise ArgumentError(f"{name}: a whole number from 0 is expected, not {slot!r}")
+    return int(slot)
+
+
+def checked_overrides(overrides: Any) -> list[str]:
+    """Return overrides as a list.
+
+    Raises:
+        ArgumentError: They are one text, a mapping, or hold something else than texts.
+    """
+    hint = 'a list of texts is expected, such as ["horizon=600"]'
+    if isinstance(overrides, str | Mapping) or not isinstance(overrides, Iterable):
+        raise ArgumentError(f"overrides: {hint}, not {overrides!r}")
+    given = list(overrides)
+    wrong = next((override for override in given if not isinstance(override, str)), None)
+    if wrong is not None:
+        raise ArgumentError(f"overrides: {hint}; {wrong!r} is no text")
+    return given
+
+
+def checked_autoreset(mode: Any) -> AutoresetMode:
+    """Return when ended environments begin again.
+
+    Raises:
+        ArgumentError: There is no such mode.
+    """
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        known = [known.value for known in AutoresetMode]
+        raise ArgumentError(f"autoreset_mode: there is no {mode!r}; {did_you_mean(str(mode), known)}") from None
+
+
+def check_keywords(
+    made: type[Any], given: Mapping[str, Any], cfg: str | PathLike[str], overrides: Iterable[str]
+) -> None:
+    """Check that a class of environments takes the keywords that it is to be made with.
+
+    Raises:
+        ArgumentError: It does not take one; a key of the configuration is an override.
+    """
+    taken = [*list(inspect.signature(made).parameters)[1:], "overrides"]  # the first is the task
+    problems = []
+    for name in given:
+        if name in taken:
+            continue
+        hint = did_you_mean(name, taken)
+        override = f"{name}={given[name]}"
+        try:
+            load_experiment(cfg, [*overrides, override])
+            hint = f"a value of the configuration is replaced by overrides=[{override!r}]"
+        except ConfigError as error:
+            if "fits" in str(error):  # several keys of the configuration have the name
+                hint = f"as an override, {error}"
+        problems.append(f"{made.__name__} takes no keyword {name!r}; {hint}")
+    if problems:
+        raise ArgumentError("\n".join(problems))
