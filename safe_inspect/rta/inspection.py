@@ -24,6 +24,7 @@ from safe_inspect.rta.filters import (
     SimplexMemory,
     TubeFilter,
 )
+from safe_inspect.rta.filters.backup.safety_filter import Intervention
 from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS
 from safe_inspect.rta.filters.tube.safety_filter import MEMORY
 from safe_inspect.simulators.state import ArraySpec
@@ -53,6 +54,8 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             derivative at the beginning of the hold, which does not; ``simplex`` switches to a backup controller.
         infeasible: What the method ``continuous`` does where no thrust meets all conditions: ``least_violating``, or
             ``pass`` the desired thrust as the peer does.
+        intervention: What the method ``backup`` flies where the desired thrust is refused: ``nearest``, a safe thrust
+            near to it, or ``backup``, the backup plan, which leads onto a closed motion within the constraints.
         delta_v_limit: Delta-v that an episode keeps with the method ``simplex`` [m/s], if the plan of its initial state
             does: when it leaves no room for more than a plan, the plan is flown, and the deputy coasts. None: no limit.
         recoverable: Whether `refusals` also refuses states without a backup plan.
@@ -65,6 +68,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     deputy_radius: PositiveLength = 5.0
     method: Literal["backup", "continuous", "simplex"] = "backup"
     infeasible: Literal["least_violating", "pass"] = "least_violating"
+    intervention: Intervention = "nearest"
     delta_v_limit: PositiveSpeed | None = None
     recoverable: bool = False
     disturbance: DisturbanceBounds | None = None
@@ -81,6 +85,9 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         if self.disturbance is not None and (self._pairs or self.method != "backup"):
             what = f"the constraint {self._pairs[0]!r}" if self._pairs else f"the method {self.method!r}"
             raise ValueError(f"{what} withstands no `disturbance`; remove one of them")
+        if self.intervention != "nearest" and (self._pairs or self.method != "backup"):
+            what = f"the constraint {self._pairs[0]!r}" if self._pairs else f"the method {self.method!r}"
+            raise ValueError(f"{what} has no `intervention` {self.intervention!r}; remove one of them")
         if self._pairs and self.enabled:
             assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
@@ -109,8 +116,8 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     def backup_filter(self) -> BackupFilter:
         """The filter of the method `backup`, with these parameters and constraints."""
         if self.disturbance is not None:
-            return TubeFilter(self._given, self._names, self.disturbance)
-        return BackupFilter(self._given, self._names)
+            return TubeFilter(self._given, self._names, self.disturbance, self.intervention)
+        return BackupFilter(self._given, self._names, self.intervention)
 
     @cached_property
     def _decentralised(self) -> DecentralisedFilter:

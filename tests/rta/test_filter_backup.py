@@ -237,6 +237,36 @@ def test_thrusts_in_adversarial_flight_are_near_the_nearest_safe_ones(run):
     assert (excess > 0.1).mean() < 0.06
 
 
+def test_an_intervention_can_fly_the_backup_plan(run):
+    """What is accepted stays; after the plan's thrust the deputy may coast."""
+    backup, state = BackupFilter(intervention="backup"), safe_starts(run, 15, 60)
+    desired = np.random.default_rng(15).uniform(-1.0, 1.0, (60, 3))
+    result = backup(state, desired)
+    refused = result.backup
+    np.testing.assert_array_equal(~refused, run.admissible(state, desired))
+    assert 30 < refused.sum() < 60
+    np.testing.assert_array_equal(result.control[~refused], desired[~refused])
+    state = flown(state, result.control, DT)[np.flatnonzero(refused)]
+    rest = np.zeros((len(state), 3))
+    for _ in range(60):  # on a closed motion
+        result = backup(state, rest)
+        assert not result.intervening.any()
+        state = flown(state, result.control, DT)
+
+
+def test_a_deputy_that_coasts_spends_less_with_the_backup_plan(run):
+    spent = []
+    for one in (run, BackupFilter(intervention="backup")):
+        state, total = safe_starts(run, 16, 40), 0.0
+        for _ in range(400):
+            result = one(state, np.zeros((40, 3)))
+            assert not result.infeasible.any()
+            total += np.abs(result.control).sum() * DT / MASS / 40.0
+            state = flown(state, result.control, DT)
+        spent.append(total)
+    assert 0.0 < spent[1] < 0.6 * spent[0]
+
+
 def test_the_refusing_constraints_are_named(run):
     state = RelativeState(np.array([[0.0, 60.0, 0.0]]), np.array([[0.0, 0.0, 0.0]]), np.array([-0.5 * np.pi]))
     outcome = run(state, np.array([[0.0, 1.0, 0.0]]))

@@ -371,6 +371,7 @@ OFF_LINE = "          enabled: False\n"
     [
         ("enabled: True\n          method: contnuous", "method: ", ["method", "did you mean `continuous`?"]),
         ("enabled: True\n          delta_v_limit: -1", "delta_v_limit", ["delta_v_limit", "above 0", "-1"]),
+        ("enabled: True\n          intervention: neerest", "intervention", ["intervention", "did you mean `nearest`?"]),
         ("enabled: maybe", "enabled: maybe", ["enabled", "true", "'maybe'"]),
         ("enabled: 5", "enabled: 5", ["enabled", "true", "5"]),
         ("enabled: True\n          infeasible: ignore", "infeasible", ["infeasible", "'pass'", "'ignore'"]),
@@ -383,6 +384,14 @@ def test_a_wrong_field_is_named_with_its_line(copied, lines, at, words):
     assert "\n" not in text
     for word in words:
         assert word in text
+
+
+def test_an_intervention_belongs_to_the_method_backup():
+    assert RTAGlueCWHInspection1v1(intervention="backup").backup_filter.intervention == "backup"
+    with pytest.raises(ValueError, match="the method 'simplex' has no `intervention` 'backup'"):
+        RTAGlueCWHInspection1v1(intervention="backup", method="simplex")
+    with pytest.raises(ValueError, match="the constraint 'deputy_collision' has no `intervention`"):
+        RTAGlueCWHInspection1v1(intervention="backup", constraints=("r_max", "deputy_collision"))
 
 
 @pytest.mark.parametrize(

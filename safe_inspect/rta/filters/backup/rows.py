@@ -10,7 +10,7 @@ from safe_inspect.rta.constraints.rows import INNER, SunAngle, scaled
 from safe_inspect.rta.filters.backup.model import PLANS, FilterModel
 from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, STAY, find_plan
 from safe_inspect.rta.filters.backup.returning import return_control
-from safe_inspect.rta.filters.backup.search import MARGINS, propose, search, verified
+from safe_inspect.rta.filters.backup.search import MARGINS, ROUNDS, propose, search, verified
 from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, workspace
 from safe_inspect.rta.filters.tube.rows import begin_plan, follow_plan, plan_after, remembers, tracking
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -36,20 +36,21 @@ def _first_plan(m: FilterModel, x: RowState, sun: SunAngle, s: Workspace) -> boo
 @njit(error_model="numpy")
 def filter_rows(
     m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
-    gain: FloatArray, memory: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray,
+    goes_near: bool, gain: FloatArray, memory: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
     """Write each row's control, the bits of the constraints that refused the desired one, and where it comes from.
 
-    Where `memory` has rows, it holds the plan of each and is written; the plan is tracked with that gain. Without rows
-    plans are found anew.
+    Where the desired one is refused, one near to it is flown if `goes_near`, and else the backup plan. Where `memory`
+    has rows, it holds the plan of each and is written; the plan is tracked with that gain. Without rows plans are found
+    anew.
     """
-    s, tracks = workspace(MAX_HALF_SPACES), memory.shape[0] > 0
+    s, tracks, rounds = workspace(MAX_HALF_SPACES), memory.shape[0] > 0, ROUNDS if goes_near else 0
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
         )  # fmt: skip
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        refused[i], done = propose(m, x, sun, desired[i], control[i], s)
+        refused[i], done = propose(m, x, sun, desired[i], rounds, control[i], s)
         if done:
             stage[i] = NEAREST if refused[i] else DESIRED
             if tracks:
@@ -65,7 +66,12 @@ def filter_rows(
             if not known:
                 begin_plan(x, s.backup, memory[i])
             tracking(m, gain, x, memory[i], s.backup)
-        moved = search(m, x, sun, control[i], s)
+        moved = False
+        if goes_near:
+            moved = search(m, x, sun, control[i], s)
+        else:
+            for axis in range(3):
+                control[i, axis] = s.backup[axis]
         if tracks:
             if moved:
                 plan_after(m, x, control[i], s.plan, memory[i])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: A hold turns the orbit by at most this angle [rad]; the bounds between grid points need it to be small.
 _LARGEST_TURN = 0.5
+#: What is flown where a desired control is refused: a safe one near to it, or the backup plan.
+Intervention = Literal["nearest", "backup"]
 _MOST_FURTHER = PAIR_BIT - FURTHER
 
 
@@ -31,7 +33,8 @@ class BackupFilter(SafetyFilter):
     flown if the hold is safe at every moment and the state after it is recoverable. Else its projection onto the
     half-spaces of the convex constraints (speeds, the largest range) is, if it passes the same exact test: no safe
     control is nearer. If it does not, a pattern search leads from the backup plan's thrust, which passes by induction,
-    to the desired control through controls that pass; see `search`.
+    to the desired control through controls that pass; see `search`. With the intervention `backup` none of these is
+    sought, and the backup plan is flown for the step.
 
     Beside the eight constraints of the inspection task it keeps every one that defines `Constraint.half_space`.
 
@@ -51,14 +54,22 @@ class BackupFilter(SafetyFilter):
         self,
         parameters: Mapping[str, Any] | ConstraintParameters | None = None,
         names: Iterable[str | Constraint] = NAMES,
+        intervention: Intervention = "nearest",
     ) -> None:
-        """Build the filter; see `SafetyFilter` for the arguments.
+        """Build the filter; see `SafetyFilter` for the first arguments.
+
+        Args:
+            parameters: The task's parameters.
+            names: The constraints.
+            intervention: What is flown where the desired control is refused: ``nearest``, a safe control near to it,
+                or ``backup``, the backup plan, which leads onto a closed motion.
 
         Raises:
             ValueError: An argument is wrong, a constraint is neither one of the eight of the inspection task nor
                 gives a half-space, or the hold is too long a part of the orbit.
         """
         super().__init__(parameters, names)
+        self.intervention = intervention
         codes: dict[int, int] = {}
         further: list[Constraint] = []
         for j, (name, constraint) in enumerate(self.constraints.items()):
@@ -104,7 +115,8 @@ class BackupFilter(SafetyFilter):
         control, refused, stage = np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
         rows = compiled("backup.rows")
         rows.filter_rows(
-            self._model, state.position, state.velocity, state.sun_angle, desired, gain, memory, control, refused, stage
+            self._model, state.position, state.velocity, state.sun_angle, desired,
+            self.intervention == "nearest", gain, memory, control, refused, stage,
         )  # fmt: skip
         active: IntArray = np.zeros(count, np.int64)
         for code, j in self._codes.items():

@@ -30,7 +30,8 @@ from safe_inspect.types import FloatArray
 MARGINS = Margins(1e-3, 1e-5, 1e-3)
 #: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
 _EXTRA = 2.0
-_ROUNDS = 6
+#: Most rounds of the projection.
+ROUNDS = 6
 _POLISH = 4
 #: A proposal that moves less than this [N] has settled.
 _STILL = 1e-7
@@ -83,11 +84,14 @@ def _refusals(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, code: i
 
 @njit(**INNER)
 def propose(
-    m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, u: FloatArray, s: Workspace
+    m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, rounds: int, u: FloatArray, s: Workspace
 ) -> tuple[int, bool]:  # fmt: skip
-    """Project the desired control; return the bits of what refuses it and whether u, the projection, is verified.
+    """Project the desired control into u, in so many rounds at most.
 
     The desired one, clipped, is written into `s.desired`, and the thrust of the plan after a verified u into `s.w`.
+
+    Returns:
+        The bits of what refuses the desired control, and whether u is verified.
     """
     for axis in range(3):
         s.desired[axis] = min(max(desired[axis], -m.u_max), m.u_max)
@@ -97,7 +101,7 @@ def propose(
         return 0, True
     bits, count, piece = 0, as_int(0), s.where[0]
     bits = _refusals(m, x, sun, u, code, s)
-    for attempt in range(_ROUNDS):
+    for attempt in range(rounds):
         margins, before = _wanted(m, u), count
         if code != SAFE and CONVEX >> code & 1:
             count = cut_hold(m, x, sun, u, Refusal(code, piece), False, margins, s, count)

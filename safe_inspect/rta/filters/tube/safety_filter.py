@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter, Intervention
 from safe_inspect.rta.filters.base import checked, compiled
 from safe_inspect.rta.filters.tube.deviations import PlanTracker
 from safe_inspect.rta.filters.tube.tables import leaves_nothing, starting_tube, tube_of
@@ -43,18 +43,20 @@ class TubeFilter(BackupFilter):
         parameters: Mapping[str, Any] | ConstraintParameters | None,
         names: Iterable[str | Constraint],
         bounds: DisturbanceBounds,
+        intervention: Intervention = "nearest",
     ) -> None:
-        """Build the filter; see `BackupFilter` for the first arguments.
+        """Build the filter; see `BackupFilter` for the other arguments.
 
         Args:
             parameters: The task's parameters.
             names: The constraints.
             bounds: What is to be withstood.
+            intervention: What is flown where the desired control is refused.
 
         Raises:
             ValueError: An argument is wrong, or the bounds leave no state from which the constraints can be kept.
         """
-        super().__init__(parameters, names)
+        super().__init__(parameters, names, intervention)
         self.bounds = bounds
         tracker = PlanTracker(self.parameters, bounds)
         known = {constraint.registered_name for constraint in self.constraints.values()}
