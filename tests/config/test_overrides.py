@@ -222,6 +222,12 @@ def test_a_key_that_several_places_may_have_and_one_that_is_misspelt():
         load_experiment("configs/translational-inspection/experiment.yml", ["output_units=km"])
 
 
+@pytest.mark.parametrize("path", ["blue0_ctrl.policy.config.vf_clip_param", "blue0_ctrl.policy.vf_clip_param"])
+def test_a_key_that_stands_elsewhere_is_to_be_written_alone(path):
+    with pytest.raises(ConfigError, match=r"nothing is called `vf_clip_param` in .*; write `vf_clip_param=...`"):
+        load_experiment("configs/translational-inspection/experiment.yml", [f"{path}=5"])
+
+
 def test_a_key_that_its_mapping_may_not_have_is_told_those_that_it_may():
     file = "configs/multiagent-translational-inspection/experiment.yml"
     with pytest.raises(ConfigError, match=r"`separation` in `env_config.rta.config`; known: `collision_radius`"):

@@ -158,7 +158,8 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
             known |= _names(_at(tree, path))
         within = ".".join(parts[:depth])
         message = f"nothing is called `{parts[depth]}` in `{within}`" + ("" if known else ", which holds no keys")
-        return Problem(message, "", location, did_you_mean(parts[depth], known) if known else "")
+        hint = _written_alone(tree, parts) if depth == len(parts) - 1 else ""
+        return Problem(message, "", location, hint or (did_you_mean(parts[depth], known) if known else ""))
     ends = _existing(tree, parts[:-1]) if parts[1:] else []
     holders = [path for path in ends if isinstance(_at(tree, path), Mapping)]
     if holders:
@@ -167,7 +168,8 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         message = f"nothing is called `{parts[-1]}` in `{'.'.join(parts[:-1])}`" + (
             "" if known else ", which holds no keys"
         )
-        return Problem(message, "", location, did_you_mean(parts[-1], known) if known else "")
+        hint = _written_alone(tree, parts) or (did_you_mean(parts[-1], known) if known else "")
+        return Problem(message, "", location, hint)
     for path in _containers(tree):
         known |= _names(_at(tree, path))
     first = next((part for part in parts if part not in known), None)
@@ -176,6 +178,11 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         message = f"no path of the configuration ends in `{'.'.join(parts)}`"
         return Problem(message, "", location, "write it from the root")
     return Problem(f"nothing is called `{first}` in the configuration", "", location, did_you_mean(first, known))
+
+
+def _written_alone(tree: Any, parts: list[str]) -> str:
+    """Return the hint to write the last component alone where that fits one place, else nothing."""
+    return f"write `{parts[-1]}=...`" if len(_missing(tree, parts[-1:])[1]) == 1 else ""
 
 
 def _walk(node: Any, parts: list[str]) -> list[Found]:
