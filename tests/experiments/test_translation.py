@@ -146,7 +146,7 @@ def test_weights_that_are_not_there_are_told_before_ray(tmp_path):
     }
     (problem,) = read_settings(model, {}, {}).problems
     assert problem.path == "rllib_configs.model_config.initial_weights"
-    assert "there is no such checkpoint" in problem.message
+    assert "is neither the folder of a checkpoint nor" in problem.message
 
 
 def test_all_mistakes_are_reported_together():
