@@ -31,7 +31,8 @@ from safe_inspect.environments import TeamEnvironment  # noqa: E402
 from safe_inspect.simulators.simulation import Simulation  # noqa: E402
 
 TASK = configs_root() / "translational-inspection" / "experiment-burn-and-coast.yml"
-#: Share of the decisions by their duration: 1, 4, 8, 16, 32 and 64 control steps.
+#: Durations in control steps, and the share of the decisions that has each.
+DURATIONS = ["CoastGlue.config.durations=[1, 4, 8, 16, 32, 64]"]
 SHARES = (0.5, 0.15, 0.1, 0.1, 0.05, 0.1)
 BURNS, LARGEST = 0.15, 0.3
 #: Decisions that are drawn ahead, and used again and again.
@@ -49,7 +50,7 @@ def decisions(count: int, shares: tuple[float, ...]) -> np.ndarray:
 
 def vector(count: int, shares: tuple[float, ...], parts: bool = True) -> Callable[[float], tuple[float, float]]:
     """Return a function that steps a Gymnasium vector for some seconds; it returns both rates."""
-    envs, given = safe_inspect.make_vec(TASK, count, autoreset_mode="SameStep"), decisions(count, shares)
+    envs, given = safe_inspect.make_vec(TASK, count, DURATIONS, autoreset_mode="SameStep"), decisions(count, shares)
     envs.reset(seed=1)
 
     def run(seconds: float) -> tuple[float, float]:
@@ -68,7 +69,7 @@ def vector(count: int, shares: tuple[float, ...], parts: bool = True) -> Callabl
 
 def sampler(count: int) -> Callable[[float], tuple[float, float]]:
     """Return a function that steps the batch itself; everyone decides when its decision has elapsed."""
-    core, given = TeamEnvironment(load_experiment(TASK).spec, count, seed=1), decisions(count, SHARES)
+    core, given = TeamEnvironment(load_experiment(TASK, DURATIONS).spec, count, seed=1), decisions(count, SHARES)
     core.observes_coasting = False
     core.reset()
 

@@ -11,7 +11,7 @@ import torch
 
 from safe_inspect.experiments.learning.ppo_nets import nets_of
 from safe_inspect.experiments.modules.saved_policy import load_arrays
-from safe_inspect.experiments.modules.weights_file import initial_weights
+from safe_inspect.experiments.modules.starting_weights import starting_weights
 from safe_inspect.types import AnyArray
 
 _ROWS_AT_ONCE = 1024
@@ -24,13 +24,13 @@ class InitialPolicy:
 
     Args:
         module: RLlib's module of the policy that learns.
-        source: Where its initial weights come from, see `initial_weights`.
+        source: Where its initial weights come from, see `starting_weights`.
         coefficients: c, or pairs [control steps of the training, c] with straight lines between them.
     """
 
     def __init__(self, module: Any, source: str, coefficients: float | Sequence[Sequence[float]]) -> None:
         self._module = deepcopy(module)
-        load_arrays(self._module, initial_weights(source).arrays, source)
+        load_arrays(self._module, starting_weights(source, self._module.model_config), source)
         pairs = coefficients if isinstance(coefficients, Sequence) else [[0, coefficients]]
         self._times, self._values = (np.array(column, dtype=np.float64) for column in zip(*pairs, strict=True))
 
