@@ -79,14 +79,14 @@ class Kernel(Generic[P, R]):
     def dispatcher(self) -> Any:
         """Numba's dispatcher of the function, for calls from Python."""
         if self._dispatcher is None:
-            self._dispatcher = _linking().whole(self, self._options)
+            self._dispatcher = _dispatchers().whole(self, self._options)
         return self._dispatcher
 
     @property
     def part(self) -> Any:
         """Numba's dispatcher of the function, for calls from other kernels."""
         if self._part is None:
-            self._part = _linking().part(self, self._options)
+            self._part = _dispatchers().part(self, self._options)
         return self._part
 
 
@@ -112,10 +112,10 @@ def compiling_seconds() -> float:
     return _spent[0]
 
 
-def _linking() -> Any:
-    """Return the module that compiles, which loads Numba."""
+def _dispatchers() -> Any:
+    """Return the module that makes dispatchers, which loads Numba."""
     prepare()
-    return import_module("safe_inspect.compiling.linking")
+    return import_module("safe_inspect.compiling.dispatchers")
 
 
 @functools.cache

@@ -10,19 +10,14 @@ This file belongs to the sources of compiled functions (those with ``@njit``): a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, ClassVar
 
 from llvmlite import binding
 from llvmlite.binding.newpassmanagers import create_new_module_pass_manager
-from numba import njit
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, compile_result
+from numba.core.compiler import Compiler, Flags
 from numba.core.environment import lookup_environment
-
-from safe_inspect.compiling.folders import digest_of, user_folder
 
 _ENVIRONMENT = "_ZN08NumbaEnv"
 #: How the names of compiled functions begin.
@@ -92,6 +87,7 @@ class PartLibrary(JITCodeLibrary):
         self._raise_if_finalized()
         passes = create_new_module_pass_manager()
         passes.add_sroa_pass()
+        passes.add_instruction_combine_pass()  # takes tuples apart: most of the code puts them together and apart again
         passes.add_simplify_cfg_pass()
         passes.add_aggressive_dce_pass()
         passes.add_global_dead_code_eliminate_pass()
@@ -155,10 +151,54 @@ def called_by(library: Any) -> list[Any]:
     return list(found)[::-1]
 
 
+class _FixedFlags(Flags):
+    """Options that nothing changes: what depends on them is looked up thousands of times in a compilation."""
+
+    __slots__ = ("_hash",)
+    _hash: int
+    _known: ClassVar[dict[_FixedFlags, _FixedFlags]] = {}
+
+    def __init__(self, flags: Flags) -> None:
+        super().__init__(flags)
+        self._hash = super().__hash__()
+
+    def __hash__(self) -> int:
+        """Return the hash of the options."""
+        return self._hash
+
+    def copy(self) -> Flags:
+        """Return options that can be changed."""
+        return Flags(self)
+
+    @classmethod
+    def of(cls, flags: Flags) -> _FixedFlags:
+        """Return the one object of these options."""
+        fixed = cls(flags)
+        return cls._known.setdefault(fixed, fixed)
+
+
+class _KernelFlags(Flags):
+    """Options of a kernel; a copy, which Numba makes to look functions up, is fixed."""
+
+    __slots__ = ()
+
+    def copy(self) -> Flags:
+        """Return the options as they are now."""
+        return _FixedFlags.of(self)
+
+
 class WholeCompiler(Compiler):
     """Compiles kernels that Python calls."""
 
     _library: type[JITCodeLibrary] = WholeLibrary
+
+    def __init__(
+        self, typingctx: Any, targetctx: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
+    ) -> None:
+        flags = _KernelFlags(flags)
+        if not flags.no_cpython_wrapper:
+            flags.no_cfunc_wrapper = True  # called from Python, or by its address: never both
+        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
 
     def compile_extra(self, func: Any) -> Any:
         """Compile a function."""
@@ -184,111 +224,3 @@ class PartCompiler(WholeCompiler):
         if "<locals>" not in identity.func_qualname and identity.modname != "__main__":
             identity.unique_id, identity.unique_name = "part", f"{identity.func_qualname}$part"
         return super()._compile_bytecode()
-
-
-class _Locator(CompileResultCacheImpl._locator_classes[1]):
-    """Keeps machine code in the user's folder."""
-
-    def __init__(self, function: Any, file: str) -> None:
-        super().__init__(function, file)
-        self._cache_path = str(user_folder(digest_of()) / self.get_suitable_cache_subpath(file))
-
-
-class _WholeFiles(CompileResultCacheImpl):
-    """Writes and reads machine code."""
-
-    # NUMBA_CACHE_DIR, or beside the source; Numba's own folder would keep what an update of the package changes
-    _locator_classes = [*CompileResultCacheImpl._locator_classes[:2], _Locator]  # noqa: RUF012
-
-
-class _PartFiles(_WholeFiles):
-    """Writes and reads what `PartCompiler` gives."""
-
-    def get_filename_base(self, fullname: str, abiflags: str) -> str:
-        """Return another name than that of the same kernel when Python calls it."""
-        return f"{super().get_filename_base(fullname, abiflags)}.part"
-
-    def reduce(self, result: Any) -> Any:
-        """Return what is written."""
-        library = result.library
-        result.fndesc.typemap = result.fndesc.calltypes = None  # large, and not needed any more
-        return (
-            library.name, library.bitcode, [part.origin for part in library.parts], result.fndesc,
-            result.environment, result.signature, str(result.type_annotation), result.reload_init,
-        )  # fmt: skip
-
-    def rebuild(self, target_context: Any, written: Any) -> Any:
-        """Return what was written; None when it no longer fits what it calls."""
-        name, bitcode, origins, fndesc, environment, signature, annotation, reload_init = written
-        for function in reload_init:
-            function()
-        parts = []
-        for kernel, compiled in origins:
-            kernel.part.compile(tuple(compiled.args))
-            called = kernel.part.overloads[tuple(compiled.args)]
-            if called.signature != compiled:
-                return None  # it has changed, and what it returns with it
-            parts.append(called.library)
-        library = PartLibrary.loaded(target_context.codegen(), name, bitcode, parts)
-        return compile_result(
-            target_context=target_context,
-            environment=environment,
-            entry_point=target_context.get_executable(library, fndesc, environment),
-            library=library,
-            fndesc=fndesc,
-            type_annotation=annotation,
-            signature=signature,
-            objectmode=False,
-            lifted=(),
-            reload_init=reload_init,
-        )
-
-
-class _WholeCache(FunctionCache):
-    """Cache of what `WholeCompiler` gives."""
-
-    _impl_class = _WholeFiles
-
-
-class _PartCache(FunctionCache):
-    """Cache of what `PartCompiler` gives for a kernel."""
-
-    _impl_class = _PartFiles
-
-    def __init__(self, kernel: Any) -> None:
-        super().__init__(kernel.__wrapped__)
-        self._kernel = kernel
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what is cached for a signature, or None."""
-        result = super().load_overload(sig, target_context)
-        if result is None or not result.library.complete:
-            return None
-        result.library.origin = (self._kernel, result.signature)
-        return result
-
-    def save_overload(self, sig: Any, result: Any) -> None:
-        """Cache what is compiled for a signature."""
-        result.library.origin = (self._kernel, result.signature)
-        super().save_overload(sig, result)
-
-
-def whole(kernel: Any, options: Mapping[str, Any]) -> Any:
-    """Return the dispatcher of a kernel for calls from Python.
-
-    Args:
-        kernel: The kernel.
-        options: Options of `numba.njit`.
-    """
-    dispatcher: Any = njit(pipeline_class=WholeCompiler, **options)(kernel.__wrapped__)
-    with suppress(RuntimeError):  # no folder can be written
-        dispatcher._cache = _WholeCache(kernel.__wrapped__)
-    return dispatcher
-
-
-def part(kernel: Any, options: Mapping[str, Any]) -> Any:
-    """Return the dispatcher of a kernel for calls from other kernels; see `whole`."""
-    dispatcher: Any = njit(pipeline_class=PartCompiler, **options)(kernel.__wrapped__)
-    with suppress(RuntimeError):
-        dispatcher._cache = _PartCache(kernel)
-    return dispatcher
