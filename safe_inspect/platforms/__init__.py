@@ -10,7 +10,6 @@ from safe_inspect.platforms.attitude_sensors import (
     RotatedAxesSensor,
 )
 from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
-from safe_inspect.platforms.burn_inspection import BurnInspectionSensor
 from safe_inspect.platforms.coasting_inspection import CoastingInspectionSensor
 from safe_inspect.platforms.controllers import MomentProp, RateController, ThrustProp
 from safe_inspect.platforms.cwh import CWHPlatform, SixDofPlatform
@@ -43,7 +42,6 @@ from safe_inspect.platforms.uninspected_sensors import UninspectedPointsMapSenso
 __all__ = [
     "AngularVelocitySensor",
     "ApproachVelocitySensor",
-    "BurnInspectionSensor",
     "CWHPlatform",
     "ClearanceSensor",
     "ClosestApproachPositionSensor",

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,8 @@ from safe_inspect.units import PositiveDuration
 
 #: Parts of the time of coasting after which the points that are left are counted.
 _PARTS = (0.125, 0.25, 0.5, 1.0)
+#: Longest distance between two looks ahead, as an angle of the orbit [rad].
+_CELL = 0.05
 
 
 @njit
@@ -84,18 +85,23 @@ def _left_after_coasting(
         reading[noted + axis] /= length
 
 
-class LookAheadSensor(Sensor):
-    """What the deputy would inspect on its way without thrust.
+class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
+    """What would be left to inspect if the thrusters stayed off from now on [-], shape (R, 7).
 
-    The way is the closed-form solution of the Clohessy-Wiltshire equations; other deputies, collisions, the limit of
-    range and a camera's field of view are not looked at.
+    Four shares of all points: those that nobody has inspected, now or by the deputy itself on its way, after an eighth,
+    a quarter, a half and the whole of `duration`, or at the horizon of the episode where that comes before; and the
+    mean (x, y, z) of the unit vectors, Hill frame, of the points that are left in the end, zeros if there are none. The
+    way is the closed-form solution of the Clohessy-Wiltshire equations, looked at every 0.05 rad of the orbit at most;
+    other deputies, collisions, the limit of range and a camera's field of view are not looked at.
 
-    Class attributes:
-        looks_every: Longest distance between two looks ahead, as an angle of the orbit [rad].
+    Attributes:
+        inspection_entity_name: The body that carries the points, at the origin of Hill's frame.
+        duration: How long the deputy coasts [s]; one orbit unless given.
+        horizon: Number of steps after which the episode ends [-]; that of the task unless given.
     """
 
+    elements: ClassVar[tuple[str, ...]] = ("left_eighth", "left_quarter", "left_half", "left", "x", "y", "z")
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
-    looks_every: ClassVar[float] = 0.05
 
     inspection_entity_name: PointsName = "chief"
     duration: PositiveDuration | None = None
@@ -114,7 +120,7 @@ class LookAheadSensor(Sensor):
         return self if "horizon" in self.model_fields_set else self.model_copy(update={"horizon": horizon})
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the reading [-].
+        """Write the shares and the mean direction [-].
 
         Raises:
             ValueError: The body turns, or light has another rule than lit or dark.
@@ -123,21 +129,19 @@ class LookAheadSensor(Sensor):
         light = model.surface.light
         self._require(turns=name == rotating_body(world), binary=light.binary)
         radius = model.surface.radius
-        inputs: tuple[Any, ...] = (
-            OwnArray("position"),
-            OwnArray("velocity"),
-            EnvironmentArray(f"points/{name}/inspector"),
-            EnvironmentArray("sun_angle"),
-            EnvironmentArray("step"),
-            self._table(world),
-            point_axes(model.surface.points),
-            np.array([radius * radius, radius * light.threshold, world.mean_motion, self.horizon]),
+        return RowTerm(
+            _left_after_coasting,
+            (
+                OwnArray("position"),
+                OwnArray("velocity"),
+                EnvironmentArray(f"points/{name}/inspector"),
+                EnvironmentArray("sun_angle"),
+                EnvironmentArray("step"),
+                self._table(world),
+                point_axes(model.surface.points),
+                np.array([radius * radius, radius * light.threshold, world.mean_motion, self.horizon]),
+            ),
         )
-        return self._term(inputs)
-
-    @abstractmethod
-    def _term(self, inputs: tuple[Any, ...]) -> RowTerm:
-        """Return the term of a row: state, who inspected what, sun, step, looks ahead, points and constants."""
 
     def _require(self, *, turns: bool, binary: bool) -> None:
         if turns:
@@ -152,30 +156,10 @@ class LookAheadSensor(Sensor):
         n = float(world.mean_motion)
         duration = 2.0 * math.pi / n if self.duration is None else self.duration
         last = max(1, round(duration / world.step_size))
-        stride = max(1, int(self.looks_every / (n * world.step_size)))
+        stride = max(1, int(_CELL / (n * world.step_size)))
         noted = [max(1, round(part * last)) for part in _PARTS]
         steps = sorted({*range(stride, last, stride), *noted})
         time = np.array(steps) * world.step_size
         turned = world.sun_rate * time
         columns = steps, n * time, np.cos(n * time), np.sin(n * time), np.cos(turned), np.sin(turned)
         return np.stack([*columns, np.isin(steps, noted)], axis=1).astype(np.float64)
-
-
-class CoastingInspectionSensor(LookAheadSensor, name="Sensor_CoastingInspection"):
-    """What would be left to inspect if the thrusters stayed off from now on [-], shape (R, 7).
-
-    Four shares of all points: those that nobody has inspected, now or by the deputy itself on its way, after an eighth,
-    a quarter, a half and the whole of `duration`, or at the horizon of the episode where that comes before; and the
-    mean (x, y, z) of the unit vectors, Hill frame, of the points that are left in the end, zeros if there are none. See
-    `LookAheadSensor`; it looks every 0.05 rad of the orbit at most.
-
-    Attributes:
-        inspection_entity_name: The body that carries the points, at the origin of Hill's frame.
-        duration: How long the deputy coasts [s]; one orbit unless given.
-        horizon: Number of steps after which the episode ends [-]; that of the task unless given.
-    """
-
-    elements: ClassVar[tuple[str, ...]] = ("left_eighth", "left_quarter", "left_half", "left", "x", "y", "z")
-
-    def _term(self, inputs: tuple[Any, ...]) -> RowTerm:
-        return RowTerm(_left_after_coasting, inputs)
