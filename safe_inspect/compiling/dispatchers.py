@@ -16,6 +16,7 @@ from numba.core.compiler import compile_result
 
 from safe_inspect.compiling.folders import digest_of, user_folder
 from safe_inspect.compiling.linking import PartCompiler, PartLibrary, WholeCompiler
+from safe_inspect.compiling.references import handed
 
 
 class _Locator(CompileResultCacheImpl._locator_classes[1]):
@@ -121,6 +122,13 @@ def whole(kernel: Any, options: Mapping[str, Any]) -> Any:
 def part(kernel: Any, options: Mapping[str, Any]) -> Any:
     """Return the dispatcher of a kernel for calls from other kernels; see `whole`."""
     dispatcher: Any = njit(pipeline_class=PartCompiler, **options)(kernel.__wrapped__)
+    fold = dispatcher._compiler.fold_argument_types
+
+    def fold_argument_types(args: Any, kws: Any) -> tuple[Any, tuple[Any, ...]]:
+        signature, folded = fold(args, kws)
+        return signature, tuple(map(handed, folded))
+
+    dispatcher._compiler.fold_argument_types = fold_argument_types
     with suppress(RuntimeError):
         dispatcher._cache = _PartCache(kernel)
     return dispatcher

@@ -19,6 +19,8 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, Flags
 from numba.core.environment import lookup_environment
 
+from safe_inspect.compiling.references import mark, require_value
+
 _ENVIRONMENT = "_ZN08NumbaEnv"
 #: How the names of compiled functions begin.
 _MANGLED = "_ZN"
@@ -78,6 +80,11 @@ class PartLibrary(JITCodeLibrary):
                 module.link_in(library._get_module_for_linking(), preserve=True)
         result: bytes = module.as_bitcode()
         return result
+
+    def add_ir_module(self, module: Any) -> None:
+        """Add the code of a function."""
+        mark(module.functions)
+        super().add_ir_module(module)
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
@@ -223,4 +230,6 @@ class PartCompiler(WholeCompiler):
         identity = self.state.func_id
         if "<locals>" not in identity.func_qualname and identity.modname != "__main__":
             identity.unique_id, identity.unique_name = "part", f"{identity.func_qualname}$part"
-        return super()._compile_bytecode()
+        result = super()._compile_bytecode()
+        require_value(result.signature.return_type, identity.func_qualname)
+        return result
