@@ -124,7 +124,9 @@ def _read_field(context: Any, builder: Any, reference: Any, address: Any, name: 
 
 @lower_cast(types.NamedTuple, Reference)
 def _refer(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
-    """Write a tuple to the stack, number by number, and return its address."""
+    """Return the address of a tuple: where its variable stands, else a place on the stack where it is written to."""
+    if isinstance(value, ir.LoadInstr) and isinstance(value.operands[0], ir.AllocaInstr):
+        return builder.bitcast(value.operands[0], Address(_BYTE))
     place = builder.bitcast(cgutils.alloca_once(builder, value.type), Address(_BYTE))
     _write(context, builder, value, place)
     return place
