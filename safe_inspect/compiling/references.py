@@ -34,7 +34,7 @@ class Address(type(_BYTE.as_pointer())):
     """Pointer to a tuple, as one to bytes."""
 
 
-class Reference(types.Type):
+class TupleReference(types.Type):
     """The address of a named tuple.
 
     Attributes:
@@ -43,7 +43,7 @@ class Reference(types.Type):
 
     def __init__(self, target: types.NamedTuple) -> None:
         digest = hashlib.sha256(str(target).encode()).hexdigest()
-        super().__init__(f"Reference({target.instance_class.__name__}, {digest[:16]})")
+        super().__init__(f"TupleReference({target.instance_class.__name__}, {digest[:16]})")
         self.target = target
 
     @property
@@ -52,27 +52,28 @@ class Reference(types.Type):
         return self.target
 
 
-def size_of(given: types.Type) -> int:
+def scalars_in(given: types.Type) -> int:
     """Return how many numbers a value of a type is handed on as."""
     if isinstance(given, types.BaseTuple):
-        return sum(size_of(each) for each in given)
+        return sum(scalars_in(each) for each in given)
     return 5 + 2 * given.ndim if isinstance(given, types.Array) else 1
 
 
 @functools.cache
 def handed(given: types.Type) -> types.Type:
     """Return the type that a kernel sees of an argument."""
-    if isinstance(given, types.NamedTuple) and size_of(given) >= LARGE:
-        return Reference(given)
+    if isinstance(given, types.NamedTuple) and scalars_in(given) >= LARGE:
+        return TupleReference(given)
     return given
 
 
 def require_value(returned: types.Type, name: str) -> None:
-    """Raise TypingError where a kernel returns the address of a tuple."""
-    if isinstance(returned, Reference) or (
-        isinstance(returned, types.BaseTuple) and any(isinstance(each, Reference) for each in returned)
-    ):
+    """Raise TypingError where a kernel returns the address of a tuple, alone or in another one."""
+    if isinstance(returned, TupleReference):
         raise TypingError(f"{name} returns a tuple that it is given; return what is needed of it")
+    if isinstance(returned, types.BaseTuple):
+        for each in returned:
+            require_value(each, name)
 
 
 def mark(functions: Iterable[ir.Function]) -> None:
@@ -84,17 +85,17 @@ def mark(functions: Iterable[ir.Function]) -> None:
                 argument.add_attribute("nonnull")
 
 
-@register_model(Reference)
+@register_model(TupleReference)
 class _ReferenceModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, given: Reference) -> None:
+    def __init__(self, manager: Any, given: TupleReference) -> None:
         super().__init__(manager, given, Address(_BYTE))
 
 
 @infer_getattr
 class _ReferenceFields(AttributeTemplate):
-    key = Reference
+    key = TupleReference
 
-    def generic_resolve(self, reference: Reference, name: str) -> types.Type | None:
+    def generic_resolve(self, reference: TupleReference, name: str) -> types.Type | None:
         """Return the type of a field."""
         target = reference.target
         return handed(target.types[target.fields.index(name)]) if name in target.fields else None
@@ -111,18 +112,18 @@ def _shifted(builder: Any, address: Any, offset: int) -> Any:
     return builder.gep(address, [ir.Constant(ir.IntType(32), offset)], inbounds=True)
 
 
-@lower_getattr_generic(Reference)
+@lower_getattr_generic(TupleReference)
 def _read_field(context: Any, builder: Any, reference: Any, address: Any, name: str) -> Any:
     index = reference.target.fields.index(name)
     place = _shifted(builder, address, _offset(context.get_value_type(reference.target), index, context.target_data))
     member = reference.target.types[index]
-    if isinstance(handed(member), Reference):
+    if isinstance(handed(member), TupleReference):
         return place
     value = builder.load(builder.bitcast(place, context.get_value_type(member).as_pointer()))
     return impl_ret_borrowed(context, builder, member, value)
 
 
-@lower_cast(types.NamedTuple, Reference)
+@lower_cast(types.NamedTuple, TupleReference)
 def _refer(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
     """Return the address of a tuple: where its variable stands, else a place on the stack where it is written to."""
     if isinstance(value, ir.LoadInstr) and isinstance(value.operands[0], ir.AllocaInstr):

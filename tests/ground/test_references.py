@@ -1,0 +1,94 @@
+"""A large named tuple is handed to a kernel by its address, and reads as it does in Python."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numba.core.errors import TypingError
+
+from safe_inspect.compiling import njit
+from safe_inspect.compiling.references import TupleReference
+from safe_inspect.types import FloatArray, IntArray
+
+
+class Inner(NamedTuple):
+    weights: FloatArray
+    cube: FloatArray
+    pair: tuple[float, float]
+    whole: IntArray
+
+
+class Outer(NamedTuple):
+    scale: float
+    on: bool
+    one: Inner
+    other: Inner
+    steps: int
+
+
+@njit(error_model="numpy")
+def weighed(inner: Inner, row: int) -> float:
+    total = inner.pair[0] - inner.pair[1]
+    for k in range(inner.weights.shape[0]):
+        total += inner.weights[k] * inner.cube[row, k, 0]
+    inner.whole[row] += 1
+    return total
+
+
+@njit(error_model="numpy")
+def chosen(outer: Outer, row: int) -> float:
+    inner = outer.one if row % 2 == 0 else outer.other
+    return outer.scale * weighed(inner, row) + outer.steps if outer.on else 0.0
+
+
+@njit(error_model="numpy")
+def summed(outer: Outer, out: FloatArray) -> None:
+    for row in range(out.shape[0]):
+        turned = Outer(-outer.scale, row > 0, outer.other, outer.one, row)
+        out[row] = chosen(outer, row) + 10.0 * chosen(turned, row)
+
+
+@njit
+def same(outer: Outer) -> Outer:
+    return outer
+
+
+@njit
+def handing_back(outer: Outer) -> float:
+    return same(outer).scale
+
+
+def outer() -> Outer:
+    draws = np.random.default_rng(3)
+    one, other = (Inner(draws.random(4), draws.random((5, 4, 2)), (1.5, k), np.zeros(5, np.int64)) for k in (0.25, 4.0))
+    return Outer(0.5, True, one, other, 7)
+
+
+def in_python(outer: Outer, row: int) -> float:
+    if not outer.on:
+        return 0.0
+    inner = outer.other if row % 2 else outer.one
+    total = inner.pair[0] - inner.pair[1]
+    for k in range(4):
+        total += inner.weights[k] * inner.cube[row, k, 0]
+    inner.whole[row] += 1
+    return float(outer.scale * total + outer.steps)
+
+
+def test_a_large_tuple_is_read_as_in_python() -> None:
+    got, given, expected = np.empty(5), outer(), outer()
+    summed(given, got)
+    for row in range(5):
+        turned = Outer(-expected.scale, row > 0, expected.other, expected.one, row)
+        assert got[row] == in_python(expected, row) + 10.0 * in_python(turned, row), row
+    assert given.one.whole.tolist() == expected.one.whole.tolist()
+    assert given.other.whole.tolist() == expected.other.whole.tolist()
+    (signature,) = chosen.part.overloads
+    assert isinstance(signature[0], TupleReference)
+
+
+def test_a_kernel_does_not_return_the_address_of_a_tuple() -> None:
+    with pytest.raises(TypingError, match="same returns a tuple that it is given; return what is needed of it"):
+        handing_back(outer())
