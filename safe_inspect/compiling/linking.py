@@ -159,19 +159,22 @@ def called_by(library: Any) -> list[Any]:
 
 
 class _FixedFlags(Flags):
-    """Options that nothing changes: what depends on them is looked up thousands of times in a compilation."""
+    """Options that nothing changes, one object for those that are equal.
 
-    __slots__ = ("_hash",)
-    _hash: int
-    _known: ClassVar[dict[_FixedFlags, _FixedFlags]] = {}
+    Numba looks functions up by them tens of thousands of times in a compilation, and the hash of its own is the same
+    for all options.
+    """
 
-    def __init__(self, flags: Flags) -> None:
-        super().__init__(flags)
-        self._hash = super().__hash__()
+    __slots__ = ()
+    _known: ClassVar[list[_FixedFlags]] = []
 
     def __hash__(self) -> int:
-        """Return the hash of the options."""
-        return self._hash
+        """Return the hash of the object."""
+        return id(self)
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether these are the options of another object."""
+        return self is other or (not isinstance(other, _FixedFlags) and super().__eq__(other))
 
     def copy(self) -> Flags:
         """Return options that can be changed."""
@@ -180,8 +183,11 @@ class _FixedFlags(Flags):
     @classmethod
     def of(cls, flags: Flags) -> _FixedFlags:
         """Return the one object of these options."""
-        fixed = cls(flags)
-        return cls._known.setdefault(fixed, fixed)
+        for known in cls._known:
+            if known == flags:
+                return known
+        cls._known.append(cls(flags))
+        return cls._known[-1]
 
 
 class _KernelFlags(Flags):
