@@ -10,14 +10,18 @@ This file belongs to the sources of compiled functions (those with ``@njit``): a
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from llvmlite import binding
 from llvmlite.binding.newpassmanagers import create_new_module_pass_manager
+from numba.core import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, Flags
 from numba.core.environment import lookup_environment
+from numba.core.targetconfig import ConfigStack
 
 from safe_inspect.compiling.references import mark, require_value
 
@@ -33,7 +37,19 @@ class _Unplaced:
         """Do nothing."""
 
 
-class PartLibrary(JITCodeLibrary):
+class _Library(JITCodeLibrary):
+    """Code of a kernel, which is optimised when all that it calls is linked."""
+
+    def add_ir_module(self, module: Any) -> None:
+        """Add the code of a function."""
+        mark(module.functions)
+        super().add_ir_module(module)
+
+    def _optimize_functions(self, module: Any) -> None:
+        module.data_layout = self._codegen._data_layout
+
+
+class PartLibrary(_Library):
     """Intermediate code of a kernel that kernels call. It is never run by itself.
 
     Attributes:
@@ -81,14 +97,6 @@ class PartLibrary(JITCodeLibrary):
         result: bytes = module.as_bitcode()
         return result
 
-    def add_ir_module(self, module: Any) -> None:
-        """Add the code of a function."""
-        mark(module.functions)
-        super().add_ir_module(module)
-
-    def _optimize_functions(self, module: Any) -> None:
-        module.data_layout = self._codegen._data_layout
-
     def finalize(self) -> None:
         """Keep the code as it is."""
         self._raise_if_finalized()
@@ -115,11 +123,8 @@ class PartLibrary(JITCodeLibrary):
         return 0
 
 
-class WholeLibrary(JITCodeLibrary):
+class WholeLibrary(_Library):
     """Machine code of a kernel that Python calls, with all that it calls."""
-
-    def _optimize_functions(self, module: Any) -> None:
-        module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
@@ -200,6 +205,35 @@ class _KernelFlags(Flags):
         return _FixedFlags.of(self)
 
 
+@functools.cache
+def _remembering(context: Any) -> Any:
+    """Return a typing context that remembers what functions give for numbers and arrays, and is else another one.
+
+    Numba tries some ten signatures and templates each time that two numbers are added.
+    """
+    known: dict[Any, Any] = {}
+
+    class Remembering(type(context)):  # type: ignore[misc]
+        def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+            """Return the signature of a function for types of arguments."""
+            if kws or not (isinstance(func, types.Function) or func is operator.getitem) or not all(map(_plain, args)):
+                return super().resolve_function_type(func, args, kws)
+            key = func, tuple(args), ConfigStack.top_or_none()
+            if key not in known:
+                known[key] = super().resolve_function_type(func, args, kws)
+            return known[key]
+
+    remembering = object.__new__(Remembering)
+    remembering.__dict__ = context.__dict__
+    return remembering
+
+
+def _plain(given: types.Type) -> bool:
+    if isinstance(given, types.BaseTuple):
+        return all(_plain(each) for each in given)
+    return isinstance(given, types.Number | types.Boolean | types.Literal | types.Array)
+
+
 class WholeCompiler(Compiler):
     """Compiles kernels that Python calls."""
 
@@ -211,7 +245,7 @@ class WholeCompiler(Compiler):
         flags = _KernelFlags(flags)
         if not flags.no_cpython_wrapper:
             flags.no_cfunc_wrapper = True  # called from Python, or by its address: never both
-        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+        super().__init__(_remembering(typingctx), targetctx, library, args, return_type, flags, locals)
 
     def compile_extra(self, func: Any) -> Any:
         """Compile a function."""

@@ -126,11 +126,25 @@ def _read_field(context: Any, builder: Any, reference: Any, address: Any, name: 
 @lower_cast(types.NamedTuple, TupleReference)
 def _refer(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
     """Return the address of a tuple: where its variable stands, else a place on the stack where it is written to."""
-    if isinstance(value, ir.LoadInstr) and isinstance(value.operands[0], ir.AllocaInstr):
+    if isinstance(value, ir.LoadInstr) and _holds(value, builder.block):
         return builder.bitcast(value.operands[0], Address(_BYTE))
     place = builder.bitcast(cgutils.alloca_once(builder, value.type), Address(_BYTE))
     _write(context, builder, value, place)
     return place
+
+
+def _holds(value: ir.LoadInstr, block: ir.Block) -> bool:
+    """Return whether a variable on the stack has the value still at the end of a block.
+
+    It has not in ``before = now``, ``now = ...``, ``f(before)``, nor after the last use of its name.
+    """
+    variable = value.operands[0]
+    for each in reversed(block.instructions):
+        if each is value:
+            return isinstance(variable, ir.AllocaInstr)
+        if isinstance(each, ir.StoreInstr) and each.operands[1] is variable:
+            break
+    return False
 
 
 def _write(context: Any, builder: Any, value: Any, place: Any) -> None:

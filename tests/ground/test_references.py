@@ -50,6 +50,27 @@ def summed(outer: Outer, out: FloatArray) -> None:
         out[row] = chosen(outer, row) + 10.0 * chosen(turned, row)
 
 
+@njit(error_model="numpy")
+def in_turn(first: Outer, rows: int, out: FloatArray) -> None:
+    """Hand on a tuple whose variable has another value by then."""
+    now = first
+    for row in range(rows):
+        before = now
+        now = Outer(now.scale + 1.0, True, now.other, now.one, row)
+        out[row] = chosen(before, row) - 10.0 * chosen(now, row)
+
+
+@njit(error_model="numpy")
+def under_another_name(given: Outer, rows: int, out: FloatArray) -> None:
+    """Hand on a tuple whose first name is not used any more."""
+    made = Outer(given.scale + 1.0, given.on, given.one, given.other, rows)
+    for row in range(rows):
+        out[row] = 0.0
+    if rows > 0:
+        kept = made
+        out[0] = chosen(kept, 0)
+
+
 @njit
 def same(outer: Outer) -> Outer:
     return outer
@@ -87,6 +108,21 @@ def test_a_large_tuple_is_read_as_in_python() -> None:
     assert given.other.whole.tolist() == expected.other.whole.tolist()
     (signature,) = chosen.part.overloads
     assert isinstance(signature[0], TupleReference)
+
+
+def test_a_tuple_is_the_one_that_its_name_stood_for() -> None:
+    got, expected = np.empty(5), outer()
+    in_turn(outer(), 5, got)
+    now = expected
+    for row in range(5):
+        before, now = now, Outer(now.scale + 1.0, True, now.other, now.one, row)
+        assert got[row] == in_python(before, row) - 10.0 * in_python(now, row), row
+
+
+def test_a_tuple_holds_when_its_first_name_is_not_used_any_more() -> None:
+    got, given = np.empty(2), outer()
+    under_another_name(outer(), 2, got)
+    assert got.tolist() == [in_python(given._replace(scale=1.5, steps=2), 0), 0.0]
 
 
 def test_a_kernel_does_not_return_the_address_of_a_tuple() -> None:
