@@ -19,6 +19,8 @@ from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write
 
 USER_ERROR = 2
+#: Names of parsed arguments that are no options.
+_HIDDEN = {"--overrides", "--words", "--run", "--command", "--experiment-needed", "--source", "--sources"}
 
 
 class Parser(argparse.ArgumentParser):
@@ -53,9 +55,11 @@ def parse_arguments(parser: argparse.ArgumentParser, argv: Sequence[str] | None)
         if arguments.cfg is None and not unknown and arguments.experiment_needed:
             parser.error("no experiment: give its file")
     if unknown:
-        options = [f"--{name.replace('_', '-')}" for name in vars(arguments)]
-        near = did_you_mean(unknown[0], options) if unknown[0].startswith("--") else ""
+        options = {f"--{name.replace('_', '-')}" for name in vars(arguments)}
+        near = did_you_mean(unknown[0], options - _HIDDEN) if unknown[0].startswith("--") else ""
         hint = f"; {near}" if near.startswith("did you mean") else ""
+        if unknown[0].startswith("--override"):
+            hint = "; write KEY=VALUE alone"
         parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
     return arguments
 

@@ -83,6 +83,9 @@ def load_experiment(
     """
     if isinstance(overrides, str):
         raise ConfigError(Problem("overrides are a list of texts", hint=f"write [{overrides!r}]"))
+    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+        hint = "; `build_spec` takes a resolved one" if isinstance(path, Mapping) else ""
+        raise ConfigError(Problem(f"a configuration is the path of a file or the id of a task, not {path!r:.60}{hint}"))
     name = os.fspath(path)
     if name in ALL_TASKS:
         path, overrides = configs_root() / ALL_TASKS[name], (*TASK_OVERRIDES.get(name, ()), *overrides)

@@ -15,6 +15,14 @@ from safe_inspect.plugins.plugin import Plugin
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
 
+_RAISE = "raise an error that says what is wrong, or return a value"
+#: What a plugin does that raises these, and what to do instead.
+_ENDS: dict[type[BaseException], tuple[str, str]] = {
+    SystemExit: ("ends the program", _RAISE),
+    GeneratorExit: ("raises GeneratorExit", _RAISE),
+    RecursionError: ("calls itself without end", "its traceback is left out; mend the call"),
+}
+
 
 def writes_read_only(error: BaseException) -> bool:
     """Return whether an exception is NumPy's refusal to write into a read-only array."""
@@ -27,7 +35,7 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
     Other exceptions than the package's own get a note.
 
     Raises:
-        PluginValueError: A plugin writes into a read-only array, or calls `sys.exit`.
+        PluginValueError: A plugin writes into a read-only array, ends the program, or calls itself without end.
     """
 
     @functools.wraps(function)
@@ -36,7 +44,7 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
             return function(*args, **kwargs)
         except SafeInspectError:
             raise
-        except (Exception, SystemExit, KeyboardInterrupt) as error:
+        except BaseException as error:
             if isinstance(error, Interrupted):  # of a signal, wherever that arrives
                 raise
             plugin, file, line = _innermost(error)
@@ -49,11 +57,10 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
                     f"{what} writes into an array that is read-only ({file}:{line}: {source}); compute on a copy, or "
                     "remember in a declared array"
                 ) from error
-            if isinstance(error, SystemExit):
-                raise PluginValueError(
-                    f"{what} ends the program ({file}:{line}: {linecache.getline(file, line).strip()}); raise an error "
-                    "that says what is wrong, or return a value"
-                ) from error
+            ends = _ENDS.get(type(error))
+            if ends is not None:
+                source = linecache.getline(file, line).strip()
+                raise PluginValueError(f"{what} {ends[0]} ({file}:{line}: {source}); {ends[1]}") from None
             error.add_note(f"raised in {what} ({file}:{line})")
             raise
 

@@ -15,6 +15,9 @@ from pydantic import BaseModel, ConfigDict
 
 from safe_inspect.plugins.registry import registry
 
+_PACKAGE = "safe_inspect."
+_BY_PLACE = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -58,9 +61,10 @@ class Plugin(BaseModel):
         """Register a concrete class.
 
         Raises:
-            TypeError: The class extends a concrete plugin.
+            TypeError: The class extends a concrete plugin, or one of its methods does not take what it is called with.
         """
         super().__pydantic_init_subclass__(**kwargs)
+        _check_methods(cls)
         for parent in cls.__mro__[1:]:
             if isinstance(parent, type) and issubclass(parent, Plugin) and parent.registered_name:
                 raise TypeError(
@@ -101,6 +105,22 @@ class Plugin(BaseModel):
 
 def _methods(cls: type) -> set[str]:
     return {name for parent in cls.__mro__ if parent not in (object, BaseModel, Plugin) for name in vars(parent)}
+
+
+def _check_methods(cls: type) -> None:
+    """Check that what a class defines anew can be called as what it stands for."""
+    for name, own in vars(cls).items():
+        declared = next((vars(parent)[name] for parent in cls.__mro__[1:] if name in vars(parent)), None)
+        if not (inspect.isfunction(own) and inspect.isfunction(declared) and declared.__module__.startswith(_PACKAGE)):
+            continue
+        wanted = inspect.signature(declared)
+        named = {each.name: each for each in wanted.parameters.values() if each.kind is each.KEYWORD_ONLY}
+        places = [each for each in wanted.parameters.values() if each.kind in _BY_PLACE]
+        try:
+            inspect.signature(own).bind(*places, **named)
+        except TypeError as error:
+            arguments = ", ".join([each.name for each in places] + [f"{each}=..." for each in named])
+            raise TypeError(f"{cls.__qualname__}.{name} cannot be called as ({arguments}): {error}") from None
 
 
 def _marks(info: Any) -> list[Reference]:

@@ -266,7 +266,30 @@ def test_what_is_no_command_line_is_refused(typed, words):
     assert len(err.splitlines()) == 1
 
 
+@pytest.mark.parametrize(
+    ("override", "told"),
+    [
+        ("scheduler=ray.tune.schedulers.ASHA", "tune_config.scheduler: module 'ray.tune.schedulers' has no 'ASHA'"),
+        ("scheduler=ray.tune.Callback", "tune_config.scheduler: 'ray.tune.Callback' is no scheduler of ray.tune"),
+        (
+            "initial_weights=docking",
+            "model_config.initial_weights: docking: its weights do not fit this policy",
+        ),
+        ("fcnet_activation=gelu", "`gelu` is not possible; use one of `tanh`, `relu`, `swish`, `silu`, `linear`"),
+    ],
+)
+def test_what_only_the_training_would_meet_is_found_by_validate(typed, override, told):
+    shipped = "configs/translational-inspection/experiment.yml"
+    for words in (("validate", shipped), ("train", shipped, "--dry-run")):
+        code, out, err = typed(*words, override)
+        assert (code, out) == (2, "")
+        assert told in err
+    assert typed("validate", shipped, "scheduler=ray.tune.schedulers.ASHAScheduler")[0] == 0
+
+
 def test_a_misspelt_command_or_option_is_told_the_nearest(typed):
+    for override in ("--override", "--overrides"):
+        assert f"{override}; write KEY=VALUE alone; see" in typed("evaluate", "zero-thrust", override, "horizon=10")[2]
     assert "--drows; did you mean `--draws`?" in typed("acceptance", EXPERIMENT, "--drows", "5")[2]
     assert "`list tasks` takes no name; remove 'x'" in typed("list", "tasks", "x")[2]
     assert typed("evaluat")[2].startswith("error: there is no command 'evaluat'; did you mean `evaluate`?")

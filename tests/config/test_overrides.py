@@ -106,6 +106,14 @@ def test_a_place_is_removed(tree, override, path, left):
         assert str(locate(changed, ("records", 0))) == "a.yml:16"
 
 
+def test_an_index_may_be_written_as_messages_write_it(tree):
+    for path in ("records[0][3].config.lr", "records.0.3.config.lr"):
+        assert apply_overrides(tree, [f"{path}=5"])["records"][0][3] == {"policy": "P", "config": {"lr": 5}}
+    scale = "agent_config.blue0_ctrl.config.rewards[1].config.scale"
+    changed = apply_overrides(tree, [f"{scale}=5"])
+    assert [each["config"]["scale"] for each in changed["agent_config"]["blue0_ctrl"]["config"]["rewards"]] == [0.01, 5]
+
+
 def test_other_places_keep_their_locations(tree):
     changed = apply_overrides(tree, ["rllib.lr={a: {b: 1}}"])
     assert str(locate(changed, ("rllib", "train_batch_size"))) == "a.yml:1"

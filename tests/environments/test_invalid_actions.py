@@ -12,7 +12,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import InspectionEnv, InspectionVectorEnv, TeamEnvironment
 from safe_inspect.environments.episodes import transition_info
-from safe_inspect.errors import ArgumentError, PluginValueError
+from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.evaluation.task import default_metrics
 
@@ -121,7 +121,7 @@ def test_an_action_of_another_shape_is_told_as_the_caller_sees_it():
     for action in ([1.0, 2.0], None, 0.0):
         with pytest.raises(ArgumentError, match=r"the action has the shape .*; \(3,\) is wanted"):
             single.step(action)
-    with pytest.raises(ArgumentError, match=r"the actions have the shape \(3, 3\); \(2, 3\) is wanted"):
+    with pytest.raises(ArgumentError, match=r"the array of actions has the shape \(3, 3\); \(2, 3\) is wanted"):
         vector.step(np.zeros((3, 3)))
 
 
@@ -129,3 +129,27 @@ def test_an_action_of_another_shape_is_told_as_the_caller_sees_it():
 def test_a_number_of_environments_is_a_whole_one(number):
     with pytest.raises(ValueError, match=r"num_envs is a whole number from 1 on, not "):
         safe_inspect.make_vec(ID, number)
+
+
+@pytest.mark.parametrize(
+    ("action", "told"),
+    [
+        (None, r"has the shape \(\); \(3,\) is wanted"),
+        ([0.0, 0.0], r"has the shape \(2,\); \(3,\) is wanted"),
+        ([0.0, [0.0, 0.0], 0.0], r"is ragged; an array of the shape \(3,\) is wanted"),
+        ([0.0, "x", 0.0], r"holds other things than numbers \(.*\); numbers of the shape \(3,\) are wanted"),
+        ([0.0, None, 0.0], r"holds other things than numbers \(object\)"),
+    ],
+)
+def test_what_is_no_array_of_numbers_is_refused(action, told):
+    one, several = safe_inspect.make(ID), safe_inspect.make_vec(ID, 1)
+    one.reset(seed=0)
+    several.reset(seed=0)
+    with pytest.raises(ArgumentError, match=f"the action {told}"):
+        one.step(action)
+    with pytest.raises(ArgumentError, match=r"the array of actions (has the shape|is ragged|holds other things)"):
+        several.step(action if action is None else [action])
+    named = safe_inspect.make_parallel(ID)
+    named.reset(seed=0)
+    with pytest.raises(SafeInspectError, match=f"actions: that for blue0_ctrl {told}"):
+        named.step({"blue0_ctrl": action})

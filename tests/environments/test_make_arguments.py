@@ -6,7 +6,7 @@ import gymnasium
 import pytest
 
 import safe_inspect
-from safe_inspect.errors import AgentError, ArgumentError, PluginValueError
+from safe_inspect.errors import AgentError, ArgumentError, ConfigError, PluginValueError
 from safe_inspect.interrupts import Interrupted
 from safe_inspect.rewards import Reward
 
@@ -70,13 +70,32 @@ class Ends(Reward):
     what: str
 
     def __call__(self, step):
-        raise {"exit": SystemExit(3), "interrupt": KeyboardInterrupt(), "signal": Interrupted(2)}[self.what]
+        if self.what == "deep":
+            return self(step)
+        ends = {"exit": SystemExit(3), "generator": GeneratorExit(), "interrupt": KeyboardInterrupt()}
+        raise ends.get(self.what, Interrupted(2))
 
 
 def ended(what):
     environment = safe_inspect.make(ID, [f"rewards=[{{functor: {__name__}.Ends, config: {{what: {what}}}}}]"])
     environment.reset(seed=0)
     return environment.step(environment.action_space.sample())
+
+
+@pytest.mark.parametrize(
+    ("what", "told"), [("generator", "raises GeneratorExit"), ("deep", "calls itself without end")]
+)
+def test_a_plugin_that_ends_otherwise_is_named(what, told):
+    with pytest.raises(PluginValueError, match=rf"the reward Ends {told} \({__file__}:\d+: ") as error:
+        ended(what)
+    assert error.value.__suppress_context__  # of a thousand calls
+
+
+@pytest.mark.parametrize("cfg", [None, 3, "", {"agent_config": {}}])
+def test_what_is_no_configuration_is_refused(cfg):
+    for make in (safe_inspect.make, safe_inspect.make_vec, safe_inspect.make_parallel):
+        with pytest.raises(ConfigError, match="is the path of a file or the id of a task, not"):
+            make(cfg)
 
 
 def test_a_plugin_that_ends_the_program_is_named():

@@ -34,6 +34,29 @@ def test_defaults_are_checked() -> None:
         OddReward()
 
 
+def test_a_method_takes_what_it_is_called_with() -> None:
+    with pytest.raises(TypeError, match=r"Sparse\.__call__ cannot be called as \(self, step\): too many positional"):
+
+        class Sparse(Reward):
+            def __call__(self):
+                return 1.0
+
+    with pytest.raises(TypeError, match=r"Greedy\.row cannot be called as \(self, world, group\): missing a required"):
+
+        class Greedy(Reward):
+            def row(self, world, group, more):
+                return None
+
+            def __call__(self, step):
+                return 1.0
+
+    class Wide(Reward):
+        def __call__(self, step, share=1.0, *rest):
+            return share
+
+    assert Wide()(None) == 1.0
+
+
 def test_a_concrete_plugin_is_final() -> None:
     with pytest.raises(TypeError, match="ObservedPointsReward, which is final"):
 

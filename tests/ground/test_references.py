@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numba import typeof
 from numba.core.errors import TypingError
 
 from safe_inspect.compiling import njit
-from safe_inspect.compiling.references import TupleReference
+from safe_inspect.compiling.references import TupleReference, handed
 from safe_inspect.types import FloatArray, IntArray
 
 
@@ -106,8 +107,7 @@ def test_a_large_tuple_is_read_as_in_python() -> None:
         assert got[row] == in_python(expected, row) + 10.0 * in_python(turned, row), row
     assert given.one.whole.tolist() == expected.one.whole.tolist()
     assert given.other.whole.tolist() == expected.other.whole.tolist()
-    (signature,) = chosen.part.overloads
-    assert isinstance(signature[0], TupleReference)
+    assert isinstance(handed(typeof(given)), TupleReference)
 
 
 def test_a_tuple_is_the_one_that_its_name_stood_for() -> None:

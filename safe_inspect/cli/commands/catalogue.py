@@ -6,20 +6,18 @@ import argparse
 import inspect
 import json
 import re
-import sys
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.messages.file_schemas import FILES, model_schema
-from safe_inspect.config.models.learning import check_learning, flight_note
 from safe_inspect.errors import ConfigError, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.outputs import new_file
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
@@ -78,9 +76,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
         print(f"{arguments.cfg} is valid: rendezvous, {', '.join(type(part).__name__ for part in parts)}")
         return 0
     experiment = load_experiment(arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform)
-    settings = check_learning(experiment, read_settings)
-    for note in filter(None, (*settings.notes, flight_note(experiment))):
-        print(f"note: {note}", file=sys.stderr)
+    checked_settings(experiment)
     agents = ", ".join(f"{agent.name} on {agent.platform}" for agent in experiment.spec.agents)
     print(f"{arguments.cfg} is valid: {experiment.algorithm}, {agents}")
     return 0

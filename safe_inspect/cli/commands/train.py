@@ -11,15 +11,16 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.experiment import Experiment, load_experiment
-from safe_inspect.config.models.learning import check_learning, flight_note, placed
+from safe_inspect.config.models.learning import placed
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError
 from safe_inspect.experiments.runs.recipes import recipes_of
 from safe_inspect.experiments.runs.run_folder import open_run_folder
 from safe_inspect.experiments.runs.train import train
-from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings
+from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.trials import trial_table
 from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import save
@@ -37,9 +38,7 @@ def run_train(arguments: argparse.Namespace) -> int:
     if cfg is None:
         raise ConfigError("no experiment: give its file with --cfg, or an earlier run's folder with --resume")
     experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)
-    settings = check_learning(experiment, read_settings)
-    for note in filter(None, (*settings.notes, flight_note(experiment))):
-        print(f"note: {note}", file=sys.stderr)
+    checked_settings(experiment)
     if arguments.dry_run:
         print(dry_run(experiment))
         return 0

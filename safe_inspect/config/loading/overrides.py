@@ -1,6 +1,6 @@
 """Overrides of the command line: ``key=value`` with a dotted path into the tree.
 
-A component of the path is a key, or for the items of a list an index or a name:
+A component of the path is a key, or for the items of a list an index (``list.0`` or ``list[0]``) or a name:
 the item's ``name``, the class it names, or its controller or sensor. A path whose first
 component is not at the root is the end of a path, and stands for the one place
 that it fits. Where no file has the last component, it stands for the one place that may have it
@@ -9,6 +9,7 @@ that it fits. Where no file has the last component, it stands for the one place 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -21,6 +22,9 @@ from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
 _CLASS_KEYS = ("functor", "type", "part", "controller", "sensor")
+
+#: An index as messages write it: ``agent_config[0].policy``.
+_INDEX = re.compile(r"\[(\d+)\]")
 
 Found = tuple[Any, ...]
 
@@ -54,7 +58,7 @@ def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
 def _apply(tree: Any, override: str, location: Location) -> Any:
     removes = override.startswith("~")
     dotted, equals, text = override.removeprefix("~").partition("=")
-    parts = dotted.strip().split(".")
+    parts = _INDEX.sub(r".\1", dotted.strip()).split(".")
     if bool(equals) == removes or not all(parts):
         hint = "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"
         raise ConfigError(Problem("not an override", location=location, hint=hint))

@@ -6,8 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
-import numpy as np
-
+from safe_inspect.environments.facades.action_arrays import action_array
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import AgentError, SafeInspectError, did_you_mean
 from safe_inspect.types import AnyArray
@@ -64,15 +63,15 @@ def checked_actions(
     """
     if not isinstance(actions, Mapping):
         raise SafeInspectError(f"actions: give a dictionary of them by agent, not a {type(actions).__name__}")
-    arrays = {agent: np.asarray(action) for agent, action in actions.items()}
-    problems = [f"none is given for {agent}" for agent in wanted if agent not in arrays]
-    for agent, array in arrays.items():
+    found = {agent: action_array(action, shapes.get(agent)) for agent, action in actions.items()}
+    problems = [f"none is given for {agent}" for agent in wanted if agent not in found]
+    for agent, (_, mistake) in found.items():
         if agent not in shapes:
             problems.append(f"no agent that acts from outside is named {agent!r}, {did_you_mean(str(agent), shapes)}")
         elif agent not in wanted:
             problems.append(f"{agent} has ended and takes none until the next reset")
-        elif array.shape != shapes[agent]:
-            problems.append(f"that for {agent} has the shape {array.shape}, {shapes[agent]} is wanted")
+        elif mistake:
+            problems.append(f"that for {agent} {mistake}")
     if problems:
         raise SafeInspectError(f"actions: {'; '.join(problems)}")
-    return arrays
+    return {agent: array for agent, (array, _) in found.items()}

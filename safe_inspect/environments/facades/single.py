@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import gymnasium
-import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
+from safe_inspect.environments.facades.action_arrays import action_array
 from safe_inspect.environments.facades.make_arguments import checked_gamma, checked_slot
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
 from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
@@ -87,9 +87,10 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         """
         if not self._running:
             raise SafeInspectError("the episode has not begun or is over; call reset() first")
-        team, given = self.core.team, np.asarray(action)[None, None]
-        if given.shape[2:] != self.action_space.shape:
-            raise ArgumentError(f"the action has the shape {given.shape[2:]}; {self.action_space.shape} is wanted")
+        array, mistake = action_array(action, self.action_space.shape)
+        if mistake:
+            raise ArgumentError(f"the action {mistake}")
+        team, given = self.core.team, array[None, None]
         follow = None if self._view is None else self._view.follow
         if team.decides:
             decided = decide(team, (given,), self._gamma, follow=follow)

@@ -14,6 +14,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.decisions import DISCOUNT, decide
 from safe_inspect.environments.episodes import state_info, transition_info
+from safe_inspect.environments.facades.action_arrays import action_array
 from safe_inspect.environments.facades.make_arguments import checked_autoreset, checked_gamma, checked_slot
 from safe_inspect.environments.facades.rendering import (
     RENDER_FPS,
@@ -140,9 +141,9 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             raise SafeInspectError(
                 f"the episodes of the environments {np.flatnonzero(ended)[:8].tolist()} are over; reset them first"
             )
-        actions = np.asarray(actions)
-        if actions.shape != self.action_space.shape:
-            raise ArgumentError(f"the actions have the shape {actions.shape}; {self.action_space.shape} is wanted")
+        actions, mistake = action_array(actions, self.action_space.shape)
+        if mistake:
+            raise ArgumentError(f"the array of actions {mistake}")
         if ended.any():
             actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
         follow = None if self._view is None else self._view.follow

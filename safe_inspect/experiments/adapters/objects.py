@@ -58,6 +58,16 @@ def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
     return found
 
 
+def check_objects(settings: Mapping[str, Any]) -> None:
+    """Check what a `tune_config` names by dotted paths.
+
+    Raises:
+        ConfigError: See `scheduler_of` and `callbacks_of`.
+    """
+    scheduler_of(settings)
+    callbacks_of(settings)
+
+
 class _Setup:
     """The `setup` of a callback, which Tune calls when a training begins. A logger that cannot begin is named."""
 

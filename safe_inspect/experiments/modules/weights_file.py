@@ -92,6 +92,10 @@ def read_weights(folder: Path) -> Weights:
         with safe_open(path, framework="numpy") as file:
             texts: dict[str, str] = file.metadata() or {}
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        missing = {"format", "safe_inspect", "net"} - set(texts)
+        if missing:
+            texts_missing = ", ".join(f"`{name}`" for name in sorted(missing))
+            raise CheckpointError(f"{path}: no policy of safe_inspect: its header does not say {texts_missing}")
         if texts["format"] != str(POLICY_FORMAT):
             raise CheckpointError(
                 f"{path}: the weights were written by safe_inspect {texts['safe_inspect']}, whose format this version "

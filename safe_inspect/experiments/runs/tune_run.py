@@ -21,7 +21,7 @@ from safe_inspect.experiments.adapters.algorithm import (
     claimed_processors,
     environment_settings,
 )
-from safe_inspect.experiments.adapters.objects import callbacks_of, ranking, scheduler_of
+from safe_inspect.experiments.adapters.objects import callbacks_of, check_objects, ranking, scheduler_of
 from safe_inspect.experiments.adapters.registration import register_environments
 from safe_inspect.experiments.imitation.warm_start import warm_start
 from safe_inspect.experiments.modules.frozen import check_frozen
@@ -65,8 +65,7 @@ def check(run: TrainingRun, settings: Settings) -> None:
             raise ConfigError(problems)
         check_frozen(settings.policies, groups)
     configs = [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
-    scheduler_of(settings.tune.settings)
-    callbacks_of(settings.tune.settings)
+    check_objects(settings.tune.settings)
     processors = settings.ray.settings.get("num_cpus")
     if processors:
         cluster.check_size(max(map(claimed_processors, configs)), processors)

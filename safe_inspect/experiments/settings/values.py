@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from safe_inspect.config.keys.rllib_keys import Key
-from safe_inspect.errors import did_you_mean
 
 GRID = "grid_search"
 #: What a key without a limit of its own may be: less than what C's integers and floats take.
@@ -87,7 +86,7 @@ def _text(key: Key, value: Any) -> tuple[Any, str]:
         return value, _expected(key, value)
     if not key.choices:
         return value, ""
-    return value, f"`{value}` is not possible; {did_you_mean(value, key.choices)}"
+    return value, f"`{value}` is not possible; use one of {', '.join(f'`{each}`' for each in key.choices)}"
 
 
 def _mapping(key: Key, value: Any) -> tuple[Any, str]:
