@@ -197,7 +197,7 @@ def test_one_policy_for_all_is_trained(ray_session, tmp_path):
         ),
         ({"sgd_minibatch_size": 100}, "`minibatch_size` concerns all policies"),
         ({"lrr": 1.0}, "there is no key `lrr`; did you mean `lr`?"),
-        ({"lr": {"grid_search": [0.1, 0.2]}}, "`grid_search` is possible for what all policies have alike only"),
+        ({"lr": {"grid_search": [0.1, 0.2]}}, "a search is possible for what all policies have alike only"),
         ({"entropy_coeff": -1.0}, "-1.0 is too small"),
     ],
 )

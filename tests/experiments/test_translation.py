@@ -98,7 +98,7 @@ def test_nets_are_separate_unless_asked():
         ({"use_gae": "yes"}, "rllib_configs.use_gae", "true or false is expected"),
         ({"lr": [[5, 0.1], [9, 0.2]]}, "rllib_configs.lr", "begins with step 0"),
         ({"lr": "fast"}, "rllib_configs.lr", "a number, or a list of pairs"),
-        ({"batch_mode": "complete"}, "rllib_configs.batch_mode", "did you mean `complete_episodes`?"),
+        ({"batch_mode": "complete"}, "rllib_configs.batch_mode", "use one of `truncate_episodes`, `complete_episodes`"),
         ({"framework": "tf2"}, "rllib_configs.framework", "only `torch` is supported"),
         ({"observation_filter": "MeanStdFilter"}, "rllib_configs.observation_filter", "`normalization` in the glues"),
         ({"env": "CartPole-v1"}, "rllib_configs.env", "cannot be set here"),
@@ -224,7 +224,7 @@ def test_old_tune_settings():
         ({"checkpoint_frq": 1}, "tune_config.checkpoint_frq", "did you mean `checkpoint_freq`?"),
         ({"restore": "/some/where"}, "tune_config.restore", "--resume RUN_FOLDER"),
         ({"scheduler": "asha"}, "tune_config.scheduler", "a dotted path"),
-        ({"search_alg": "optuna"}, "tune_config.search_alg", "cannot be honoured"),
+        ({"search_alg": "optuna"}, "tune_config.search_alg", "`{functor: module.Class, config: {...}}`"),
         ({"num_samples": 0}, "tune_config.num_samples", "the least is 1"),
         ({"stop": {"training_iteration": -5}}, "tune_config.stop.training_iteration", "-5 is too small"),
         ({"stop": {"timesteps_total": 0}}, "tune_config.stop.timesteps_total", "0 is too small; the least is 1"),
@@ -275,7 +275,9 @@ def test_the_stock_runner_takes_over_with_one_note(mapping, reason):
 def test_the_runner_is_batched_unless_asked():
     assert translate_rllib({}).settings["env_runner"] == "batched"
     assert translate_rllib({"env_runner": "stock"}).settings["env_runner"] == "stock"
-    assert "did you mean `batched`?" in paths(translate_rllib({"env_runner": "batch"}))["rllib_configs.env_runner"]
+    assert (
+        "use one of `batched`, `stock`" in paths(translate_rllib({"env_runner": "batch"}))["rllib_configs.env_runner"]
+    )
     searched = translate_rllib({"env_runner": {"grid_search": ["batched", "stock"]}})
     assert "give one" in paths(searched)["rllib_configs.env_runner"]
 

@@ -10,6 +10,7 @@ from safe_inspect.config.models.learning import check_learning, flight_note, pla
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.modules.unfit_weights import unfit_weights
 from safe_inspect.experiments.runs.training_run import Settings, read_settings
+from safe_inspect.experiments.settings.search import searches_of
 
 
 def checked_settings(experiment: Experiment) -> Settings:
@@ -24,9 +25,10 @@ def checked_settings(experiment: Experiment) -> Settings:
     for note in filter(None, (*settings.notes, flight_note(experiment))):
         print(f"note: {note}", file=sys.stderr)
     problems = unfit_weights(experiment, settings)
-    if any(settings.tune.settings.get(key) for key in ("scheduler", "callbacks")):
+    if any(settings.tune.settings.get(key) for key in ("scheduler", "search_alg", "callbacks")):
         try:
-            import_module("safe_inspect.experiments.adapters.objects").check_objects(settings.tune.settings)
+            objects = import_module("safe_inspect.experiments.adapters.objects")
+            objects.check_objects(settings.tune.settings, searches_of(settings.rllib.settings))
         except ConfigError as error:
             problems += error.problems
     if problems:

@@ -21,6 +21,7 @@ TUNE_KEYS: dict[str, Key] = {
     "checkpoint_score_order": Key("text", choices=("max", "min")),
     "max_failures": Key("integer", low=0),
     "scheduler": Key("object", optional=True),
+    "search_alg": Key("object", optional=True),
     "metric": Key("text", optional=True),
     "mode": Key("text", choices=("max", "min"), optional=True),
     "callbacks": Key("objects", optional=True),
@@ -43,13 +44,10 @@ TUNE_RENAMED: dict[str, str] = {
     "local_dir": "storage_path",
 }
 
-_SEARCH = "trials are listed and checked before Ray starts; use `grid_search` and `num_samples`, and a `scheduler`"
-
 #: Keys that are harmless at one value and cannot be honoured at another.
 TUNE_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "restore": ((None, "", False), "use `--resume RUN_FOLDER` on the command line"),
     "resume": ((None, "", False), "use `--resume RUN_FOLDER` on the command line"),
-    "search_alg": ((None,), _SEARCH),
     "loggers": (
         (None, [], (), ["csv", "json", "tensorboard"]),
         "the run folder holds progress.csv, result.json and the TensorBoard log; name others as `callbacks`, such as "

@@ -1,14 +1,17 @@
-"""Objects that an experiment names by dotted paths; of Tune: schedulers and callbacks. Importing this loads Ray."""
+"""Objects that an experiment names by dotted paths; of Tune: schedulers, searchers, callbacks. Loads Ray."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 from ray import tune
 from ray.tune.schedulers import TrialScheduler
+from ray.tune.search import Searcher
 
 from safe_inspect.errors import ConfigError, Problem, RegistryError
+from safe_inspect.experiments.adapters.suggestions import Suggestions
 from safe_inspect.plugins.registry import import_user_module
 
 #: What a scheduler ranks trials by, unless the configuration says otherwise.
@@ -33,12 +36,49 @@ def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
     return made
 
 
+def suggestions_of(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> Suggestions | None:
+    """Return what suggests the values of trials, None without a `search_alg`.
+
+    Args:
+        settings: From `translate_tune`.
+        searched: See `searches_of`.
+
+    Raises:
+        ConfigError: There is no such class, it refuses its `config`, or it is no searcher.
+    """
+    entry = settings.get("search_alg")
+    if entry is None:
+        return None
+    where = "tune_config.search_alg"
+    made = built(entry, where)
+    if not isinstance(made, Searcher):
+        raise mistake(f"{entry['functor']!r} is no searcher of ray.tune", where)
+    own = entry["config"]
+    logging.getLogger("optuna").setLevel(logging.WARNING)  # it tells of each study
+    try:
+        return Suggestions(
+            made, searched, own.get("metric") or figure_of(settings), own.get("mode") or mode_of(settings)
+        )
+    except Exception as error:  # the searcher's author has classes of errors of his own
+        raise mistake(f"{entry['functor']} cannot search: {error}", where) from error
+
+
+def figure_of(settings: Mapping[str, Any]) -> str:
+    """Return the figure by which trials are ranked."""
+    return str(settings.get("metric") or METRIC)
+
+
+def mode_of(settings: Mapping[str, Any]) -> str:
+    """Return whether the best trial has the largest figure, ``max``, or the smallest, ``min``."""
+    return str(settings.get("mode") or "max")
+
+
 def ranking(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return by which figure a scheduler ranks trials; nothing without one, or where its own `config` says it."""
     entry = settings.get("scheduler")
     if entry is None or "metric" in entry["config"]:
         return {}
-    return {"metric": settings.get("metric") or METRIC, "mode": settings.get("mode") or "max"}
+    return {"metric": figure_of(settings), "mode": mode_of(settings)}
 
 
 def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
@@ -58,13 +98,14 @@ def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
     return found
 
 
-def check_objects(settings: Mapping[str, Any]) -> None:
-    """Check what a `tune_config` names by dotted paths.
+def check_objects(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> None:
+    """Check what a `tune_config` names by dotted paths; for the arguments see `suggestions_of`.
 
     Raises:
-        ConfigError: See `scheduler_of` and `callbacks_of`.
+        ConfigError: See `scheduler_of`, `suggestions_of` and `callbacks_of`.
     """
     scheduler_of(settings)
+    suggestions_of(settings, searched)
     callbacks_of(settings)
 
 

@@ -21,7 +21,7 @@ from safe_inspect.experiments.runs.learning_configuration import digest, learnin
 from safe_inspect.experiments.runs.progress import Messages
 from safe_inspect.experiments.runs.run_folder import RunFolder
 from safe_inspect.experiments.runs.training_run import Settings, TrainingRun, read_settings
-from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, write_trials
+from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, write_trial
 from safe_inspect.outputs import is_full
 
 
@@ -39,7 +39,8 @@ class TrainingResult:
         interrupted: Whether the user ended the training.
         notes: What was translated in the configuration, a sentence each.
         trials: What came of each trial of a search; empty without a search.
-        best: The checkpoint of this attempt with the best `checkpoint_score_attribute`; None of a search, or without.
+        best: The checkpoint of this attempt with the best `checkpoint_score_attribute`, None without; of a search the
+            folder of the best trial by what trials are ranked by.
     """
 
     folder: Path
@@ -124,7 +125,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         monitor.interrupted,
         settings.notes,
         trials,
-        None if trials else monitor.best,
+        monitor.best,
     )
 
 
@@ -143,8 +144,8 @@ def _open(
         seed = settings.trials[0].seed or 0
         try:
             run_folder.write_run_record(folder, text=run.text, seed=seed, configuration=learning)
-            if not settings.single:
-                write_trials(folder, run, settings)
+            for trial in () if settings.single or settings.suggested else settings.trials:
+                write_trial(folder, run, settings, trial)
         except OutputError:
             shutil.rmtree(folder.path, ignore_errors=True)
             raise

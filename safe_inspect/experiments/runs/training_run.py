@@ -13,7 +13,7 @@ from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
 from safe_inspect.experiments.modules.weights_file import initial_weights
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.policies import PolicySettings, read_policies
-from safe_inspect.experiments.settings.search import Trial, trials_of
+from safe_inspect.experiments.settings.search import Trial, search_problems, searches_of, trials_of
 from safe_inspect.experiments.settings.translation import (
     translate_ray,
     translate_rllib,
@@ -94,6 +94,11 @@ class Settings:
         searched = any(is_searched(value) for value in self.rllib.settings.values())
         return self.tune.settings["num_samples"] == 1 and not searched
 
+    @property
+    def suggested(self) -> bool:
+        """Whether a `search_alg` suggests the values of the trials while they train."""
+        return self.tune.settings.get("search_alg") is not None
+
 
 def read_settings(
     rllib: Mapping[str, Any], tune: Mapping[str, Any], ray: Mapping[str, Any], policies: Sequence[PolicySpec] = ()
@@ -109,6 +114,7 @@ def read_settings(
     trials: tuple[Trial, ...] = ()
     wrong: list[errors.Problem] = []
     if not translated.problems and not tuned.problems:
+        problems += search_problems(searches_of(translated.settings), tuned.settings.get("search_alg") is not None)
         trials, wrong = trials_of(rllib, translated, algorithm, tuned.settings["num_samples"])
     return Settings(translated, tuned, translate_ray(ray), found, tuple(notes), tuple(problems), trials, tuple(wrong))
 

@@ -43,4 +43,6 @@ def value_text(value: Any) -> str:
     """Return a value in a few letters; of a schedule the values that it goes through."""
     if isinstance(value, list) and value and all(isinstance(pair, list) and len(pair) == 2 for pair in value):
         return " to ".join(value_text(late) for _, late in value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
     return (value if isinstance(value, str) else json.dumps(value, default=str)).replace('"', "")

@@ -30,7 +30,7 @@ from safe_inspect.experiments.runs.trial_parameters import (
     value_text,
     write_parameters,
 )
-from safe_inspect.experiments.settings.search import experiment_of
+from safe_inspect.experiments.settings.search import Trial, experiment_of
 
 if TYPE_CHECKING:
     from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
@@ -59,28 +59,27 @@ class TrialResult:
     checkpoint: Path | None
 
 
-def write_trials(folder: RunFolder, run: TrainingRun, settings: Settings) -> None:
-    """Write what each trial of a new search is, before the first trains.
+def write_trial(folder: RunFolder, run: TrainingRun, settings: Settings, trial: Trial) -> None:
+    """Write what a trial of a search is, before it trains.
 
     Raises:
-        OutputError: A folder cannot be written.
+        OutputError: Its folder cannot be written.
     """
     head = run.text.partition("\n")[0]
-    for trial in settings.trials:
-        own = RunFolder(folder.trials / trial.name)
-        experiment = experiment_of(run.experiment, trial)
-        lines = [
-            *([head] if head.startswith("#") else []),
-            f"# {trial.name} of a search: {parameters_text({**trial.values, 'seed': trial.seed})}",
-            yaml.safe_dump(experiment, sort_keys=False, width=120),
-        ]
-        learning = learning_configuration(experiment, trial.rllib.settings, settings.policies)
-        try:
-            own.path.mkdir(parents=True)
-            write_parameters(own.path, trial.values, trial.seed)
-        except OSError as error:
-            raise OutputError(f"{own.path}: the folder of the trial cannot be written ({error.strerror})") from error
-        run_folder.write_run_record(own, text="\n".join(lines), seed=trial.seed or 0, configuration=learning)
+    own = RunFolder(folder.trials / trial.name)
+    experiment = experiment_of(run.experiment, trial)
+    lines = [
+        *([head] if head.startswith("#") else []),
+        f"# {trial.name} of a search: {parameters_text({**trial.values, 'seed': trial.seed})}",
+        yaml.safe_dump(experiment, sort_keys=False, width=120),
+    ]
+    learning = learning_configuration(experiment, trial.rllib.settings, settings.policies)
+    try:
+        own.path.mkdir(parents=True, exist_ok=True)  # of one that was suggested and had not begun when a run was killed
+        write_parameters(own.path, trial.values, trial.seed)
+    except OSError as error:
+        raise OutputError(f"{own.path}: the folder of the trial cannot be written ({error.strerror})") from error
+    run_folder.write_run_record(own, text="\n".join(lines), seed=trial.seed or 0, configuration=learning)
 
 
 def check_trials(folder: RunFolder, settings: Settings) -> None:
@@ -90,7 +89,7 @@ def check_trials(folder: RunFolder, settings: Settings) -> None:
         CheckpointError: The run has another number of trials.
     """
     found = len(trial_folders(folder.path))
-    if found != len(settings.trials):
+    if found != len(settings.trials) and not (settings.suggested and found < len(settings.trials)):
         raise CheckpointError(
             f"{folder.path}: the search has {found} trials, and this experiment asks for {len(settings.trials)}; "
             "resume it with the same `num_samples`, or start a new run"

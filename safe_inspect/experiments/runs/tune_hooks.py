@@ -21,6 +21,8 @@ from safe_inspect.experiments.runs.progress import TrainingProgress, flatten
 from safe_inspect.experiments.runs.run_folder import RunFolder, copy_attempt, read_run_record
 from safe_inspect.experiments.runs.training_log import TrainingLog
 from safe_inspect.experiments.runs.trial_parameters import parameters_text, read_parameters
+from safe_inspect.experiments.settings.search import name_of
+from safe_inspect.experiments.settings.search_space import TRIAL_KEY
 from safe_inspect.interrupts import Interrupted, handled
 
 _monitor: Monitor | None = None
@@ -168,7 +170,8 @@ class RunStopper(tune.Stopper):
 
 def trial_name(trial: Any) -> str:
     """Return a short name of a trial, and of its folder: its number in the experiment."""
-    return f"trial_{str(trial.trial_id).rpartition('_')[2]}"
+    number = (trial.config.get("env_config") or {}).get(TRIAL_KEY)
+    return f"trial_{str(trial.trial_id).rpartition('_')[2]}" if number is None else name_of(number)
 
 
 def read_failure(path: Path) -> dict[str, str]:

@@ -21,14 +21,25 @@ from safe_inspect.experiments.adapters.algorithm import (
     claimed_processors,
     environment_settings,
 )
-from safe_inspect.experiments.adapters.objects import callbacks_of, check_objects, ranking, scheduler_of
+from safe_inspect.experiments.adapters.objects import (
+    callbacks_of,
+    check_objects,
+    figure_of,
+    mode_of,
+    ranking,
+    scheduler_of,
+    suggestions_of,
+)
 from safe_inspect.experiments.adapters.registration import register_environments
+from safe_inspect.experiments.adapters.suggestions import making
 from safe_inspect.experiments.imitation.warm_start import warm_start
 from safe_inspect.experiments.modules.frozen import check_frozen
 from safe_inspect.experiments.runs import cluster, run_folder
 from safe_inspect.experiments.runs.checkpoints import Checkpoint
 from safe_inspect.experiments.runs.progress import flatten
 from safe_inspect.experiments.runs.run_folder import RunFolder
+from safe_inspect.experiments.runs.trial_parameters import parameters_text
+from safe_inspect.experiments.runs.trials import write_trial
 from safe_inspect.experiments.runs.tune_hooks import (
     Monitor,
     RunCallback,
@@ -38,7 +49,7 @@ from safe_inspect.experiments.runs.tune_hooks import (
     trial_name,
 )
 from safe_inspect.experiments.settings.policies import check_layouts
-from safe_inspect.experiments.settings.search import Trial, experiment_of
+from safe_inspect.experiments.settings.search import Trial, experiment_of, searches_of, trial_of
 from safe_inspect.experiments.settings.search_space import search_space
 
 if TYPE_CHECKING:
@@ -64,11 +75,17 @@ def check(run: TrainingRun, settings: Settings) -> None:
         if problems:
             raise ConfigError(problems)
         check_frozen(settings.policies, groups)
-    configs = [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
-    check_objects(settings.tune.settings)
+    configs = _bare_configs(run, settings)
+    check_objects(settings.tune.settings, searches_of(settings.rllib.settings))
     processors = settings.ray.settings.get("num_cpus")
     if processors:
         cluster.check_size(max(map(claimed_processors, configs)), processors)
+
+
+def _bare_configs(run: TrainingRun, settings: Settings) -> list[AlgorithmConfig]:
+    """Return the configuration of each trial, without what it needs of the folder of the run."""
+    environments = environment_settings(run.experiment, settings.trials[0].rllib.settings, maker=run.maker)
+    return [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
 
 
 def run_tune(
@@ -83,7 +100,23 @@ def run_tune(
     number = run_folder.add_attempt(
         folder, run.command, str(start.path) if start else "", start.iteration if start else 0
     )
-    configs = [_config(run, settings, trial, folder, number, start, stream) for trial in settings.trials]
+
+    def made(trial: Trial) -> AlgorithmConfig:
+        return _config(run, settings, trial, folder, number, start, stream)
+
+    def suggested(index: int, values: Mapping[str, Any]) -> dict[str, Any]:
+        trial = trial_of(
+            run.rllib, settings.tune.settings.get("algorithm"), index, values, index, settings.trials[0].seed
+        )
+        try:
+            if trial.rllib.problems:
+                raise ConfigError(trial.rllib.problems)
+            write_trial(folder, run, settings, trial)
+            return dict(made(trial).to_dict())
+        except ConfigError as error:
+            raise SafeInspectError(f"{trial.name} with {parameters_text(values)} cannot train: {error}") from None
+
+    configs = [] if settings.suggested else [made(trial) for trial in settings.trials]
     monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
     where = f"goes on after iteration {start.iteration}" if start else "starts"
@@ -91,8 +124,8 @@ def run_tune(
         where = "goes on with the trials that have not ended"
     anew = "; its episodes begin anew, and the first rows hold those that end early, as crashes do" if start else ""
     print(f"{folder.path}: the training {where}{anew}; Ray takes some seconds to begin", file=stream, flush=True)
-    processors = max(map(claimed_processors, configs))
-    with cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor):
+    processors = max(map(claimed_processors, configs or _bare_configs(run, settings)))
+    with cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor), making(suggested):
         _quiet()  # starting Ray sets its logs anew
         register_environments(run.maker)
         tuner = _tuner(configs, settings, folder, number, run.resume is not None)
@@ -100,7 +133,7 @@ def run_tune(
         failed = next(iter(results.errors), None)
         if failed is not None:
             _raise_failure(read_failure(folder.failure), failed)
-    monitor.best = _best(results[0], settings.tune.settings)
+    monitor.best = (_best if settings.single else _best_trial)(results, settings.tune.settings)
     if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
         raise CheckpointError(f"{start.path}: the training did not go on from the checkpoint")
     return monitor
@@ -145,8 +178,10 @@ def _tuner(
     Tune's restored state may name a checkpoint that is gone; a new Tuner only needs the one that was
     found good. Only a search over several trials needs Tune's state.
     """
+    os.environ["TUNE_DISABLE_STRICT_METRIC_CHECKING"] = "1"  # before the first episode ends there is no mean return
     chosen = settings.tune.settings
-    space: Any = configs[0] if settings.single else search_space(configs)
+    suggestions = suggestions_of(chosen, searches_of(settings.rllib.settings))
+    space: Any = {} if suggestions else configs[0] if settings.single else search_space(configs)
     algorithm = settings.rllib.settings["algorithm"]
     if resumed and not settings.single:
         if not (folder.trials / "tuner.pkl").is_file():
@@ -163,6 +198,8 @@ def _tuner(
             max_concurrent_trials=chosen.get("max_concurrent_trials"),
             time_budget_s=chosen.get("time_budget_s"),
             scheduler=scheduler_of(chosen),
+            search_alg=suggestions,
+            num_samples=chosen["num_samples"] if suggestions else 1,
             **ranking(chosen),
             reuse_actors=False,  # saves a second between trials, and carries state from one to the next
             trial_dirname_creator=trial_name,
@@ -185,10 +222,18 @@ def _tuner(
     )
 
 
-def _best(result: Any, chosen: Mapping[str, Any]) -> Path | None:
+def _best_trial(results: Any, chosen: Mapping[str, Any]) -> Path | None:
+    """Return the folder of the best trial of a search; None where no trial has the figure that ranks them."""
+    try:
+        return Path(results.get_best_result(figure_of(chosen), mode_of(chosen)).path)
+    except RuntimeError:
+        return None
+
+
+def _best(results: Any, chosen: Mapping[str, Any]) -> Path | None:
     """Return the best of the checkpoints that a training has kept; None where nothing says which that is."""
     score = str(chosen.get("checkpoint_score_attribute"))
-    kept = [(flatten(metrics).get(score), checkpoint.path) for checkpoint, metrics in result.best_checkpoints or ()]
+    kept = [(flatten(metrics).get(score), checkpoint.path) for checkpoint, metrics in results[0].best_checkpoints or ()]
     scored = [(value, path) for value, path in kept if value is not None and math.isfinite(value)]
     if not scored:
         return None

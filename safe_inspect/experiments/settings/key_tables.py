@@ -96,7 +96,8 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
             continue
         if is_searched(value) and not tables.searchable:
-            problems.append(Problem("`grid_search` is possible for the keys of `rllib_configs` themselves only", where))
+            word = next(iter(value))
+            problems.append(Problem(f"`{word}` is possible for the keys of `rllib_configs` themselves only", where))
             continue
         value, mistake = check_value(tables.known[name], value)
         if mistake:

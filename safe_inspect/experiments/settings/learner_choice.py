@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from safe_inspect.errors import Problem
-from safe_inspect.experiments.settings.values import GRID, is_searched
+from safe_inspect.experiments.settings.values import is_searched, named_values
 
 
 def choose_learner(settings: dict[str, Any]) -> tuple[list[str], list[Problem]]:
@@ -53,8 +53,7 @@ def _why_stock(settings: dict[str, Any]) -> str:
     )
     for key, needed, reason in reasons:
         value: Any = settings.get(key)
-        values = value[GRID] if is_searched(value) else [value]
-        if any(needed(item) for item in values if item is not None):
+        if any(needed(item) for item in named_values(value) if item is not None):
             return f"{reason} (`{key}`)"
     return ""
 

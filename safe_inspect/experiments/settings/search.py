@@ -1,7 +1,8 @@
 """The trials of a search: every combination of the `grid_search` values, `num_samples` times, each sample with a seed.
 
 They are listed here, and not by Tune, so that each trial is checked like a run of its own before Ray starts, and its
-configuration states the values and the seed that it uses.
+configuration states the values and the seed that it uses. So are values that are drawn, such as those of `uniform`.
+The trials of a `search_alg` are checked with drawn values, and train with those that it suggests.
 """
 
 from __future__ import annotations
@@ -16,7 +17,10 @@ import numpy as np
 from safe_inspect.errors import Problem
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.translation import current_name, translate_rllib
-from safe_inspect.experiments.settings.values import GRID, is_searched
+from safe_inspect.experiments.settings.values import CHOICE, GRID, LOGUNIFORM, RANDINT, is_searched
+
+#: Tells the numbers by which values are drawn from others of the same seed.
+_DRAWS = 0x5EA7C
 
 
 @dataclass(frozen=True)
@@ -57,25 +61,86 @@ def trials_of(
         algorithm: The name that `tune_config` gives, if it does.
         num_samples: How often each combination of values is trained.
     """
-    grids = {name: value[GRID] for name, value in found.settings.items() if is_searched(value)}
-    if not grids and num_samples == 1:
-        return (Trial(_name(0), found, found.settings.get("seed")),), []
+    searched = searches_of(found.settings)
+    grids = {name: value[GRID] for name, value in searched.items() if GRID in value}
+    if not searched and num_samples == 1:
+        return (Trial(name_of(0), found, found.settings.get("seed")),), []
+    seed = found.settings.get("seed")
+    seed = None if is_searched(seed) else seed
     trials: list[Trial] = []
     problems: dict[str, Problem] = {}
     for sample, choice in itertools.product(range(num_samples), itertools.product(*grids.values())):
-        values = dict(zip(grids, choice, strict=True))
-        seed = sample_seed(values.get("seed", found.settings.get("seed")), sample)
-        values.pop("seed", None)
-        own = translate_rllib({**chosen(mapping, values), "seed": seed}, algorithm)
-        for problem in own.problems:
-            where = f"with {', '.join(f'{key} {value}' for key, value in values.items())}: {problem.message}"
+        generator = np.random.default_rng([seed or 0, _DRAWS, len(trials)])
+        values = {name: _drawn(value, generator) for name, value in searched.items() if GRID not in value}
+        trial = trial_of(
+            mapping, algorithm, len(trials), {**values, **dict(zip(grids, choice, strict=True))}, sample, seed
+        )
+        for problem in trial.rllib.problems:
+            where = f"with {', '.join(f'{key} {value}' for key, value in trial.values.items())}: {problem.message}"
             problems.setdefault(problem.path, replace(problem, message=where))
-        trials.append(Trial(_name(len(trials)), own, seed, values))
+        trials.append(trial)
     return tuple(trials), list(problems.values())
 
 
-def _name(number: int) -> str:
-    return f"trial_{number:05d}"  # Tune counts alike
+def searches_of(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is searched, by RLlib's names."""
+    return {name: value for name, value in settings.items() if is_searched(value)}
+
+
+def search_problems(searched: Mapping[str, Any], suggested: bool) -> list[Problem]:
+    """Return what a `search_alg` cannot search.
+
+    Args:
+        searched: See `searches_of`.
+        suggested: Whether there is one.
+    """
+    if suggested and not searched:
+        hint = "give one as `lr: {loguniform: [1e-5, 1e-3]}`"
+        return [Problem("there is no key to search", "tune_config.search_alg", hint=hint)]
+    message = f"a `search_alg` suggests values, and does not list them; use `{CHOICE}` in the place of `{GRID}`"
+    return [
+        Problem(message, f"rllib_configs.{name}") for name, value in searched.items() if suggested and GRID in value
+    ]
+
+
+def trial_of(
+    mapping: Mapping[str, Any],
+    algorithm: str | None,
+    number: int,
+    values: Mapping[str, Any],
+    sample: int,
+    seed: int | None,
+) -> Trial:
+    """Return a trial of a search; its mistakes are those of its `rllib`.
+
+    Args:
+        mapping: What the experiment gives under `rllib_configs`, merged.
+        algorithm: The name that `tune_config` gives, if it does.
+        number: Its number.
+        values: The value of each key that is searched, by RLlib's names.
+        sample: Its sample, see `sample_seed`.
+        seed: The experiment's seed; one among the values counts instead.
+    """
+    values = dict(values)
+    seed = sample_seed(values.pop("seed", seed), sample)
+    return Trial(name_of(number), translate_rllib({**chosen(mapping, values), "seed": seed}, algorithm), seed, values)
+
+
+def name_of(number: int) -> str:
+    """Return the name of a trial."""
+    return f"trial_{number:05d}"
+
+
+def _drawn(value: Mapping[str, Any], generator: np.random.Generator) -> Any:
+    """Return one of the values that a search may draw."""
+    ((word, given),) = value.items()
+    if word == CHOICE:
+        return given[int(generator.integers(len(given)))]
+    low, high = given
+    if word == RANDINT:
+        return int(generator.integers(low, high))
+    share = float(generator.random())
+    return low * (high / low) ** share if word == LOGUNIFORM else low + share * (high - low)
 
 
 def chosen(tree: Any, values: Mapping[str, Any]) -> Any:

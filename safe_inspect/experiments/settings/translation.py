@@ -17,7 +17,7 @@ from safe_inspect.experiments.settings.imitation import IMITATION, imitation_pro
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
 from safe_inspect.experiments.settings.learner_choice import choose_learner
 from safe_inspect.experiments.settings.runner_choice import choose_runner
-from safe_inspect.experiments.settings.values import EVAL, GRID, check_value, is_searched, resolved_by_tune
+from safe_inspect.experiments.settings.values import EVAL, check_value, is_searched, named_values, resolved_by_tune
 
 _MODEL = KeyTables(
     keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
@@ -80,9 +80,9 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
             known = [*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED]
             message = f"`{figure}` is never reported"
             problems.append(Problem(message, f"tune_config.{key}", hint=did_you_mean(figure, known)))
-    if settings.get("scheduler") is None:
+    if settings.get("scheduler") is None and settings.get("search_alg") is None:
         notes += [
-            f"`{key}` ranks trials for a `scheduler`, and there is none"
+            f"`{key}` ranks trials for a `scheduler` or a `search_alg`, and there is none"
             for key in ("metric", "mode")
             if key in found.given
         ]
@@ -112,7 +112,7 @@ def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> T
             hint = f"give all policies the same; each may have {', '.join(keys.POLICY_KEYS)} of its own"
             problems.append(Problem(message, f"{path}.{key}", hint=hint))
         elif is_searched(found.settings[key]):
-            message = "`grid_search` is possible for what all policies have alike only"
+            message = "a search is possible for what all policies have alike only"
             problems.append(Problem(message, f"{path}.{key}"))
     return TranslatedSettings(found.settings, found.notes, tuple(problems), found.unchecked, found.given)
 
@@ -179,12 +179,12 @@ def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
     for given, value in mapping.items():
         if current_name(str(given)) in ("model_config", "evaluation_config"):
             continue  # these have keys of their own
-        word = resolved_by_tune(value[GRID] if is_searched(value) else value)
+        word = next(filter(None, map(resolved_by_tune, named_values(value))), "")
         if word == EVAL:
             message = "`eval` is code, which Tune would run; give the value"
             problems.append(Problem(message, f"{path}.{given}"))
         elif word:
-            message = "`grid_search` is possible for the keys of `rllib_configs` themselves only"
+            message = f"`{word}` is possible for the keys of `rllib_configs` themselves only"
             problems.append(Problem(message, f"{path}.{given}"))
     return problems
 

@@ -9,6 +9,8 @@ from typing import Any
 from safe_inspect.config.keys.rllib_keys import Key
 
 GRID = "grid_search"
+#: What draws a value, by Tune's names: of a list, or between two numbers (`randint` below the second).
+CHOICE, UNIFORM, LOGUNIFORM, RANDINT = DRAWN = ("choice", "uniform", "loguniform", "randint")
 #: What a key without a limit of its own may be: less than what C's integers and floats take.
 _GREATEST = {"integer": 2**31 - 1, "integers": 2**31 - 1, "number": 1e300, "schedule": 1e300}
 EVAL = "eval"
@@ -18,10 +20,11 @@ def check_value(key: Key, value: Any) -> tuple[Any, str]:
     """Return the value in the key's own type, and what is wrong with it (empty when nothing is).
 
     A text that reads as a number is one: YAML takes ``5e-5`` for a text. A mapping
-    ``{grid_search: [...]}`` stands for its values, each of which is checked.
+    ``{grid_search: [...]}``, ``{choice: [...]}`` or ``{uniform: [low, high]}`` stands for its values; those that it
+    names are checked.
     """
-    if isinstance(value, Mapping) and set(value) == {GRID} and key.kind != "mapping":
-        return _check_grid(key, value[GRID])
+    if is_searched(value) and key.kind != "mapping":
+        return _check_searched(key, *next(iter(value.items())))
     if value is None:
         return None, "" if key.optional else "a value is needed"
     if isinstance(value, str) and value in key.choices:
@@ -30,14 +33,20 @@ def check_value(key: Key, value: Any) -> tuple[Any, str]:
 
 
 def is_searched(value: Any) -> bool:
-    """Return whether the value asks Tune to try several."""
-    return isinstance(value, Mapping) and set(value) == {GRID}
+    """Return whether the value asks to try several."""
+    return isinstance(value, Mapping) and len(value) == 1 and next(iter(value)) in (GRID, *DRAWN)
+
+
+def named_values(value: Any) -> list[Any]:
+    """Return the values that a search names, the ends of a range among them; of another value itself."""
+    given = next(iter(value.values())) if is_searched(value) else [value]
+    return list(given) if isinstance(given, list | tuple) else [given]
 
 
 def resolved_by_tune(value: Any) -> str:
-    """Return the word by which Tune would resolve something at any depth of a value: `GRID`, `EVAL` or none."""
+    """Return the word by which something would be searched or run at any depth of a value; empty where nothing is."""
     if isinstance(value, Mapping):
-        if set(value) in ({GRID}, {EVAL}):
+        if is_searched(value) or set(value) == {EVAL}:
             return str(next(iter(value)))
         value = value.values()
     elif not isinstance(value, list | tuple):
@@ -45,11 +54,27 @@ def resolved_by_tune(value: Any) -> str:
     return next(filter(None, map(resolved_by_tune, value)), "")
 
 
-def _check_grid(key: Key, values: Any) -> tuple[Any, str]:
-    if not isinstance(values, Sequence) or isinstance(values, str) or not values:
-        return values, "`grid_search` takes a list of values"
+def _check_searched(key: Key, word: str, values: Any) -> tuple[Any, str]:
+    ranged = word in (UNIFORM, LOGUNIFORM, RANDINT)
+    if not isinstance(values, Sequence) or isinstance(values, str) or not values or (ranged and len(values) != 2):
+        return {word: [values]}, f"`{word}` takes a list of {'two numbers' if ranged else 'values'}"
     checked = [check_value(key, value) for value in values]
-    return {GRID: [value for value, _ in checked]}, next((mistake for _, mistake in checked if mistake), "")
+    found = [value for value, _ in checked]
+    mistake = next((mistake for _, mistake in checked if mistake), "")
+    if ranged and not mistake:
+        mistake = _check_range(key, word, *found)
+    return {word: found}, mistake
+
+
+def _check_range(key: Key, word: str, low: Any, high: Any) -> str:
+    if key.kind not in ("number", "integer", "schedule") or not all(isinstance(x, int | float) for x in (low, high)):
+        return f"`{word}` draws numbers; use `{CHOICE}`"
+    if (key.kind == "integer") != (word == RANDINT):
+        wanted = f"whole numbers are wanted; use `{RANDINT}`" if key.kind == "integer" else f"use `{UNIFORM}`"
+        return f"`{word}` does not fit: {wanted} or `{CHOICE}`"
+    if not low < high:
+        return f"`{word}` goes from {low} to {high}; the second number is to be larger"
+    return "`loguniform` is for numbers above 0" if word == LOGUNIFORM and low <= 0 else ""
 
 
 def _number(key: Key, value: Any) -> tuple[Any, str]:
