@@ -123,7 +123,7 @@ def test_a_search_trains_under_a_scheduler(scheduler, ray_session, tmp_path, mon
     run = TrainingRun(
         {},
         rllib={**QUICK, "lr": {"grid_search": [1e-5, 1e-4, 1e-3]}},
-        tune={"scheduler": scheduler, "callbacks": [callback], "stop": {"training_iteration": 3}},
+        tune={"scheduler": scheduler, "callbacks": [callback], "stop": {"training_iteration": 30}},
         output=tmp_path,
         maker=MAKER,
     )

@@ -168,10 +168,15 @@ class RunStopper(tune.Stopper):
         return False
 
 
-def trial_name(trial: Any) -> str:
-    """Return a short name of a trial, and of its folder: its number in the experiment."""
+def folder_name(trial: Any) -> str:
+    """Return the name of the folder of a new trial: its number in the experiment."""
     number = (trial.config.get("env_config") or {}).get(TRIAL_KEY)
     return f"trial_{str(trial.trial_id).rpartition('_')[2]}" if number is None else name_of(number)
+
+
+def trial_name(trial: Any) -> str:
+    """Return the name of a trial, which it keeps when a scheduler gives it the configuration of another one."""
+    return trial.storage.trial_dir_name or folder_name(trial)
 
 
 def read_failure(path: Path) -> dict[str, str]:

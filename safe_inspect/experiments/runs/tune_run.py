@@ -44,9 +44,9 @@ from safe_inspect.experiments.runs.tune_hooks import (
     Monitor,
     RunCallback,
     RunStopper,
+    folder_name,
     monitored,
     read_failure,
-    trial_name,
 )
 from safe_inspect.experiments.settings.policies import check_layouts
 from safe_inspect.experiments.settings.search import Trial, experiment_of, searches_of, trial_of
@@ -202,7 +202,7 @@ def _tuner(
             num_samples=chosen["num_samples"] if suggestions else 1,
             **ranking(chosen),
             reuse_actors=False,  # saves a second between trials, and carries state from one to the next
-            trial_dirname_creator=trial_name,
+            trial_dirname_creator=folder_name,
         ),
         run_config=tune.RunConfig(
             name=f"{number:03d}" if settings.single else folder.trials.name,
