@@ -7,6 +7,7 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.evaluation.safety.audit import Audit, fly
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.filters import BackupFilter
@@ -21,24 +22,28 @@ def run():
     return BackupFilter()
 
 
+def drawn(seed, rows, nearest=50.0, farthest=100.0, fastest=0.3):
+    generator = np.random.default_rng(seed)
+    directions = generator.normal(size=(2, rows, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    return RelativeState(
+        directions[0] * generator.uniform(nearest, farthest, (rows, 1)),
+        directions[1] * generator.uniform(0.0, fastest, (rows, 1)),
+        generator.uniform(0.0, 2.0 * np.pi, rows),
+    )
+
+
 def safe_starts(run, seed, rows, nearest=50.0, farthest=100.0, fastest=0.3):
     """Draw states in which every constraint is safe and from which there is a plan."""
-    generator = np.random.default_rng(seed)
-    directions = generator.normal(size=(2, 8 * rows, 3))
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    state = RelativeState(
-        directions[0] * generator.uniform(nearest, farthest, (8 * rows, 1)),
-        directions[1] * generator.uniform(0.0, fastest, (8 * rows, 1)),
-        generator.uniform(0.0, 2.0 * np.pi, 8 * rows),
-    )
+    state = drawn(seed, 8 * rows, nearest, farthest, fastest)
     good = (run.phi(state) >= 0.0).all(axis=1) & run.recoverable(state)
     return state[np.flatnonzero(good)[:rows]]
 
 
-def flown(state, control, time):
+def flown(state, control, time, mass=MASS):
     """Return the states after holding the control for a while."""
     p, v = state.position.copy(), state.velocity.copy()
-    propagate(p, v, np.ascontiguousarray(control), *transition(N, MASS, time), p, v)
+    propagate(p, v, np.ascontiguousarray(control), *transition(N, mass, time), p, v)
     return RelativeState(p, v, state.sun_angle + N * time)
 
 
@@ -111,6 +116,28 @@ def test_a_state_stays_recoverable_while_it_flies_its_plans(run):
         found, thrust = run.plans(state)
         assert found.all()
         state = flown(state, thrust, DT)
+
+
+def test_weak_thrusters_have_plans_of_several_holds():
+    weak = {"m": 60.0, "u_max": 0.6}
+    one, several = BackupFilter(weak, several_holds=False), BackupFilter(weak)
+    state = drawn(5, 600)
+    state = state[np.flatnonzero((several.phi(state) >= 0.0).all(axis=1))]
+    assert one.recoverable(state).mean() < 0.55
+    assert several.recoverable(state).mean() > 0.94
+    lost, alone = (BackupFilter(several_holds=flag).recoverable(state) for flag in (True, False))
+    np.testing.assert_array_equal(lost, alone)  # the shipped task's are strong enough
+    # from states that only these plans hold, nothing is lost or broken, and each plan is found again
+    state = state[np.flatnonzero(several.recoverable(state) & ~one.recoverable(state))[:60]]
+    found = Audit()
+    fly(several, state, 80, np.random.default_rng(0), found)
+    assert found.starts == 60
+    assert (found.infeasible, found.violations) == (0, 0)
+    assert found.interventions > 500
+    for _ in range(15):  # what is flown alone leads to a plan of one hold
+        state = flown(state, several.plans(state, 0.5)[1], DT, 60.0)
+        assert several.plans(state, 0.5)[0].all()
+    assert one.plans(state, 0.5)[0].all()
 
 
 def closed_motions(seed, rows):

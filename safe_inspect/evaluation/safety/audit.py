@@ -100,7 +100,7 @@ def audit(
     result = Audit()
     for number, safety_filter in enumerate(_filters(count, seed, first, result)):
         rng = np.random.default_rng([seed, number])
-        _fly(safety_filter, grazing_states(safety_filter, rng, rows), steps, rng, result)
+        fly(safety_filter, grazing_states(safety_filter, rng, rows), steps, rng, result)
         result.settings += 1
         if progress is not None:
             progress(result)
@@ -123,10 +123,17 @@ def _filters(count: int, seed: int, first: BackupFilter | None, result: Audit) -
         yield found
 
 
-def _fly(run: BackupFilter, state: RelativeState, steps: int, rng: np.random.Generator, result: Audit) -> None:
+def fly(run: BackupFilter, state: RelativeState, steps: int, rng: np.random.Generator, result: Audit) -> None:
     """Fly states under kinds of desired thrust: none, a little, the largest, and towards the chief.
 
     Flights that are disturbed know a fifth: the largest thrust where the disturbances push.
+
+    Args:
+        run: The filter.
+        state: The initial states.
+        steps: Steps of each flight.
+        rng: Generator of the thrusts and disturbances.
+        result: Counts, to which these flights are added.
     """
     if not len(state):
         return

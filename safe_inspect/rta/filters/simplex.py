@@ -86,7 +86,7 @@ class SimplexFilter:
         """
         if not (delta_v_limit > 0.0 and position_weight > 0.0 and velocity_weight > 0.0):
             raise ValueError("the delta-v limit and the weights must be positive")
-        self._safe = BackupFilter(parameters, names)
+        self._safe = BackupFilter(parameters, names, several_holds=False)  # the reserve is for one
         self.parameters, self.names, self.delta_v_limit = self._safe.parameters, self._safe.names, delta_v_limit
         p = self.parameters
         self._hold = transition(float(p.n), float(p.m), float(p.step_size))

@@ -36,6 +36,8 @@ HOLD, PLAN, CLOSED, FIRST_PLAN, FIRST_CLOSED = range(5)
 #: The margins of no tube.
 NO_TUBE = np.zeros((5, 4, 3))
 _COAST_ANGLE = 0.2
+#: Change of the velocity that the holds of a plan are to reach together [m/s], and the most holds.
+_CHANGE, _MOST_HOLDS = 0.8, 16
 _COAST_PIECES = 64
 
 
@@ -64,6 +66,7 @@ class FilterModel(NamedTuple):
         further: How many further constraints there are; see `half_spaces`.
         kernels: Address of the addresses of their kernels and parameters; see `KernelTable`. Two numbers instead of
             arrays, for models are handed on by value.
+        leads: How many holds of thrust may stand before the hold of a plan; see `plans`.
         tube: How far the real motion may be from that of the model, in each part: in lengths [m], speeds [m/s], ranges
             of coasting [m] and the thrust of an axis [N], each a multiple of 1, of the thrust of the hold [N] and of
             that of the plan [N], shape (5, 4, 3).
@@ -88,7 +91,14 @@ class FilterModel(NamedTuple):
     plan: FloatArray
     further: int
     kernels: int
+    leads: int
     tube: FloatArray
+
+
+def leading_holds(parameters: ConstraintParameters) -> int:
+    """Return how many holds a plan may have before its last: none where one changes the velocity enough."""
+    p = parameters
+    return min(math.ceil(_CHANGE / float(p.u_max * p.step_size / p.m)), _MOST_HOLDS) - 1
 
 
 def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) -> FilterModel:
@@ -129,5 +139,5 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) 
         orbit=np.stack((np.cos(circle), np.sin(circle)), axis=-1),
         fine=np.stack((np.cos(nodes), np.sin(nodes)), axis=-1),
         turning=turning, plan=np.asarray(np.linalg.inv(closing), dtype=np.float64),
-        further=0, kernels=0, tube=NO_TUBE,
+        further=0, kernels=0, leads=0, tube=NO_TUBE,
     )  # fmt: skip

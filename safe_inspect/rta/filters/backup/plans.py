@@ -1,4 +1,7 @@
-"""Backup plans: one hold of thrust into a closed natural motion that is safe for ever, compiled.
+"""Backup plans: holds of thrust into a closed natural motion that is safe for ever, compiled.
+
+Where the thrusters are strong one hold does. Where they are weak, holds may stand before it that go towards the first
+plan of `ORDER` as far as the thrusters allow. The first of these is flown, and the rest is found again a step later.
 
 A plan is chosen by two numbers, the radial and the cross-track speed after its hold; the along-track speed is then
 -2 n x, which leaves no drift. Velocities are affine in the thrust, so a plan's thrust is a 3 x 3 product away.
@@ -21,17 +24,20 @@ from safe_inspect.rta.filters.backup.model import (
     FIRST_PLAN,
     HOLD_PIECES,
     PLAN,
+    PLANS,
     RADIAL,
     FilterModel,
 )
 from safe_inspect.rta.filters.backup.sequences import SAFE
-from safe_inspect.rta.filters.backup.workspace import Workspace
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
 from safe_inspect.rta.filters.tube.margins import tracking_thrust, widened
 from safe_inspect.types import FloatArray
 
 NO_PLAN = -1
 #: In place of an effort: there is no hold before a plan.
 NO_HOLD = -1.0
+#: The plan of several holds.
+LEAD = PLANS
 _C = len(CROSS) + 1
 #: The plan that leaves the radial and the cross-track speed as they are: the one that stays on a closed motion.
 STAY = _C + 1
@@ -153,11 +159,47 @@ def try_plan(
 
 
 @njit(**INNER)
+def _of_one_hold(
+    m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, most: int, u: FloatArray,
+    s: Workspace,
+) -> int:  # fmt: skip
+    """Write the thrust of a safe plan of one hold and return its index, or NO_PLAN; see `find_plan`."""
+    if first != NO_PLAN and try_plan(m, x, sun, first, margins, effort, u, s):
+        return first
+    free, later = _coasted_hold(m, x), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    for place in range(most):
+        index = ORDER[place]
+        if index == first or not _possible(m, free, later, index, margins, effort, u, s):
+            continue
+        if _safe(m, x, sun, index, margins, effort, u, s):
+            return index
+    return NO_PLAN
+
+
+@njit(**INNER)
+def _lead(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, u: FloatArray, s: Workspace) -> bool:
+    """Write the first thrust of a plan of several holds; False where that is not safe. There is no tube about it."""
+    for k in range(m.leads):
+        plan_thrust(m, x, as_int(ORDER[0]), s.lead)
+        for axis in range(3):
+            s.lead[axis] = min(max(s.lead[axis], -m.u_max), m.u_max)
+            if k == 0:
+                u[axis] = s.lead[axis]
+        if hold(m, x, sun, s.lead, margins, s.cells, s.at) != SAFE:
+            return False
+        x = held(m, x, s.lead, HOLD_PIECES)
+        sun = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+        if _of_one_hold(m, x, sun, margins, NO_HOLD, as_int(NO_PLAN), as_int(QUICK), s.then, s) != NO_PLAN:
+            return True
+    return False
+
+
+@njit(**INNER)
 def find_plan(
     m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, most: int, u: FloatArray,
     s: Workspace,
 ) -> int:  # fmt: skip
-    """Write the thrust of a safe plan and return its index; NO_PLAN where there is none.
+    """Write the first thrust of a safe plan and return its index or LEAD; NO_PLAN where there is none.
 
     Args:
         m: The task.
@@ -170,13 +212,9 @@ def find_plan(
         u: Receives the thrust [N], shape (3,).
         s: Workspace.
     """
-    if first != NO_PLAN and try_plan(m, x, sun, first, margins, effort, u, s):
-        return first
-    free, later = _coasted_hold(m, x), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
-    for place in range(most):
-        index = ORDER[place]
-        if index == first or not _possible(m, free, later, index, margins, effort, u, s):
-            continue
-        if _safe(m, x, sun, index, margins, effort, u, s):
-            return index
-    return NO_PLAN
+    if first == LEAD and _lead(m, x, sun, margins, u, s):
+        return LEAD
+    index: int = _of_one_hold(m, x, sun, margins, effort, as_int(NO_PLAN) if first == LEAD else first, most, u, s)
+    if index != NO_PLAN or first == LEAD or m.leads == 0:
+        return index
+    return LEAD if _lead(m, x, sun, margins, u, s) else NO_PLAN

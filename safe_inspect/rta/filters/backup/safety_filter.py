@@ -12,7 +12,7 @@ from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM, SUN
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.kernel_table import KernelTable
-from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
+from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model, leading_holds
 from safe_inspect.rta.filters.base import SafetyFilter, checked, compiled, differs
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -55,6 +55,7 @@ class BackupFilter(SafetyFilter):
         parameters: Mapping[str, Any] | ConstraintParameters | None = None,
         names: Iterable[str | Constraint] = NAMES,
         intervention: Intervention = "nearest",
+        several_holds: bool = True,
     ) -> None:
         """Build the filter; see `SafetyFilter` for the first arguments.
 
@@ -63,6 +64,7 @@ class BackupFilter(SafetyFilter):
             names: The constraints.
             intervention: What is flown where the desired control is refused: ``nearest``, a safe control near to it,
                 or ``backup``, the backup plan, which leads onto a closed motion.
+            several_holds: Whether the plans of weak thrusters may have several holds; their thrust is then the first.
 
         Raises:
             ValueError: An argument is wrong, a constraint is neither one of the eight of the inspection task nor
@@ -96,6 +98,8 @@ class BackupFilter(SafetyFilter):
         self._codes = codes
         self.further = KernelTable(further)
         self._tables = build_model(self.parameters, (NAMES[code] for code in codes if code < FURTHER))
+        if several_holds:
+            self._tables = self._tables._replace(leads=leading_holds(self.parameters))
 
     @property
     def _model(self) -> FilterModel:

@@ -30,7 +30,7 @@ class Workspace(NamedTuple):
         missed: Half-spaces that were broken, shape (M,).
         projection: For `nearest`.
         d: A direction of states, shape (6,).
-        w: A control or point, shape (3,), as are the rest.
+        w: A control or point, shape (3,), as are the rest; `lead` and `then` are those of `plans`.
     """
 
     work: FloatArray
@@ -50,6 +50,8 @@ class Workspace(NamedTuple):
     trial: FloatArray
     best: FloatArray
     plan: FloatArray
+    lead: FloatArray
+    then: FloatArray
 
 
 @njit(error_model="numpy")
@@ -60,6 +62,7 @@ def workspace(most: int) -> Workspace:
         np.empty((64, 4), np.int64), np.empty(2, np.int64), np.empty(2, np.int64),
         np.empty((most, 3)), np.empty(most), np.empty(most, np.bool_), projection_workspace(most),
         np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
+        np.empty(3), np.empty(3),
     )  # fmt: skip
 
 

@@ -56,7 +56,7 @@ class TubeFilter(BackupFilter):
         Raises:
             ValueError: An argument is wrong, or the bounds leave no state from which the constraints can be kept.
         """
-        super().__init__(parameters, names, intervention)
+        super().__init__(parameters, names, intervention, several_holds=False)  # the tube is about one
         self.bounds = bounds
         tracker = PlanTracker(self.parameters, bounds)
         known = {constraint.registered_name for constraint in self.constraints.values()}
