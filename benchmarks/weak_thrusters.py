@@ -1,4 +1,4 @@
-"""From how many safe states does the backup filter hold where thrusters are weak, with plans of one and of several holds?
+"""From how many safe states does the backup filter hold with weak thrusters, by plans of one hold and of several?
 
     python benchmarks/weak_thrusters.py [--states 1500] [--seed 0] [--json result.json]
 

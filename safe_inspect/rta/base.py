@@ -115,3 +115,10 @@ class SafetyGlue(ActionGlue):
     def for_starts(self) -> SafetyGlue:
         """Return the glue that tests initial states when this one is enabled."""
         return self
+
+
+def seen_motion(view: View) -> tuple[FloatArray, FloatArray]:
+    """Return the positions [m] and velocities [m/s] that deputies take for theirs, Hill frame, shape (R, 3) each."""
+    if "estimated_position" in view.world.offers.view:
+        return view.estimated_position, view.estimated_velocity
+    return view.position, view.velocity

@@ -7,10 +7,11 @@ from functools import cached_property
 
 from pydantic import model_validator
 
-from safe_inspect.rta.base import Filtered, SafetyGlue
+from safe_inspect.rta.base import Filtered, SafetyGlue, seen_motion
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.filters.speed_limit import SpeedLimitFilter
 from safe_inspect.simulators.view import View
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength, PositiveSpeed
 
@@ -26,12 +27,14 @@ class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
         v0_distance: Range up to which the limit is `v0` [m].
         vel_limit: Largest speed, and so the largest along each axis [m/s].
         r_max: Range up to which the promise holds [m].
+        disturbance: Bounds of the disturbances under which the limit is kept; None: the motion is that of the model.
     """
 
     step_size: PositiveDuration = 1.0
     v0_distance: PositiveLength = 0.5
     vel_limit: PositiveSpeed = 10.0
     r_max: PositiveLength = 10_000.0
+    disturbance: DisturbanceBounds | None = None
 
     @model_validator(mode="after")
     def _check(self) -> RTAGlueCWHDocking3d:
@@ -41,7 +44,7 @@ class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
 
     @cached_property
     def _filter(self) -> SpeedLimitFilter:
-        return SpeedLimitFilter(self)
+        return SpeedLimitFilter(self, self.disturbance)
 
     @property
     def units(self) -> dict[str, str]:
@@ -58,4 +61,4 @@ class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold in the next step."""
-        return Filtered(self._filter(view.position, view.velocity, desired))
+        return Filtered(self._filter(*seen_motion(view), desired))

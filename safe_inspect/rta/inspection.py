@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import model_validator
 
 from safe_inspect.errors import PluginValueError
-from safe_inspect.rta.base import Filtered, SafetyGlue
+from safe_inspect.rta.base import Filtered, SafetyGlue, seen_motion
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters, TaskParameters
@@ -184,12 +184,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     def _seen(self, view: View) -> RelativeState:
         """Return the states that the deputies take for theirs."""
-        offered = view.world.offers.view
-        sun_angle = view.sun_angle if "sun_angle" in offered else None
-        estimated = "estimated_position" in offered
-        position = view.estimated_position if estimated else view.position
-        velocity = view.estimated_velocity if estimated else view.velocity
-        return self._state(position, velocity, sun_angle)
+        return self._state(*seen_motion(view), view.sun_angle if "sun_angle" in view.world.offers.view else None)
 
     def backup(self, view: View) -> FloatArray:
         """Return the thrust of the backup plan [N], Hill frame, shape (R, 3); zero without one."""

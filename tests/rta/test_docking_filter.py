@@ -12,6 +12,7 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety.report import safety_report
 from safe_inspect.rta import RTAGlueCWHDocking3d
 from safe_inspect.rta.filters.speed_limit import SpeedLimitFilter
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 
 N, MASS = 0.001027, 12.0
 EXPERIMENT = configs_root() / "docking" / "experiment.yml"
@@ -109,3 +110,65 @@ def test_adversaries_break_nothing_in_the_task():
 def test_what_cannot_be_promised_is_refused(override, message):
     with pytest.raises(ConfigError, match=message):
         load_spec(EXPERIMENT, [ENABLED, override])
+
+
+BOUNDS = DisturbanceBounds(
+    velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01
+)
+
+
+def test_the_limit_is_kept_whatever_disturbs_within_the_bounds():
+    """From the edge of what is promised for, errors and pushes on the bounds, along the velocity or at random."""
+    rng, run = np.random.default_rng(4), SpeedLimitFilter(RTAGlueCWHDocking3d(), BOUNDS)
+    exact = SpeedLimitFilter(RTAGlueCWHDocking3d())
+    _, position, velocity, _ = draw(4, 4_000)
+    velocity = velocity * 0.995
+    safe = run.is_safe(position, velocity)
+    assert safe.mean() > 0.9
+    position, velocity = position[safe], velocity[safe]
+    rows, broken = len(position), 0
+    for hold in range(12):
+        along = velocity / np.linalg.norm(velocity, axis=1, keepdims=True)
+        out = position / np.linalg.norm(position, axis=1, keepdims=True)
+        push = np.where(rng.random((rows, 1)) < 0.7, along, directions(rng, rows))
+        seen = position + 0.01 * out, velocity - 1e-4 * push  # nothing seems wrong: farther out, and slower
+        desired = np.where(rng.random((rows, 1)) < 0.8, 5.0 * along, rng.normal(size=(rows, 3)))
+        found = run(*seen, desired)
+        assert not found.infeasible.any(), hold
+        without = exact(*seen, desired)
+        real = found.control * (1.0 + 0.01 * np.sign((found.control * push).sum(axis=1, keepdims=True)))
+        time = rng.uniform(0.0, 1.0)
+        for part in (0.2, 0.4, 0.6, 0.8, 1.0):
+            place, speed = moved(position, velocity, real, part)
+            if part >= time:
+                place, speed = place + 1e-4 * push * (part - time), speed + 1e-4 * push
+            assert (np.linalg.norm(speed, axis=1) <= limit(place)).all(), (hold, part)
+        undefended = without.control * (1.0 + 0.01 * np.sign((without.control * push).sum(axis=1, keepdims=True)))
+        _, fast = moved(position, velocity, undefended, 1.0)
+        broken += int((np.linalg.norm(fast + 1e-4 * push, axis=1) > limit(place)).sum())
+        position, velocity = place, speed
+    assert broken > 100  # the same disturbances break what knows nothing of them
+
+
+def test_without_a_disturbance_the_thrusts_are_the_same_to_the_bit():
+    run, position, velocity, rng = draw(5, 500)
+    desired = rng.normal(size=position.shape)
+    none = SpeedLimitFilter(RTAGlueCWHDocking3d(), DisturbanceBounds())
+    np.testing.assert_array_equal(run(position, velocity, desired).control, none(position, velocity, desired).control)
+
+
+def test_a_disturbed_docking_is_filtered_by_its_estimates():
+    fields = "{velocity: 1e-4, position_error: 1 cm, velocity_error: 1e-4, thrust_gain: 0.01, thrust_direction: 0.01}"
+    disturbance = f"{{functor: BoundedDisturbance, config: {fields[:-1]}, distribution: extreme}}}}"
+    disturbed = [ENABLED, f"config.config.env_config.simulator.config={{disturbance: {disturbance}}}"]
+    with pytest.raises(ConfigError, match="give it the bounds, or switch it off"):
+        load_spec(EXPERIMENT, disturbed)
+    withstood = load_spec(EXPERIMENT, [*disturbed, f"RTAGlueCWHDocking3d.config.disturbance={fields}"])
+    report = safety_report(withstood, steps=10_000, num_envs=256, substeps=5)
+    assert (report.violations, report.infeasible, report.starts_refused) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("bounds", [{"velocity": 0.02}, {"velocity_error": 0.03}, {"thrust_gain": 0.5}])
+def test_bounds_that_leave_nothing_are_refused(bounds):
+    with pytest.raises(ValueError, match="the bounds of `disturbance` leave nothing of the speed limit or of braking"):
+        RTAGlueCWHDocking3d(enabled=True, disturbance=bounds)

@@ -9,6 +9,7 @@ import numpy as np
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import BoolArray, FloatArray
 
 _INTERVENTION = 0.01  # N
@@ -38,30 +39,48 @@ class SpeedLimitFilter:
     for ever, up to the range r_max. Otherwise the thrust is searched for between braking and the desired one, along
     the nearest points of the box of thrusts and of the balls of velocities.
 
+    Under a disturbance it is given estimates. What disturbs the motion between the steps, by w in velocity, adds 2 w to
+    e(r). A thrust is flown if what it predicts from the estimate is within the limit by e(r) and by how far the real
+    velocity may be from the predicted one, with v1 times that of the position; braking has to make up for that too.
+
     Args:
         parameters: `step_size`, `n`, `m`, `u_max`, `v0`, `v0_distance`, `v1_coef`, `vel_limit` and `r_max`.
+        bounds: What is to be withstood; None: nothing, the motion is that of the model.
 
     Raises:
-        ValueError: The thrusters are too weak for the promise, or steps are too long for the limit.
+        ValueError: The thrusters are too weak for the promise, steps are too long for the limit, or the bounds leave
+            nothing of either.
     """
 
-    def __init__(self, parameters: TaskParameters) -> None:
-        p = parameters
+    def __init__(self, parameters: TaskParameters, bounds: DisturbanceBounds | None = None) -> None:
+        p, b = parameters, bounds or DisturbanceBounds()
         self._v0, self._d0, self._slope, self._top = p.v0, p.v0_distance or 0.0, p.v1_coef * p.n, p.vel_limit
         self._u_max = p.u_max
         self._phi, self._gamma = transition(p.n, p.m, p.step_size)
         self._gain = np.diag(self._gamma[3:]).copy()
-        acceleration = math.sqrt(3.0) * p.u_max / p.m + 2.0 * p.n * p.vel_limit + 3.0 * p.n**2 * p.r_max
+        largest = math.sqrt(3.0) * p.u_max
+        acceleration = largest * (1.0 + b.thrust_error) / p.m + 2.0 * p.n * p.vel_limit + 3.0 * p.n**2 * p.r_max
         bend = 2.0 * p.n * acceleration + 3.0 * p.n**2 * p.vel_limit
-        self._share, self._rest = 0.51 * self._slope * p.step_size, 0.125 * p.step_size**2 * bend
+        added = 1.01 * b.velocity  # coasting does not stretch a velocity by more within a step
+        self._share, self._rest = 0.51 * self._slope * p.step_size, 0.125 * p.step_size**2 * bend + 2.0 * added
+        error = largest * b.thrust_error
+        parts = np.linalg.norm([self._phi[3:, :3], self._phi[3:, 3:], self._phi[:3, :3], self._phi[:3, 3:]], 2, (1, 2))
+        pushes = np.linalg.norm([self._gamma[3:], self._gamma[:3]], 2, (1, 2)) * error
+        velocity = float(parts[0] * b.position_error + parts[1] * b.velocity_error + pushes[0]) + added
+        place = float(parts[2] * b.position_error + parts[3] * b.velocity_error + pushes[1]) + added * p.step_size
+        self._missed = velocity + self._slope * place
         needed = 1.05 * (3.0 * p.n**2 * p.r_max + self._slope * p.vel_limit)
+        lost = (b.velocity_error + self._slope * b.position_error + self._missed) / p.step_size
         if p.u_max / p.m < needed:
             raise ValueError(
                 f"the thrusters give {p.u_max / p.m:.3g} m/s^2, but braking below the speed limit takes {needed:.3g} "
                 "at `vel_limit` and `r_max`; lower these"
             )
-        if self._slope * p.step_size > 0.01 or self._rest > 0.1 * min(p.v0, p.vel_limit):
+        room = 0.1 * min(p.v0, p.vel_limit)
+        if self._slope * p.step_size > 0.01 or self._rest - 2.0 * added > room:
             raise ValueError(f"speed and limit change too much within a step of {p.step_size:g} s; shorten the steps")
+        if p.u_max / p.m < needed + lost or self._rest + self._missed > room:
+            raise ValueError("the bounds of `disturbance` leave nothing of the speed limit or of braking; lower them")
 
     def phi(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
         """Return L(r) - speed [m/s], shape (R,)."""
@@ -76,8 +95,8 @@ class SpeedLimitFilter:
         """Return the nearest thrust that is found to keep the limit, or that of braking where none does.
 
         Args:
-            position: Position [m], Hill frame, shape (R, 3).
-            velocity: Velocity [m/s], shape (R, 3).
+            position: Position, or the estimate of it [m], Hill frame, shape (R, 3).
+            velocity: Velocity, or the estimate of it [m/s], shape (R, 3).
             desired: Desired thrust [N], shape (R, 3).
         """
         state = np.concatenate((position, velocity), axis=1)
@@ -99,9 +118,10 @@ class SpeedLimitFilter:
         )
 
     def _keeps(self, state: FloatArray, control: FloatArray) -> BoolArray:
-        """Return whether the state after a hold is safe, shape (R,)."""
+        """Return whether the state after a hold is safe, however it is disturbed, shape (R,)."""
         after = _times(self._phi, state) + _times(self._gamma, control)
-        return self.is_safe(after[:, :3], after[:, 3:])
+        limit = self._limit(after[:, :3])
+        return np.asarray(_norm(after[:, 3:]) <= (1.0 - self._share) * limit - self._rest - self._missed)
 
     def _search(self, state: FloatArray, wanted: FloatArray) -> FloatArray:
         """Return the thrust between braking and the wanted one [N] that is the last to keep the limit, (R, 3)."""
