@@ -287,6 +287,18 @@ def test_what_only_the_training_would_meet_is_found_by_validate(typed, override,
     assert typed("validate", shipped, "scheduler=ray.tune.schedulers.ASHAScheduler")[0] == 0
 
 
+def test_a_shipped_policy_is_exported_already(typed):
+    code, _, err = typed("export", "docking")
+    assert code == 2
+    assert "docking is shipped as ONNX already; copy " in err
+    assert "docking" in Path(err.split()[-1]).parts
+
+
+def test_an_unknown_algorithm_is_told_all_there_are(typed):
+    err = typed("validate", "configs/translational-inspection/experiment.yml", "algorithm=A3C")[2]
+    assert "no algorithm of RLlib is called `A3C`; use one of `PPO`, `APPO`, `IMPALA`, `SAC`, `DQN`, `DreamerV3`" in err
+
+
 def test_a_misspelt_command_or_option_is_told_the_nearest(typed):
     for override in ("--override", "--overrides"):
         assert f"{override}; write KEY=VALUE alone; see" in typed("evaluate", "zero-thrust", override, "horizon=10")[2]

@@ -104,7 +104,7 @@ def test_nets_are_separate_unless_asked():
         ({"env": "CartPole-v1"}, "rllib_configs.env", "cannot be set here"),
         ({"callbacks_on_episode_end": "x"}, "rllib_configs.callbacks_on_episode_end", "cannot be set here"),
         ({"num_workers": 1, "num_env_runners": 2}, "rllib_configs.num_env_runners", "one key, given twice"),
-        ({"algorithm": "PPPO"}, "rllib_configs.algorithm", "did you mean `PPO`?"),
+        ({"algorithm": "PPPO"}, "rllib_configs.algorithm", "use one of `PPO`, `APPO`"),
         ({"minibatch_size": 900, "train_batch_size": 300}, "rllib_configs.minibatch_size", "larger than the batch"),
         (
             {"rollout_fragment_length": 200, "train_batch_size": 1200, "num_envs_per_worker": 4},

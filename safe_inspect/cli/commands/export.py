@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.export.export import export_policy, policies_in
 from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
 from safe_inspect.experiments.runs.checkpoints import SINGLE
@@ -16,6 +18,9 @@ def run_export(arguments: argparse.Namespace) -> int:
     if arguments.overrides and arguments.cfg is None:
         raise CheckpointError("values are replaced in an experiment that is named with --cfg; give it, or no values")
     experiment = None if arguments.cfg is None else load_experiment(arguments.cfg, arguments.overrides)
+    if str(arguments.checkpoint) in shipped_policies() and not os.path.exists(arguments.checkpoint):
+        files = ", ".join(sorted({str(path) for path in shipped_policy(str(arguments.checkpoint)).onnx.values()}))
+        raise CheckpointError(f"{arguments.checkpoint} is shipped as ONNX already; copy {files}")
     checkpoint = newest_checkpoint(arguments.checkpoint)
     names = policies_in(checkpoint)
     policy = arguments.policy

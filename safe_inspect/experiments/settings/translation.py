@@ -125,7 +125,8 @@ def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, 
             return name, [Problem(message, "rllib_configs.algorithm")]
         return name, []
     path = "rllib_configs.algorithm" if "algorithm" in mapping else "tune_config.algorithm"
-    problem = Problem(f"no algorithm of RLlib is called `{name}`", path, hint=did_you_mean(str(name), keys.ALGORITHMS))
+    hint = f"use one of {', '.join(f'`{known}`' for known in keys.ALGORITHMS)}"
+    problem = Problem(f"no algorithm of RLlib is called `{name}`", path, hint=hint)
     return "PPO", [problem]
 
 
