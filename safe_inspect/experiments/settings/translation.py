@@ -157,7 +157,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         problems += model.problems
         if algorithm != "PPO":
             problems += [
-                Problem(f"only PPO has the key `{key}`", f"{model_path}.{key}", hint="remove it")
+                Problem(f"only PPO has the key `{key}`", f"{model_path}.{key}", hint=f"remove it{_instead(algorithm)}")
                 for key in model.settings
                 if key in keys.FRESH_KEYS
             ]
@@ -172,6 +172,12 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         notes += evaluation.notes
         problems += evaluation.problems
     return TranslatedSettings(settings, tuple(notes), tuple(problems), found.unchecked, frozenset(settings))
+
+
+def _instead(algorithm: str) -> str:
+    """Return how to take the whole of another algorithm's policy file, where there is one."""
+    file = f"configs/learners/{algorithm.lower()}.yml"
+    return f", or take the whole policy: 'policy=!include {file}'" if algorithm in ("APPO", "SAC", "DQN") else ""
 
 
 def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
