@@ -12,7 +12,7 @@ from training_values import MAKER, QUICK
 
 from safe_inspect.errors import ConfigError, SafeInspectError
 from safe_inspect.experiments.adapters.objects import METRIC, suggestions_of
-from safe_inspect.experiments.adapters.suggestions import Suggestions, making, space_of
+from safe_inspect.experiments.adapters.suggestions import Suggestions, making, tune_space
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings
 from safe_inspect.experiments.settings.search import searches_of
@@ -129,7 +129,7 @@ def test_a_searcher_is_told_what_is_known():
     assert isinstance(made, Suggestions)
     inner = made.searcher
     assert set(inner.space) == set(SEARCHED)
-    assert (space_of({"lr": RATES})["lr"].lower, space_of({"lr": RATES})["lr"].upper) == (1e-5, 1e-2)
+    assert (tune_space({"lr": RATES})["lr"].lower, tune_space({"lr": RATES})["lr"].upper) == (1e-5, 1e-2)
     with making(lambda number, values: {"lr": values["lr"], "env_config": {"number": number}}):
         assert made.suggest("a") == {"lr": 1e-4, "env_config": {"number": 0, "trial": 0}}
         state = made.get_state()

@@ -7,7 +7,7 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.evaluation.safety.audit import Audit, fly
+from safe_inspect.evaluation.safety.audit import Audit, fly_filtered
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.filters import BackupFilter
@@ -130,7 +130,7 @@ def test_weak_thrusters_have_plans_of_several_holds():
     # from states that only these plans hold, nothing is lost or broken, and each plan is found again
     state = state[np.flatnonzero(several.recoverable(state) & ~one.recoverable(state))[:60]]
     found = Audit()
-    fly(several, state, 80, np.random.default_rng(0), found)
+    fly_filtered(several, state, 80, np.random.default_rng(0), found)
     assert found.starts == 60
     assert (found.infeasible, found.violations) == (0, 0)
     assert found.interventions > 500

@@ -71,7 +71,7 @@ def checked_actions(
         elif agent not in wanted:
             problems.append(f"{agent} has ended and takes none until the next reset")
         elif mistake:
-            problems.append(f"that for {agent} {mistake}")
+            problems.append(f"that for {agent} {mistake.replace('; ', ', ')}")
     if problems:
         raise SafeInspectError(f"actions: {'; '.join(problems)}")
     return {agent: array for agent, (array, _) in found.items()}

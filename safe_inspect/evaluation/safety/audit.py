@@ -100,7 +100,7 @@ def audit(
     result = Audit()
     for number, safety_filter in enumerate(_filters(count, seed, first, result)):
         rng = np.random.default_rng([seed, number])
-        fly(safety_filter, grazing_states(safety_filter, rng, rows), steps, rng, result)
+        fly_filtered(safety_filter, grazing_states(safety_filter, rng, rows), steps, rng, result)
         result.settings += 1
         if progress is not None:
             progress(result)
@@ -123,7 +123,7 @@ def _filters(count: int, seed: int, first: BackupFilter | None, result: Audit) -
         yield found
 
 
-def fly(run: BackupFilter, state: RelativeState, steps: int, rng: np.random.Generator, result: Audit) -> None:
+def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.random.Generator, result: Audit) -> None:
     """Fly states under kinds of desired thrust: none, a little, the largest, and towards the chief.
 
     Flights that are disturbed know a fifth: the largest thrust where the disturbances push.

@@ -37,7 +37,7 @@ class Suggestions(Searcher):
         super().__init__(metric=metric, mode=mode)
         self.searcher = searcher  # by this name Tune finds what it saves
         self._count = 0
-        if not searcher.set_search_properties(metric, mode, space_of(searched)):
+        if not searcher.set_search_properties(metric, mode, tune_space(searched)):
             raise ValueError("it takes no search space; remove its own, the ranges of `rllib_configs` are searched")
 
     def set_search_properties(self, metric: str | None, mode: str | None, config: Any, **spec: Any) -> bool:
@@ -86,7 +86,7 @@ class Suggestions(Searcher):
         self.searcher.restore(checkpoint_path)
 
 
-def space_of(searched: Mapping[str, Any]) -> dict[str, Any]:
+def tune_space(searched: Mapping[str, Any]) -> dict[str, Any]:
     """Return a search space of Tune."""
     makers: dict[str, Callable[..., Any]] = dict(
         zip(DRAWN, (lambda *values: tune.choice(values), tune.uniform, tune.loguniform, tune.randint), strict=True)

@@ -21,7 +21,7 @@ from safe_inspect.experiments.runs.progress import TrainingProgress, flatten
 from safe_inspect.experiments.runs.run_folder import RunFolder, copy_attempt, read_run_record
 from safe_inspect.experiments.runs.training_log import TrainingLog
 from safe_inspect.experiments.runs.trial_parameters import parameters_text, read_parameters
-from safe_inspect.experiments.settings.search import name_of
+from safe_inspect.experiments.settings.search import trial_folder_name
 from safe_inspect.experiments.settings.search_space import TRIAL_KEY
 from safe_inspect.interrupts import Interrupted, handled
 
@@ -171,7 +171,7 @@ class RunStopper(tune.Stopper):
 def folder_name(trial: Any) -> str:
     """Return the name of the folder of a new trial: its number in the experiment."""
     number = (trial.config.get("env_config") or {}).get(TRIAL_KEY)
-    return f"trial_{str(trial.trial_id).rpartition('_')[2]}" if number is None else name_of(number)
+    return f"trial_{str(trial.trial_id).rpartition('_')[2]}" if number is None else trial_folder_name(number)
 
 
 def trial_name(trial: Any) -> str:

@@ -64,7 +64,7 @@ def trials_of(
     searched = searches_of(found.settings)
     grids = {name: value[GRID] for name, value in searched.items() if GRID in value}
     if not searched and num_samples == 1:
-        return (Trial(name_of(0), found, found.settings.get("seed")),), []
+        return (Trial(trial_folder_name(0), found, found.settings.get("seed")),), []
     seed = found.settings.get("seed")
     seed = None if is_searched(seed) else seed
     trials: list[Trial] = []
@@ -123,10 +123,12 @@ def trial_of(
     """
     values = dict(values)
     seed = sample_seed(values.pop("seed", seed), sample)
-    return Trial(name_of(number), translate_rllib({**chosen(mapping, values), "seed": seed}, algorithm), seed, values)
+    return Trial(
+        trial_folder_name(number), translate_rllib({**chosen(mapping, values), "seed": seed}, algorithm), seed, values
+    )
 
 
-def name_of(number: int) -> str:
+def trial_folder_name(number: int) -> str:
     """Return the name of a trial."""
     return f"trial_{number:05d}"
 

@@ -37,7 +37,7 @@ NO_PLAN = -1
 #: In place of an effort: there is no hold before a plan.
 NO_HOLD = -1.0
 #: The plan of several holds.
-LEAD = PLANS
+SEVERAL = PLANS
 _C = len(CROSS) + 1
 #: The plan that leaves the radial and the cross-track speed as they are: the one that stays on a closed motion.
 STAY = _C + 1
@@ -199,7 +199,7 @@ def find_plan(
     m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, most: int, u: FloatArray,
     s: Workspace,
 ) -> int:  # fmt: skip
-    """Write the first thrust of a safe plan and return its index or LEAD; NO_PLAN where there is none.
+    """Write the first thrust of a safe plan and return its index or SEVERAL; NO_PLAN where there is none.
 
     Args:
         m: The task.
@@ -212,9 +212,9 @@ def find_plan(
         u: Receives the thrust [N], shape (3,).
         s: Workspace.
     """
-    if first == LEAD and _lead(m, x, sun, margins, u, s):
-        return LEAD
-    index: int = _of_one_hold(m, x, sun, margins, effort, as_int(NO_PLAN) if first == LEAD else first, most, u, s)
-    if index != NO_PLAN or first == LEAD or m.leads == 0:
+    if first == SEVERAL and _lead(m, x, sun, margins, u, s):
+        return SEVERAL
+    index: int = _of_one_hold(m, x, sun, margins, effort, as_int(NO_PLAN) if first == SEVERAL else first, most, u, s)
+    if index != NO_PLAN or first == SEVERAL or m.leads == 0:
         return index
-    return LEAD if _lead(m, x, sun, margins, u, s) else NO_PLAN
+    return SEVERAL if _lead(m, x, sun, margins, u, s) else NO_PLAN
