@@ -48,7 +48,8 @@ class LoadedPolicy:
                 (N, O).
             generator: Draws what `evaluate` draws: choices, such as whether to burn, but not the size of a burn.
             episode_start: Whether the observation is the first of an episode, one bool or one for each row, shape (N,).
-                A recurrent policy needs it, and is called once a step; the others ignore it.
+                A recurrent policy needs it, and is called once a step, with the rows of all that it flies; the others
+                ignore it.
 
         Returns:
             Actions that the environment takes, shape (A,) or (N, A): int64 where they are levels, else float32.
