@@ -188,7 +188,6 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("model", "message"),
         [
-            ({"use_lstm": True}, "the policy is recurrent"),
             ({"fcnet_activation": "softmax"}, "a layer of the kind Softmax.*known: ELU"),
         ],
     )

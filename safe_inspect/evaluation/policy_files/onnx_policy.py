@@ -15,12 +15,18 @@ from safe_inspect.config.loading.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight
-from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo, read_file
+from safe_inspect.evaluation.policy_files.policy_file import (
+    NEXT_STATE,
+    POLICY_FORMAT,
+    RECURRENT_FORMAT,
+    PolicyInfo,
+    read_file,
+)
 from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS, element_columns, raw_task
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
 from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, draw_in_rollout
 from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
-from safe_inspect.types import AnyArray, FloatArray, IntArray
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Rows are filled up to a multiple of this, so that a row's result does not depend on how many stand beside it.
 _ROWS = 16
@@ -30,7 +36,8 @@ class OnnxPolicy:
     """A policy of an ONNX file: from readings in SI units to the values that the controllers get.
 
     Of a decision that lasts, the last value is the index of its duration, of which the file itself gives the control
-    steps. It fits the task that `prepare` returns.
+    steps. It fits the task that `prepare` returns. A recurrent policy keeps the state of each row from call to call,
+    until `begin` or `reset` is called or the number of rows changes.
 
     Args:
         path: The file.
@@ -44,6 +51,7 @@ class OnnxPolicy:
     Attributes:
         path: The file.
         info: What the file says.
+        recurrent: Whether it keeps a state.
     """
 
     def __init__(self, path: str, info: PolicyInfo, session: Any, sampled: bool | None = None, seed: int = 0) -> None:
@@ -52,6 +60,9 @@ class OnnxPolicy:
         self._sampled, self._seed = sampled, seed
         self._flight: Flight | None = None
         self._steps = 0
+        self.recurrent = bool(info.state)
+        self._outputs = ("thrust", "action_dist_inputs", *(NEXT_STATE + name for name in info.state))
+        self._state: dict[str, AnyArray] = {}
         self._low, self._high, self._gain, self._offset = (
             element_columns(info.action, name) for name in ("low", "high", "gain", "offset")
         )
@@ -94,7 +105,7 @@ class OnnxPolicy:
         return raw
 
     def begin(self, flight: Flight) -> None:
-        """Take note of the rows of the next steps.
+        """Take note of the rows of the next steps, whose episodes begin.
 
         Raises:
             SafeInspectError: The task has not been prepared.
@@ -103,6 +114,18 @@ class OnnxPolicy:
         if flight.observation.names != names or flight.action.choices:
             raise SafeInspectError(f"{self.path}: the task does not fit the file; fly in `policy.prepare(task)`")
         self._flight, self._steps = flight, 0
+        self.reset()
+
+    def reset(self, rows: BoolArray | None = None) -> None:
+        """Begin episodes: the state of a recurrent policy is zero again.
+
+        Args:
+            rows: Rows in which they begin, shape (R,), R as in the last call; all unless given.
+        """
+        if rows is None:
+            self._state = {}
+        else:
+            self._state = {name: np.where(rows[:, None], np.float32(0.0), held) for name, held in self._state.items()}
 
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
         """Return the values that the controllers get, shape (R, A), for readings in SI units, shape (R, O).
@@ -149,7 +172,9 @@ class OnnxPolicy:
         return np.asarray(observation * width + centre, dtype=np.float32)
 
     def outputs(self, observation: NDArray[np.float32]) -> tuple[AnyArray, AnyArray]:
-        """Return both outputs of the file: `thrust` (R, A) and `action_dist_inputs` (R, I), float32.
+        """Return the outputs `thrust` (R, A) and `action_dist_inputs` (R, I) of the file, float32.
+
+        The state of a recurrent policy advances by a step.
 
         Raises:
             ValueError: The observations have another shape.
@@ -160,10 +185,18 @@ class OnnxPolicy:
             raise ValueError(f"the observations have the shape {observation.shape}; (R, {size}) is wanted")
         rows = len(observation)
         missing = -rows % _ROWS if rows else _ROWS
+        given = {"observation": observation}
+        for name, width in self.info.state.items():
+            held = self._state.get(name)
+            given[name] = np.zeros((rows, width), np.float32) if held is None or len(held) != rows else held
         if missing:
-            observation = np.concatenate((observation, np.zeros((missing, size), dtype=np.float32)))
-        thrust, inputs = self._session.run(("thrust", "action_dist_inputs"), {"observation": observation})
-        return thrust[:rows], inputs[:rows]
+            given = {
+                name: np.concatenate((value, np.zeros((missing, value.shape[1]), np.float32)))
+                for name, value in given.items()
+            }
+        thrust, inputs, *state = (value[:rows] for value in self._session.run(self._outputs, given))
+        self._state = dict(zip(self.info.state, state, strict=True))
+        return thrust, inputs
 
     def _draw(self, inputs: AnyArray) -> FloatArray:
         flight, step = self._flight, self._steps
@@ -234,7 +267,7 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
             f"{name}: the file is not what was exported, it was damaged or changed; write it again with "
             "`safe-inspect export`"
         )
-    if metadata.get("format") != str(POLICY_FORMAT):
+    if metadata.get("format") not in (str(POLICY_FORMAT), str(RECURRENT_FORMAT)):
         raise CheckpointError(
             f"{name}: the file was written by safe_inspect {metadata['safe_inspect']}, whose format this version does "
             "not read; export the checkpoint again"

@@ -18,8 +18,11 @@ from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.raw_values import CommandedElement, ObservedElement, plain_elements
 from safe_inspect.version import __version__
 
-#: Of the layout of the metadata; a file of a later one is not read.
-POLICY_FORMAT = 1
+#: Of the layout of the metadata; a file of a later one is not read. Files of recurrent policies have the second.
+POLICY_FORMAT, RECURRENT_FORMAT = 1, 2
+
+#: Before the name of an input of the state stands this in the name of the output that holds it after the step.
+NEXT_STATE = "next_"
 
 #: Names of the distributions that `PolicyInfo` may tell of.
 DISTRIBUTIONS = ("gaussian", "categorical", "hurdle", "greedy")
@@ -46,6 +49,8 @@ class PolicyInfo:
         configuration: The resolved experiment.
         training: What is known of the training: `steps`, `iteration`, `seconds`, `seed`, `git_commit`, `started`.
         version: The safe_inspect that wrote the file.
+        state: Of a recurrent policy, the inputs that hold its state, and the size of each. Zeros begin an episode; the
+            outputs of the same names behind `NEXT_STATE` hold the state for the next step.
     """
 
     policy: str
@@ -58,12 +63,13 @@ class PolicyInfo:
     configuration: Mapping[str, Any]
     training: Mapping[str, Any] = field(default_factory=dict)
     version: str = __version__
+    state: Mapping[str, int] = field(default_factory=dict)
 
     def metadata(self) -> dict[str, str]:
         """Return it as texts."""
-        return {
+        told = {
             "safe_inspect": self.version,
-            "format": str(POLICY_FORMAT),
+            "format": str(RECURRENT_FORMAT if self.state else POLICY_FORMAT),
             "task": self.task,
             "policy": self.policy,
             "agents": json.dumps(self.agents),
@@ -74,6 +80,7 @@ class PolicyInfo:
             "training": json.dumps(self.training),
             "configuration": json.dumps(self.configuration),
         }
+        return {**told, "state": json.dumps(self.state)} if self.state else told
 
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> PolicyInfo:
@@ -97,6 +104,7 @@ class PolicyInfo:
             configuration=json.loads(metadata["configuration"]),
             training=json.loads(metadata["training"]),
             version=metadata["safe_inspect"],
+            state={name: int(size) for name, size in json.loads(metadata.get("state", "{}")).items()},
         )
 
 

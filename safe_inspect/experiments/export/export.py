@@ -15,6 +15,7 @@ from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo, seal
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.experiments.export.encoder_layers import state_sizes
 from safe_inspect.experiments.export.export_check import (
     ExportDifference,
     compare_readings,
@@ -33,7 +34,7 @@ from safe_inspect.experiments.runs.checkpoints import MODULES, SINGLE, policy_fo
 from safe_inspect.experiments.runs.run_folder import RunFolder
 from safe_inspect.outputs import new_file
 
-_RANDOM_ROWS = 4096
+_RANDOM_STEPS, _RANDOM_ROWS = 64, 64
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,7 @@ def export_policy(
         distribution=loaded.info.distribution,  # `hurdle` stands among the settings of the net
         configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
+        state=state_sizes(module),
     )
     return write_policy(module, info, output, experiment.spec, agents[0], title)
 
@@ -129,14 +131,14 @@ def write_policy(
         work.write_bytes(seal(build_file(module, info, title)))
         written = load_onnx(work)
         flown = flown_readings(written, spec)
-        random = random_readings(agent, _RANDOM_ROWS)
+        random = random_readings(agent, _RANDOM_STEPS, _RANDOM_ROWS)
         difference = worst(*(compare_readings(written, module, agent, readings) for readings in (random, flown)))
         if not difference.passes:
             raise CheckpointError(
                 f"{title}: the exported policy is not the given one: it differs by {difference.action:.1e} of the "
                 f"action's range and by {difference.inputs:.1e} of the net's outputs; no file is left. Please report it"
             )
-    return Exported(path, info, difference, len(flown))
+    return Exported(path, info, difference, flown.shape[0] * flown.shape[1])
 
 
 def portable(configuration: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +16,7 @@ from safe_inspect.environments.layout import action_layout
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy
 from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.experiments.modules.policy import TrainedPolicy
 from safe_inspect.glues.base import controller_of, sensor_of
 from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
@@ -52,47 +54,56 @@ class ExportDifference:
 
 
 def compare_readings(policy: OnnxPolicy, module: Any, agent: AgentSpec, readings: AnyArray) -> ExportDifference:
-    """Compare a file with the checkpoint's module on observations in SI units, float32, shape (R, O).
+    """Compare a file with the checkpoint's module on observations in SI units, float32, T steps of R rows: (T, R, O).
 
-    The module sees what the agent's own glues make of the readings, and its actions pass through them.
+    The module sees what the agent's own glues make of the readings, and its actions pass through them. For a recurrent
+    policy the rows are episodes, which begin with the first step; for others all steps are one.
     """
-    thrust, inputs = policy.outputs(readings)
-    observation = np.ascontiguousarray(_through_glues(agent, readings), dtype=np.float32)
-    with torch.no_grad():
-        outputs = module.forward_inference({Columns.OBS: torch.from_numpy(observation)})
-    wanted = outputs[Columns.ACTION_DIST_INPUTS].numpy()
+    steps = readings if policy.recurrent else readings.reshape(1, -1, readings.shape[-1])
+    net = TrainedPolicy(module).inputs if policy.recurrent else partial(_inputs, module)
+    policy.reset()
+    thrust, inputs = (np.concatenate(parts) for parts in zip(*map(policy.outputs, steps), strict=True))
+    policy.reset()
+    wanted = np.concatenate([net(np.ascontiguousarray(_through_glues(agent, rows), np.float32)) for rows in steps])
     scale = np.maximum(np.abs(wanted).max(axis=1, keepdims=True), 1.0)
     value, sure = _commanded(policy, agent, wanted)
     low, high = (np.array([getattr(element, side) for element in policy.info.action]) for side in ("low", "high"))
     reach = np.where(np.isfinite(high - low), high - low, 1.0)
     off = np.abs(thrust - value) / reach
     return ExportDifference(
-        len(readings),
+        len(wanted),
         float(off[sure].max(initial=0.0)),
         float((np.abs(inputs - wanted) / scale).max(initial=0.0)),
         int((~sure).sum()),
     )
 
 
-def random_readings(agent: AgentSpec, rows: int, seed: int = 0) -> AnyArray:
-    """Return readings that the glues turn into numbers all over the net's inputs, float32, shape (rows, O)."""
+def _inputs(module: Any, observation: AnyArray) -> AnyArray:
+    """Return what a module without a state gives for rows of observations."""
+    with torch.no_grad():
+        outputs = module.forward_inference({Columns.OBS: torch.from_numpy(observation)})
+    return np.asarray(outputs[Columns.ACTION_DIST_INPUTS].numpy())
+
+
+def random_readings(agent: AgentSpec, steps: int, rows: int, seed: int = 0) -> AnyArray:
+    """Return readings that the glues turn into numbers all over the net's inputs, float32, shape (steps, rows, O)."""
     generator = np.random.default_rng(seed)
     parts = []
     for glue in agent.observation_glues:
         low, high = glue.bounds(agent.parts)
         bounded = np.isfinite(low) & np.isfinite(high)
         low, high = np.where(bounded, low, 0.0), np.where(bounded, high, 0.0)
-        size = (rows, len(low))
+        size = (steps * rows, len(low))
         values = np.where(bounded, generator.uniform(low, high, size), _SPREAD * generator.standard_normal(size))
         if isinstance(glue, ObserveSensor):
             scale, normalizer, *limits = glue.prepared(sensor_of(agent.parts, glue.sensor))
             values = (values if normalizer is None else normalizer.inverse(values, *limits)) / scale
         parts.append(values)
-    return np.concatenate(parts, axis=1).astype(np.float32)
+    return np.concatenate(parts, axis=1).astype(np.float32).reshape(steps, rows, -1)
 
 
 def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
-    """Return what the file's own flights observe in SI units, float32, shape (R, O); agents of others coast."""
+    """Return what the file's own flights observe in SI units, float32, shape (T, R, O); agents of others coast."""
     mine = [agent.name for agent in spec.agents if agent.name in policy.info.agents and agent.scripted_policy is None]
     others = [agent.name for agent in spec.agents if agent.name not in mine and agent.scripted_policy is None]
     raw = policy.prepare(spec, mine)
@@ -104,7 +115,7 @@ def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16
 
     task = with_scripted(raw, "zero-thrust", others) if others else raw
     rollout(task, fly, episodes=episodes, seed=seed, num_envs=episodes)
-    return np.concatenate(seen)
+    return np.stack(seen)
 
 
 def _through_glues(agent: AgentSpec, readings: AnyArray) -> FloatArray:

@@ -15,8 +15,9 @@ from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPP
 from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
+from safe_inspect.evaluation.policy_files.policy_file import NEXT_STATE, PolicyInfo
 from safe_inspect.evaluation.policy_files.raw_values import CommandedElement, element_columns
+from safe_inspect.experiments.export.encoder_layers import STATE, encoder_layers, lstm_weights
 from safe_inspect.experiments.modules.dqn_policy import BestChoices
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
@@ -53,10 +54,8 @@ def check_module(module: Any, title: str) -> None:
     """Refuse a module whose layers are not known.
 
     Raises:
-        CheckpointError: It is recurrent, or none of RLlib's own for PPO.
+        CheckpointError: It is none of RLlib's own for PPO, or no multilayer perceptron, with an LSTM behind or without.
     """
-    if module.is_stateful():
-        raise CheckpointError(f"{title}: the policy is recurrent; only policies without memory can be exported")
     own = DefaultPPOTorchRLModule
     names = ("_forward", "_forward_inference", "forward_inference")
     if not isinstance(module, own) or any(getattr(type(module), name) is not getattr(own, name) for name in names):
@@ -64,9 +63,10 @@ def check_module(module: Any, title: str) -> None:
             f"{title}: the policy is a module of its own kind ({type(module).__name__}); only RLlib's own modules of "
             "PPO can be exported"
         )
-    if type(module.pi) not in (TorchMLPHead, TorchFreeLogStdMLPHead) or _encoder(module) is None:
+    if type(module.pi) not in (TorchMLPHead, TorchFreeLogStdMLPHead) or encoder_layers(module) is None:
         raise CheckpointError(
-            f"{title}: the policy has layers other than a multilayer perceptron's; only such can be exported"
+            f"{title}: the policy has layers other than those of a multilayer perceptron or of RLlib's LSTM; only such "
+            "can be exported"
         )
 
 
@@ -96,15 +96,20 @@ def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
         first += len(element.levels)
     graph.node("Concat", parts, name="thrust", axis=1)
     width = first
-    tensor = onnx.helper.make_tensor_value_info
+
+    def tensor(name: str, size: int) -> Any:
+        return onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["N", size])
+
+    state = info.state.items()
     model = onnx.helper.make_model(
         onnx.helper.make_graph(
             graph.nodes,
             "policy",
-            [tensor("observation", onnx.TensorProto.FLOAT, ["N", len(info.observation)])],
+            [tensor("observation", len(info.observation)), *(tensor(name, size) for name, size in state)],
             [
-                tensor("thrust", onnx.TensorProto.FLOAT, ["N", len(info.action)]),
-                tensor("action_dist_inputs", onnx.TensorProto.FLOAT, ["N", width]),
+                tensor("thrust", len(info.action)),
+                tensor("action_dist_inputs", width),
+                *(tensor(NEXT_STATE + name, size) for name, size in state),
             ],
             graph.constants,
         ),
@@ -117,13 +122,6 @@ def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
     onnx.checker.check_model(model, full_check=True)
     content: bytes = model.SerializeToString(deterministic=True)
     return content
-
-
-def _encoder(module: Any) -> Any:
-    """Return the layers before the policy's head; None when they are no perceptron."""
-    encoder = getattr(module.encoder, "actor_encoder", None) or getattr(module.encoder, "encoder", None)
-    layers = getattr(getattr(encoder, "net", None), "mlp", None)
-    return layers if isinstance(layers, torch.nn.Sequential) else None
 
 
 class _Graph:
@@ -162,7 +160,24 @@ class _Graph:
 
     def rllib(self, module: Any, value: str) -> str:
         """Encoder and head of RLlib's module."""
-        return self.distribution(module.pi, self.net(_encoder(module), value))
+        layers: Any = encoder_layers(module)  # `check_module` has let it pass
+        value = self.net(layers.dense, value)
+        return self.distribution(module.pi, value if layers.lstm is None else self.lstm(layers.lstm, value))
+
+    def lstm(self, layer: torch.nn.LSTM, value: str) -> str:
+        """One step of an LSTM from the inputs `STATE` to the outputs behind `NEXT_STATE`; it gives the first."""
+        axis = self.constant([0], "axis", np.int64)  # of time
+        weights = [self.constant(array, name) for name, array in lstm_weights(layer).items()]
+        held = [self.node("Unsqueeze", [name, axis]) for name in STATE]
+        step = [self.node("Unsqueeze", [value, axis]), *weights, "", *held]
+        after = [f"stepped_{name}" for name in STATE]
+        self.nodes.append(
+            self._onnx.helper.make_node("LSTM", step, ["", *after], name="node_lstm", hidden_size=layer.hidden_size)
+        )
+        hidden, _ = (
+            self.node("Squeeze", [one, axis], name=NEXT_STATE + name) for one, name in zip(after, STATE, strict=True)
+        )
+        return hidden
 
     def perceptron(self, module: Any, value: str) -> str:
         """The layers, and the logarithms of standard deviations where there are some; see `Perceptron`."""

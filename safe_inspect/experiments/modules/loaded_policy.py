@@ -19,32 +19,44 @@ from safe_inspect.types import AnyArray
 
 
 class LoadedPolicy:
-    """A trained policy and the task in which it flies. It keeps nothing from step to step.
+    """A trained policy and the task in which it flies. A recurrent one keeps the state of each row from call to call.
 
     Attributes:
         spec: The task as it was trained in it, with the overrides.
         agent: Name of the agent that it flies.
+        recurrent: Whether it keeps a state.
     """
 
     def __init__(self, spec: EnvironmentSpec, agent: AgentSpec, policy: Any) -> None:
         self.spec, self.agent = spec, agent.name
         self._policy, self._file = policy, isinstance(policy, OnnxPolicy)
+        self.recurrent = bool(policy.recurrent)
+        self._rows = 0
         self._size = observation_layout(agent).size
         self._action = action_layout(agent)
 
-    def predict(self, observation: AnyArray, generator: np.random.Generator | None = None) -> AnyArray:
+    def predict(
+        self,
+        observation: AnyArray,
+        generator: np.random.Generator | None = None,
+        episode_start: AnyArray | bool | None = None,
+    ) -> AnyArray:
         """Return the action: the mean of a Gaussian policy, the likeliest levels of a categorical, both of a hurdle.
 
         Args:
             observation: Observations as `make`, `make_vec` or any environment of the task gives them, shape (O,) or
                 (N, O).
             generator: Draws what `evaluate` draws: choices, such as whether to burn, but not the size of a burn.
+            episode_start: Whether the observation is the first of an episode, one bool or one for each row, shape (N,).
+                A recurrent policy needs it, and is called once a step, with the rows of all that it flies; the others
+                ignore it.
 
         Returns:
             Actions that the environment takes, shape (A,) or (N, A): int64 where they are levels, else float32.
 
         Raises:
-            ArgumentError: The observations have another shape, or are no numbers.
+            ArgumentError: The observations have another shape, or are no numbers; the policy is recurrent, and
+                `episode_start` is missing, or False in rows that the last call did not have.
         """
         try:
             rows = np.asarray(observation, dtype=np.float32)
@@ -55,6 +67,8 @@ class LoadedPolicy:
                 f"the observations have the shape {rows.shape}; ({self._size},) or (N, {self._size}) is wanted"
             )
         whole = np.atleast_2d(rows)
+        if self.recurrent:
+            self._begin(episode_start, len(whole))
         if generator is None:
             actions = self._policy.in_task_units(whole) if self._file else np.asarray(self._policy(whole))
         else:
@@ -64,6 +78,28 @@ class LoadedPolicy:
         else:
             actions = np.clip(actions, self._action.low, self._action.high).astype(np.float32)
         return actions if rows.ndim == 2 else actions[0]
+
+    def _begin(self, episode_start: AnyArray | bool | None, count: int) -> None:
+        """Let a recurrent policy forget the rows in which an episode begins."""
+        if episode_start is None:
+            raise ArgumentError(
+                "the policy is recurrent; give `episode_start`, True for each row whose observation is the first of an "
+                "episode"
+            )
+        starts = np.asarray(episode_start)
+        if starts.dtype != np.bool_ or starts.shape not in ((), (count,)):
+            raise ArgumentError(
+                f"`episode_start` has the shape {starts.shape} and the type {starts.dtype}; one bool or ({count},) of "
+                "them is wanted"
+            )
+        starts = np.broadcast_to(starts, count)
+        if self._rows != count and not starts.all():
+            raise ArgumentError(
+                f"there are {count} observations, and {self._rows} in the last call: `episode_start` is True in all "
+                "rows when their number changes"
+            )
+        self._policy.reset(None if starts.all() else starts)
+        self._rows = count
 
     def make(self, **kwargs: Any) -> InspectionEnv:
         """Return one environment of the task; see `InspectionEnv`."""
@@ -110,7 +146,4 @@ def load_policy(
     name = next(iter(flying)) if agent is None else agent
     if name not in flying:
         raise SafeInspectError(f"{text}: it flies no agent {name!r}; {did_you_mean(name, flying)}")
-    policy: Any = flying[name]
-    if getattr(policy, "recurrent", False):
-        raise SafeInspectError(f"{text}: the policy is recurrent, and `predict` keeps nothing; fly it with `evaluate`")
-    return LoadedPolicy(spec, outside[name], policy)
+    return LoadedPolicy(spec, outside[name], flying[name])

@@ -22,7 +22,7 @@ from safe_inspect.experiments.runs.checkpoints import policy_folder
 from safe_inspect.experiments.sampling.distributions import distribution_of_module
 from safe_inspect.random.action_draws import Categorical, draw_in_rollout
 from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
-from safe_inspect.types import AnyArray, FloatArray
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
 class TrainedPolicy:
@@ -62,12 +62,25 @@ class TrainedPolicy:
 
     def begin(self, flight: Flight) -> None:
         """Take note of the slots of the rows of the next steps, for the draws; a recurrent policy forgets."""
-        self._flight, self._steps, self._memory = flight, 0, None
+        self._flight, self._steps = flight, 0
+        self.reset()
+
+    def reset(self, rows: BoolArray | None = None) -> None:
+        """Begin episodes: the state of a recurrent policy is its first one again.
+
+        Args:
+            rows: Rows in which they begin, shape (R,), R as in the last call; all unless given.
+        """
+        if rows is None:
+            self._memory = None
+        elif self._memory is not None:
+            fresh = _for_rows(self.module.get_initial_state(), self._rows)
+            self._memory = _replaced(self._memory, fresh, torch.tensor(rows))
 
     def inputs(self, observation: NDArray[np.float32]) -> AnyArray:
         """Return the inputs of the action distributions, float32, shape (R, I), for observations (R, O).
 
-        A recurrent policy remembers the rows of earlier steps, until `begin` is called or their number changes.
+        A recurrent policy keeps the state of each row, until `begin` or `reset` is called or their number changes.
         """
         seen = torch.from_numpy(np.ascontiguousarray(observation))
         with torch.no_grad(), _one_thread():
@@ -116,6 +129,13 @@ def _for_rows(state: Any, count: int) -> Any:
         return {name: _for_rows(value, count) for name, value in state.items()}
     row = torch.as_tensor(state)
     return row.expand(count, *row.shape)
+
+
+def _replaced(state: Any, fresh: Any, rows: torch.Tensor) -> Any:
+    """Return a state, nested as it is, with the rows of a mask, shape (R,), from another."""
+    if isinstance(state, Mapping):
+        return {name: _replaced(value, fresh[name], rows) for name, value in state.items()}
+    return torch.where(rows.reshape(-1, *(1,) * (state.dim() - 1)), fresh, state)
 
 
 def trained_policy(

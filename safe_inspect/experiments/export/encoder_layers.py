@@ -1,0 +1,56 @@
+"""The layers of RLlib's encoders, and weights of an LSTM in ONNX's order. Importing this module loads Ray and Torch."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from ray.rllib.core.models.torch.encoder import TorchLSTMEncoder
+
+from safe_inspect.types import AnyArray
+
+#: Inputs of a file that hold the state of an LSTM, output and cell.
+STATE = ("state_h", "state_c")
+
+_GATES = (0, 3, 1, 2)  # input, forget, cell, output in Torch; input, output, forget, cell in ONNX
+
+
+class EncoderLayers(NamedTuple):
+    """What stands before the head of a policy.
+
+    Attributes:
+        dense: Dense layers and activations, in order.
+        lstm: The LSTM behind them; None in a policy without a state.
+    """
+
+    dense: torch.nn.Sequential
+    lstm: torch.nn.LSTM | None
+
+
+def encoder_layers(module: Any) -> EncoderLayers | None:
+    """Return the layers before the head of an RLModule's policy; None where they are of another kind."""
+    own = getattr(module, "encoder", None)
+    encoder = getattr(own, "actor_encoder", None) or getattr(own, "encoder", None)
+    lstm = None
+    if type(encoder) is TorchLSTMEncoder:
+        lstm, encoder = encoder.lstm, encoder.tokenizer
+        if lstm.num_layers != 1:
+            return None
+    dense = getattr(getattr(encoder, "net", None), "mlp", None)
+    return EncoderLayers(dense, lstm) if isinstance(dense, torch.nn.Sequential) else None
+
+
+def state_sizes(module: Any) -> dict[str, int]:
+    """Return the sizes of the inputs of `STATE`; empty for a module without a state."""
+    layers = encoder_layers(module)
+    return {} if layers is None or layers.lstm is None else dict.fromkeys(STATE, layers.lstm.hidden_size)
+
+
+def lstm_weights(lstm: torch.nn.LSTM) -> dict[str, AnyArray]:
+    """Return the inputs W (1, 4 H, I), R (1, 4 H, H) and B (1, 8 H) of ONNX's operator LSTM, by names of constants."""
+    parts: Any = lstm.all_weights[0]
+    kernel, recurrence, *biases = [
+        np.concatenate([np.split(part.detach().cpu().numpy(), 4)[gate] for gate in _GATES]) for part in parts
+    ]
+    return {"kernel": kernel[None], "recurrence": recurrence[None], "bias": np.concatenate(biases)[None]}
