@@ -251,7 +251,7 @@ LOAD = "from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx\n
 def example():
     """Return the program in the documentation that runs a file without this package."""
     text = (Path(__file__).parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
-    return next(part for part in text.split("```python\n")[1:] if "onnxruntime" in part).partition("```")[0]
+    return next(code for part in text.split("```python\n")[1:] if "onnxruntime" in (code := part.partition("```")[0]))
 
 
 def test_the_documented_program_runs_a_file_without_this_package(exported, tmp_path):
