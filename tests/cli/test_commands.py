@@ -169,7 +169,7 @@ def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
     code, _, err = typed("validate", EXPERIMENT, "use_lstm=True")
     assert code == 0
     assert "exported" not in err
-    recurrent = "agent_config.0.policy={algorithm: DQN, model_config: {use_lstm: True}}"
+    recurrent = "agent_config.0.policy={algorithm: DQN, config: {model_config: {use_lstm: True}}}"
     code, _, err = typed("validate", "configs/translational-inspection/experiment.yml", recurrent)
     assert code == 0
     assert "note: recurrent policies of DQN are not exported to ONNX" in err

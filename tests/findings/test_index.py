@@ -57,7 +57,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
     "C8": (
         "recurrent policies cannot be flown",
         (
-            "experiments/test_recurrent_policy.py::test_a_recurrent_policy_flies_and_remembers_its_own_episode",
+            "experiments/test_recurrent_policy.py::test_the_file_flies_as_the_checkpoint_does",
             "cli/test_commands.py::test_a_policy_that_cannot_be_flown_is_told_before_the_training",
         ),
     ),
