@@ -104,6 +104,16 @@ def test_nets_are_separate_unless_asked():
         ({"env": "CartPole-v1"}, "rllib_configs.env", "cannot be set here"),
         ({"callbacks_on_episode_end": "x"}, "rllib_configs.callbacks_on_episode_end", "cannot be set here"),
         ({"num_workers": 1, "num_env_runners": 2}, "rllib_configs.num_env_runners", "one key, given twice"),
+        (
+            {"algorithm": "SAC", "model_config": {"use_lstm": True}},
+            "rllib_configs.model_config.use_lstm",
+            "RLlib's SAC has no recurrent policies; remove it, or use PPO",
+        ),
+        (
+            {"model_config": {"use_lstm": True, "free_log_std": True}},
+            "rllib_configs.model_config.free_log_std",
+            "RLlib's recurrent policies take no `free_log_std`; remove one of it and `use_lstm`",
+        ),
         ({"algorithm": "PPPO"}, "rllib_configs.algorithm", "use one of `PPO`, `APPO`"),
         ({"minibatch_size": 900, "train_batch_size": 300}, "rllib_configs.minibatch_size", "larger than the batch"),
         (

@@ -54,8 +54,8 @@ def flight_note(experiment: Experiment) -> str:
     if changing:
         return f"policies train and resume, but are not flown: `{changing}` stands for code that no policy's file holds"
     if experiment.algorithm in FLOWN_ALGORITHMS:
-        exported = not recurrent or experiment.algorithm not in ("SAC", "DQN")
-        return "" if exported else f"recurrent policies of {experiment.algorithm} are not exported to ONNX"
+        exported = not recurrent or experiment.algorithm != "DQN"
+        return "" if exported else "recurrent policies of DQN are not exported to ONNX"
     others = ", ".join(FLOWN_ALGORITHMS)
     return f"policies of {experiment.algorithm} train and resume, but are not flown; those of {others} are"
 

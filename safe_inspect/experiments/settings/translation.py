@@ -161,6 +161,12 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
                 for key in model.settings
                 if key in keys.FRESH_KEYS
             ]
+        if model.settings.get("use_lstm") and algorithm == "SAC":
+            message = "RLlib's SAC has no recurrent policies"
+            problems.append(Problem(message, f"{model_path}.use_lstm", hint="remove it, or use PPO"))
+        elif model.settings.get("use_lstm") and model.settings.get("free_log_std"):
+            message = "RLlib's recurrent policies take no `free_log_std`"
+            problems.append(Problem(message, f"{model_path}.free_log_std", hint="remove one of it and `use_lstm`"))
     if settings.get(IMITATION) is not None:
         problems += imitation_problems(settings[IMITATION], f"{path}.{IMITATION}", algorithm)
     if settings.get("initial_kl_coeff") is not None and algorithm != "PPO":
