@@ -14,11 +14,11 @@ import time
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.evaluation.safety.acceptance import acceptance
 from safe_inspect.evaluation.safety.audit import audit
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.filters import BackupFilter, TubeFilter
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01

@@ -30,7 +30,7 @@ from safe_inspect.rta.filters import BackupFilter, ContinuousFilter  # noqa: E40
 from safe_inspect.simulators.filter_result import FilterResult  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 
-TASK = "safe_inspect/TranslationalInspection-v0"
+TASK = "safe_inspect/TranslationalInspectionSeed-v0"
 KINDS = ("to the chief", "to the sun cone", "outward", "random", "bang-bang", "zero")
 Filter = Callable[[RelativeState, FloatArray], FilterResult]
 

@@ -2,7 +2,9 @@
 
     python benchmarks/weak_thrusters.py [--states 1500] [--seed 0] [--json result.json]
 
-States are drawn 50 to 100 m from the chief with speeds up to 0.3 m/s; those count that keep all eight constraints.
+Those states count that keep all eight constraints: first of states as the shipped task starts in, 50 to 100 m from the
+chief with speeds up to 0.3 m/s; then, for plans of several holds, of states at ranges and speeds that are uniform up to
+their limits.
 """
 
 from __future__ import annotations
@@ -15,8 +17,11 @@ import numpy as np
 
 from safe_inspect.rta.constraints import RelativeState
 from safe_inspect.rta.filters import BackupFilter
+from safe_inspect.rta.filters.probes import SAFE_DRAWS, safe_states
 
 MASSES, THRUSTS, STEPS = (12.0, 24.0, 60.0), (1.0, 0.3), (5.0, 10.0, 20.0)
+#: Thrusters that cannot brake against the tide at the largest range and speed: mass, thrust, step.
+WEAKER = ((12.0, 0.05, 10.0), (12.0, 0.02, 10.0), (12.0, 0.01, 10.0), (24.0, 0.1, 10.0))
 
 
 def states(count: int, seed: int) -> RelativeState:
@@ -39,14 +44,26 @@ def main() -> None:
     parser.add_argument("--json", help="write the rows to this file")
     arguments = parser.parse_args()
     drawn, rows = states(arguments.states, arguments.seed), []
-    print("| mass [kg] | thrust [N] | hold [s] | impulse of a hold [m/s] | held, one hold | held, several |")
-    print("|---:|---:|---:|---:|---:|---:|")
-    for mass, thrust, step in itertools.product(MASSES, THRUSTS, STEPS):
+    heads = (
+        "mass [kg]",
+        "thrust [N]",
+        "hold [s]",
+        "impulse of a hold [m/s]",
+        "starts, one hold",
+        "several",
+        "everywhere",
+    )
+    print(f"| {' | '.join(heads)} |")
+    print("|---:|---:|---:|---:|---:|---:|---:|")
+    for mass, thrust, step in (*itertools.product(MASSES, THRUSTS, STEPS), *WEAKER):
         parameters = {"m": mass, "u_max": thrust, "step_size": step}
         runs = [BackupFilter(parameters, several_holds=several) for several in (False, True)]
-        safe = drawn[np.flatnonzero((runs[0].phi(drawn) >= 0.0).all(axis=1))]
-        shares = [float(run.recoverable(safe).mean()) for run in runs]
-        rows.append({**parameters, "one_hold": shares[0], "several_holds": shares[1], "states": len(safe)})
+        safe = drawn[np.flatnonzero((runs[1].phi(drawn) >= 0.0).all(axis=1))]
+        everywhere = safe_states(runs[1].constraints, runs[1].parameters, SAFE_DRAWS)
+        pairs = ((runs[0], safe), (runs[1], safe), (runs[1], everywhere))
+        shares = [float(run.recoverable(part).mean()) for run, part in pairs]
+        found = dict(zip(("one_hold", "several_holds", "everywhere"), shares, strict=True))
+        rows.append({**parameters, **found, "states": len(safe), "states_everywhere": len(everywhere)})
         cells = (f"{mass:g}", f"{thrust:g}", f"{step:g}", f"{thrust * step / mass:.2f}", *(f"{x:.1%}" for x in shares))
         print(f"| {' | '.join(cells)} |", flush=True)
     if arguments.json:

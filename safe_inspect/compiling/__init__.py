@@ -1,6 +1,6 @@
 """Compiled functions: kernels, and functions whose source is generated around them."""
 
 from safe_inspect.compiling.generated import Generated, generate
-from safe_inspect.compiling.kernel import BORROWING, Kernel, compiling_seconds, njit
+from safe_inspect.compiling.kernel import BORROWING, COMPILING_NOTE, Kernel, compiling_seconds, njit
 
-__all__ = ["BORROWING", "Generated", "Kernel", "compiling_seconds", "generate", "njit"]
+__all__ = ["BORROWING", "COMPILING_NOTE", "Generated", "Kernel", "compiling_seconds", "generate", "njit"]

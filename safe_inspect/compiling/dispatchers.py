@@ -82,8 +82,15 @@ class _WholeCache(FunctionCache):
 
     _impl_class = _WholeFiles
 
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return the key of machine code with the digest of the package's kernels, which are linked into it.
 
-class _PartCache(FunctionCache):
+        `remove_stale_cache` removes what is out of date in the package alone, not beside a user's kernels.
+        """
+        return (*super()._index_key(sig, codegen), digest_of())
+
+
+class _PartCache(_WholeCache):
     """Cache of what `PartCompiler` gives for a kernel."""
 
     _impl_class = _PartFiles

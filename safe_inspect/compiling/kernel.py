@@ -4,7 +4,8 @@ A decorated function is a `Kernel`. Importing its module loads no compiler: a co
 
 Numba recompiles a cached function when its own file has changed, but not when a compiled function that it calls from
 another file has: after an update of a checkout old machine code would go on running. So the cached machine code of the
-whole package is removed when the source of any compiled function has changed.
+whole package is removed when the source of any compiled function has changed, and that of kernels elsewhere, such as a
+plugin's, is compiled again.
 
 What Python calls is compiled together with all that it calls; see `safe_inspect.compiling.linking`.
 
@@ -18,9 +19,11 @@ from __future__ import annotations
 
 import functools
 import gc
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar, overload
@@ -40,6 +43,9 @@ _STAMP = "compiled.stamp"
 #: Seconds of compiling after which a terminal is told what the wait is for.
 _PATIENCE = 2.0
 _spent = [0.0]
+#: Environment variable: a file that exists while a process compiles, and after that where it took longer than that. A
+#: training gives it to Ray's processes, whose output nobody sees.
+COMPILING_NOTE = "SAFE_INSPECT_COMPILING_NOTE"
 
 
 class Kernel(Generic[P, R]):
@@ -133,12 +139,13 @@ def prepare() -> None:
         """Measures the time of the compiler, and says once, on a terminal, that the wait is for it."""
 
         depth, since, quiet = 0, 0.0, not sys.stderr.isatty()
-        collects = False
+        collects, note = False, os.environ.get(COMPILING_NOTE)
 
         def on_start(self, event: Any) -> None:
             if self.depth == 0:
                 self.since, self.collects = time.monotonic(), gc.isenabled()
                 gc.disable()  # compiling leaves little garbage, and much to look through
+                self._mark(True)
             self.depth += 1
 
         def on_end(self, event: Any) -> None:
@@ -147,9 +154,15 @@ def prepare() -> None:
                 if self.collects:
                     gc.enable()
                 _spent[0] += time.monotonic() - self.since
+                self._mark(_spent[0] > _PATIENCE)
             if not self.quiet and _spent[0] > _PATIENCE:
                 self.quiet = True
                 print("compiling, once for each installation: up to a minute ...", file=sys.stderr)
+
+        def _mark(self, compiling: bool) -> None:
+            if self.note:
+                with suppress(OSError):
+                    Path(self.note).touch() if compiling else Path(self.note).unlink(missing_ok=True)
 
     event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]
 

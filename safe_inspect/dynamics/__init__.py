@@ -1,8 +1,16 @@
 """How vehicles move. Importing it registers the plugins."""
 
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
-from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.dynamics.double_integrator import DoubleIntegrator
 
-__all__ = ["ClohessyWiltshire", "ClohessyWiltshireAttitude", "DoubleIntegrator", "Dynamics"]
+__all__ = [
+    "NO_DISTURBANCE",
+    "ClohessyWiltshire",
+    "ClohessyWiltshireAttitude",
+    "DisturbanceBounds",
+    "DoubleIntegrator",
+    "Dynamics",
+    "MotionLimits",
+]

@@ -1,14 +1,96 @@
-"""`Dynamics`: how a vehicle moves; the simulator knows a vehicle by its arrays, control and row kernel alone."""
+"""`Dynamics`: how a vehicle moves; the simulator knows a vehicle by its arrays, control and row kernel alone.
+
+`DisturbanceBounds` say how far a real motion may depart from the model that safety filters have of it.
+"""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from safe_inspect.compiling import Kernel, generate
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.types import ArraySpec
+from safe_inspect.units import NonNegativeAngle, NonNegativeLength, NonNegativeSpeed
+
+_LARGEST_ANGLE = 0.5 * math.pi
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Within which limits the bounds of a disturbance must be valid.
+
+    Attributes:
+        step_size: Time for which the agent's control is held [s].
+        mass: Mass of the deputy [kg].
+        thrust: Largest thrust of each axis [N].
+        distance: Largest distance from the origin of Hill's frame [m]; infinite where nothing bounds it.
+        speed: Largest speed [m/s]; infinite where nothing bounds it.
+    """
+
+    step_size: float
+    mass: float
+    thrust: float
+    distance: float = math.inf
+    speed: float = math.inf
+
+
+class DisturbanceBounds(BaseModel):
+    """Bounds of a disturbance; a bound of 0, the default, is no disturbance.
+
+    Attributes:
+        velocity: Length of the velocity that disturbances add in a step [m/s].
+        position_error: Distance of the estimated position from the position [m].
+        velocity_error: Length of the error of the estimated velocity [m/s].
+        thrust_gain: Relative error of the thrust's size [-].
+        thrust_direction: Angle between the thrust and the commanded one [rad].
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    velocity: NonNegativeSpeed = 0.0
+    position_error: NonNegativeLength = 0.0
+    velocity_error: NonNegativeSpeed = 0.0
+    thrust_gain: float = Field(default=0.0, ge=0.0, lt=1.0, allow_inf_nan=False)
+    thrust_direction: NonNegativeAngle = Field(default=0.0, le=_LARGEST_ANGLE)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float, float]:
+        """The bounds, in the order of the fields."""
+        return (self.velocity, self.position_error, self.velocity_error, self.thrust_gain, self.thrust_direction)
+
+    @property
+    def thrust_error(self) -> float:
+        """Largest |flown - commanded| / |commanded| of the thrust [-].
+
+        A thrust of size g at the angle a to the commanded one of size 1 differs by sqrt((g - 1)^2 + 4 g sin(a/2)^2).
+        """
+        chord = 2.0 * math.sin(0.5 * self.thrust_direction)
+        return math.sqrt(self.thrust_gain**2 + (1.0 + self.thrust_gain) * chord**2)
+
+    def exceeded(self, other: DisturbanceBounds) -> list[str]:
+        """Return the names of the fields in which another disturbance is larger than this one."""
+        pairs = zip(DisturbanceBounds.model_fields, self.bounds, other.bounds, strict=True)
+        return [name for name, mine, theirs in pairs if theirs > mine]
+
+    def __add__(self, other: DisturbanceBounds) -> DisturbanceBounds:
+        """Return the bounds of two disturbances that act together; they may be larger than the fields may be."""
+        return DisturbanceBounds.model_construct(
+            velocity=self.velocity + other.velocity,
+            position_error=self.position_error + other.position_error,
+            velocity_error=self.velocity_error + other.velocity_error,
+            thrust_gain=self.thrust_gain + other.thrust_gain + self.thrust_gain * other.thrust_gain,
+            thrust_direction=self.thrust_direction + other.thrust_direction,
+        )
+
+
+#: What does not touch the motion, the thrust or the estimates.
+NO_DISTURBANCE = DisturbanceBounds()
 
 
 class Dynamics(Plugin):
@@ -52,6 +134,17 @@ class Dynamics(Plugin):
     def initial(self) -> Mapping[str, Sequence[float]]:
         """Return values of arrays by name, for bodies whose initialiser gives none; zeros by default."""
         return {}
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds | None:
+        """Return how far a step of the agents departs from the exact Clohessy-Wiltshire motion under the held thrust.
+
+        That motion is the one at the ``mean_motion`` of `offers`; see `Component.disturbance_bounds`. None, the
+        default, says nothing, and safety filters for Clohessy-Wiltshire dynamics are refused.
+
+        Args:
+            limits: The flight for which the bounds must be valid.
+        """
+        return None
 
     def offers(self) -> Mapping[str, Any]:
         """Return what plugins find by name in `World`, such as ``mean_motion``. Nothing by default."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from safe_inspect.compiling import Kernel, njit
-from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.cwh_row import cwh_row
 from safe_inspect.types import FloatArray
@@ -45,6 +45,10 @@ class ClohessyWiltshire(Dynamics):
     def __call__(self, step_size: float) -> tuple[Any, ...]:
         """Return the transition matrix, shape (6, 6), and the input matrix of a body of 1 kg, shape (6, 3)."""
         return transition(self.mean_motion, 1.0, step_size)
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return none: it is that motion."""
+        return NO_DISTURBANCE
 
     def offers(self) -> Mapping[str, Any]:
         """Return the mean motion [rad/s]."""

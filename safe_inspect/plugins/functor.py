@@ -7,7 +7,7 @@ depth and every mistake keeps its path of keys.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BeforeValidator, PlainSerializer, ValidationError, WithJsonSchema
@@ -102,6 +102,17 @@ def build(kind: str, value: Any) -> Plugin:
     return plugin
 
 
+def misplaced(problems: Iterable[tuple[tuple[int | str, ...], str]]) -> PydanticCustomError:
+    """Return the error of a validator that knows which fields are wrong: each message stands at its own path.
+
+    Args:
+        problems: The path of each mistake, from the model that is validated, and its message.
+    """
+    problems = list(problems)
+    text = "; ".join(said for _, said in problems).replace("{", "{{").replace("}", "}}")
+    return PydanticCustomError("functor", text, {"errors": [_problem(place, said) for place, said in problems]})  # type: ignore[arg-type]
+
+
 def describe(plugin: Plugin) -> dict[str, Any]:
     """Return the mapping that `build` makes the plugin from."""
     config = plugin.model_dump(mode="json")
@@ -152,7 +163,7 @@ def _located(problem: Any, cls: type[Plugin]) -> dict[str, Any]:
     return located
 
 
-def _problem(loc: tuple[str, ...], message: str) -> dict[str, Any]:
+def _problem(loc: tuple[int | str, ...], message: str) -> dict[str, Any]:
     return {"type": "functor_key", "loc": loc, "msg": message}
 
 

@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import BaseModel, ConfigDict
 
 from safe_inspect.plugins.registry import registry
+from safe_inspect.plugins.strict_numbers import StrictNumbers
 
 _PACKAGE = "safe_inspect."
 _BY_PLACE = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
@@ -38,7 +39,7 @@ PointsName = Annotated[str, Reference("points")]
 DoneName = Annotated[str, Reference("done")]
 
 
-class Plugin(BaseModel):
+class Plugin(StrictNumbers):
     """Base of every plugin; one abstract subclass for each kind sets `kind`.
 
     Class keywords:
@@ -104,7 +105,12 @@ class Plugin(BaseModel):
 
 
 def _methods(cls: type) -> set[str]:
-    return {name for parent in cls.__mro__ if parent not in (object, BaseModel, Plugin) for name in vars(parent)}
+    return {
+        name
+        for parent in cls.__mro__
+        if parent not in (object, BaseModel, StrictNumbers, Plugin)
+        for name in vars(parent)
+    }
 
 
 def _check_methods(cls: type) -> None:

@@ -104,7 +104,7 @@ class Registry:
         if cls is None:
             raise RegistryError(f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, vars(loaded))}")
         if not (isinstance(cls, type) and hasattr(cls, "registered_name") and hasattr(cls, "kind")):
-            raise RegistryError(f"{name!r} is no plugin; a {kind} is a subclass of safe_inspect.plugins.plugin.Plugin")
+            raise RegistryError(f"{name!r} is not a plugin; a {kind} is a subclass of {self._base(kind)}")
         if not cls.registered_name:
             lacks = ", ".join(f"`{method}`" for method in sorted(getattr(cls, "__abstractmethods__", ())))
             hint = (
@@ -114,6 +114,14 @@ class Registry:
         if cls.kind != kind:
             raise RegistryError(f"{name!r} is a {cls.kind}; a {kind} is wanted here")
         return cls
+
+    def _base(self, kind: str) -> str:
+        """Return the path of the class that the plugins of a kind extend."""
+        first = next(iter(self._classes.get(kind, {}).values()))
+        base = next(cls for cls in reversed(first.__mro__) if vars(cls).get("kind") == kind)
+        package = base.__module__.rpartition(".")[0]
+        module = package if getattr(importlib.import_module(package), base.__name__, None) is base else base.__module__
+        return f"{module}.{base.__qualname__}"
 
     def _suggest(self, kind: str, name: str) -> str:
         for other, classes in self._classes.items():
@@ -146,6 +154,8 @@ def import_user_module(name: str, wanted: str = "") -> ModuleType:
     Raises:
         RegistryError: There is none, or it cannot be imported; the message names the file, the line and the cause.
     """
+    if not all(part.isidentifier() for part in name.split(".")):
+        raise RegistryError(f"{name!r} is not the path of a module; write it as package.module")
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:

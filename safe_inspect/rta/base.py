@@ -41,6 +41,8 @@ class SafetyGlue(ActionGlue):
         enabled: True: the thrust is filtered. False: the glue costs nothing.
         invalid_actions: What an action that is NaN or infinite does where the filter is enabled: ``error`` stops the
             run, ``backup`` flies the filter's `backup` in that row; infos and evaluations tell of it.
+        undeclared: What components and dynamics that declare no `disturbance_bounds` do where the filter is enabled:
+            ``error`` refuses the experiment, ``warn`` flies it with a warning that names them, without a promise.
         wrapped: The glues of the controllers.
     """
 
@@ -48,6 +50,7 @@ class SafetyGlue(ActionGlue):
 
     enabled: bool = False
     invalid_actions: Literal["error", "backup"] = "error"
+    undeclared: Literal["error", "warn"] = "error"
     wrapped: tuple[functor_field("glue"), ...] = ()  # type: ignore[valid-type]
 
     def leaves(self) -> tuple[ActionGlue, ...]:

@@ -7,11 +7,11 @@ from functools import cached_property
 
 from pydantic import model_validator
 
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.rta.base import Filtered, SafetyGlue, seen_motion
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.filters.speed_limit import SpeedLimitFilter
 from safe_inspect.simulators.view import View
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength, PositiveSpeed
 

@@ -10,12 +10,13 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.base import Filtered, SafetyGlue, seen_motion
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters, TaskParameters
-from safe_inspect.rta.constraints.sets import ConstraintEntry
+from safe_inspect.rta.constraints.sets import ConstraintEntry, name_of
 from safe_inspect.rta.filters import (
     BackupFilter,
     ContinuousFilter,
@@ -25,12 +26,12 @@ from safe_inspect.rta.filters import (
     TubeFilter,
 )
 from safe_inspect.rta.filters.backup.safety_filter import Intervention
+from safe_inspect.rta.filters.probes import SAFE_DRAWS, safe_states
 from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS
 from safe_inspect.rta.filters.tube.safety_filter import MEMORY
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import SAFETY_FILTER, View
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import (
     PositiveLength,
@@ -76,17 +77,19 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     @model_validator(mode="after")
     def _check_constraints(self) -> RTAGlueCWHInspection1v1:
         assert self._constraints is not None  # wrong parameters are found now, not at the first step
-        if len(self._pairs) != len(set(self._pairs)):
-            raise ValueError(f"the constraints {list(self.constraints)} name one twice; remove it")
-        if self._pairs and self.method != "backup":
+        pairs = tuple(map(name_of, self._pairs))
+        if self.enabled and not self.constraints:
+            raise ValueError("`constraints` is empty, so the filter keeps nothing; name some, or switch it off")
+        if len(pairs) != len(set(pairs)):
+            raise ValueError(f"the constraints {list(map(name_of, self.constraints))} name one twice; remove it")
+        if pairs and self.method != "backup":
             raise ValueError(
-                f"the method {self.method!r} does not keep {self._pairs[0]!r}; use the method 'backup', or leave it out"
+                f"the method {self.method!r} does not keep {pairs[0]!r}; use the method 'backup', or leave it out"
             )
-        if self.disturbance is not None and (self._pairs or self.method != "backup"):
-            what = f"the constraint {self._pairs[0]!r}" if self._pairs else f"the method {self.method!r}"
+        what = f"the constraint {pairs[0]!r}" if pairs else f"the method {self.method!r}"
+        if self.disturbance is not None and (pairs or self.method != "backup"):
             raise ValueError(f"{what} withstands no `disturbance`; remove one of them")
-        if self.intervention != "nearest" and (self._pairs or self.method != "backup"):
-            what = f"the constraint {self._pairs[0]!r}" if self._pairs else f"the method {self.method!r}"
+        if self.intervention != "nearest" and (pairs or self.method != "backup"):
             raise ValueError(f"{what} has no `intervention` {self.intervention!r}; remove one of them")
         if self._pairs and self.enabled:
             assert self._decentralised is not None
@@ -105,19 +108,27 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return constraint_set(self._given, self._names)
 
     @property
-    def _names(self) -> tuple[str | Constraint, ...]:
-        return tuple(name for name in self.constraints if name not in PAIR_CONSTRAINTS)
+    def kept(self) -> dict[str, Constraint]:
+        """The constraints that the filter guarantees, by name: none with the method ``continuous``."""
+        if self.method == "continuous":
+            return {}
+        return {**self._constraints, **constraint_set(self._given, self._pairs, self.deputy_radius)}
 
     @property
-    def _pairs(self) -> tuple[str, ...]:
-        return tuple(name for name in self.constraints if name in PAIR_CONSTRAINTS)
+    def _names(self) -> tuple[str | Constraint, ...]:
+        return tuple(entry for entry in self.constraints if name_of(entry) not in PAIR_CONSTRAINTS)
+
+    @property
+    def _pairs(self) -> tuple[str | Constraint, ...]:
+        return tuple(entry for entry in self.constraints if name_of(entry) in PAIR_CONSTRAINTS)
 
     @cached_property
     def backup_filter(self) -> BackupFilter:
         """The filter of the method `backup`, with these parameters and constraints."""
         if self.disturbance is not None:
             return TubeFilter(self._given, self._names, self.disturbance, self.intervention)
-        return BackupFilter(self._given, self._names, self.intervention)
+        several = self.method != "simplex"  # its reserve is for plans of one hold
+        return BackupFilter(self._given, self._names, self.intervention, several)
 
     @cached_property
     def _decentralised(self) -> DecentralisedFilter:
@@ -131,6 +142,16 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     def _simplex(self) -> SimplexFilter:
         limit = math.inf if self.delta_v_limit is None else self.delta_v_limit
         return SimplexFilter(self._given, self._names, limit)
+
+    def recoverable_share(self) -> tuple[int, float] | None:
+        """Return how many safe states were sampled, and the share of them from which the filter keeps the constraints.
+
+        None where the thrusters can brake against the tide wherever `r_max` lets them be, or nothing is guaranteed.
+        """
+        if self.method == "continuous" or self._given.net_acceleration > 0.0:
+            return None
+        safe = safe_states(self._constraints, self._given, SAFE_DRAWS)
+        return len(safe), float(self.backup_filter.recoverable(safe).mean()) if len(safe) else 0.0
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return for each constraint the rows that it refuses: not (h >= 0 and phi >= 0), NaN included, shape (R,)."""

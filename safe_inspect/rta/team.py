@@ -40,12 +40,15 @@ class TeamSafety(Plugin):
         enabled: True: the thrusts are filtered. False: the filter costs nothing.
         invalid_actions: What an action that is NaN or infinite does where the filter is enabled: ``error`` stops the
             run, ``backup`` asks for no thrust of that deputy; infos and evaluations tell of it.
+        undeclared: What components and dynamics that declare no `disturbance_bounds` do where the filter is enabled:
+            ``error`` refuses the experiment, ``warn`` flies it with a warning that names them, without a promise.
     """
 
     kind: ClassVar[str] = "rta"
 
     enabled: bool = True
     invalid_actions: Literal["error", "backup"] = "error"
+    undeclared: Literal["error", "warn"] = "error"
 
     @abstractmethod
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:

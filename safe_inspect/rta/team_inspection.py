@@ -9,18 +9,19 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.constraints.sets import ConstraintEntry
 from safe_inspect.rta.filters import TeamFilter, TeamState
 from safe_inspect.rta.filters.base import differs
+from safe_inspect.rta.filters.probes import SAFE_DRAWS, safe_states
 from safe_inspect.rta.filters.tube.safety_filter import MEMORY
 from safe_inspect.rta.team import TeamFiltered, TeamSafety
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 from safe_inspect.units import (
     PositiveLength,
@@ -46,13 +47,21 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
 
     @model_validator(mode="after")
     def _check(self) -> RTACWHInspectionTeam:
-        assert self._filter is not None  # wrong parameters are found now, not at the first step
+        if self.enabled:
+            if not self.constraints:
+                raise ValueError("`constraints` is empty, so the filter keeps nothing; name some, or switch it off")
+            assert self._filter is not None  # wrong parameters are found now, not at the first step
         return self
 
     @cached_property
     def _filter(self) -> TeamFilter:
         given = {name: getattr(self, name) for name in TaskParameters.model_fields}
         return TeamFilter(given, self.constraints, self.deputy_radius, self.disturbance)
+
+    @property
+    def kept(self) -> dict[str, Constraint]:
+        """The constraints that the filter guarantees, by name."""
+        return {**self._filter.alone.constraints, **self._filter.pair_constraints}
 
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:
         """Return the thrusts to hold in the next step; finished deputies fly out their plan and coast.
@@ -78,6 +87,15 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
             backup=result.backup,
             memory=memory,
         )
+
+    def recoverable_share(self) -> tuple[int, float] | None:
+        """Return how many safe states of a deputy were sampled, and the share of them with a plan; None as for one."""
+        alone = self._filter.alone
+        if alone.parameters.net_acceleration > 0.0:
+            return None
+        safe = safe_states(alone.constraints, alone.parameters, SAFE_DRAWS)
+        state = TeamState(safe.position[:, None], safe.velocity[:, None], safe.sun_angle)
+        return len(safe), float(self._filter.recoverable(state).mean()) if len(safe) else 0.0
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return for each constraint the environments that it refuses: not (h >= 0 and phi >= 0), NaN included, (R,).

@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
@@ -31,6 +32,17 @@ class Component(Plugin):
             world: What does not change, with what the dynamics and the components before this one offer.
             num_envs: Number of environments, N.
         """
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds | None:
+        """Return bounds of what it does in a step of the agents to a deputy's motion, thrust and estimated state.
+
+        Safety filters count on them: an enabled filter is refused where their sum exceeds what it withstands.
+        ``NO_DISTURBANCE`` of a component that only watches; None, the default, says nothing.
+
+        Args:
+            limits: The flight for which the bounds must be valid.
+        """
+        return None
 
     @property
     def bodies(self) -> tuple[str, ...]:

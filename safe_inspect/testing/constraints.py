@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -49,11 +50,44 @@ def check_constraint(plugin: Constraint, parts: Sequence[Part], report: Report) 
         for state in (*make(np.arange(ROWS)).arguments, probe_states()):
             with report.attempt("`evaluate`", "it must work for every finite state"):
                 _check_gradient(plugin, state, report)
+        if plugin.half_space is not None:
+            with report.attempt("`half_space`", "it must work for every finite state"):
+                _check_half_space(plugin, report)
         report.expect(
             responds_to_thrust(plugin),
             "thrust",
             "the velocity part of the gradient of h is 0 everywhere, so no filter can act upon the constraint",
             "let h depend on the velocity too, for instance on the distance in which the deputy can brake",
+        )
+
+
+def _check_half_space(plugin: Constraint, report: Report) -> None:
+    """Compare the half-spaces at states from everywhere with phi: of these states, and of the states within them."""
+    state = probe_states()
+    points, phi = np.concatenate((state.position, state.velocity), axis=1), plugin.phi(state)
+    kernel: Any = type(plugin).half_space
+    numbers = np.array([*plugin.half_space_parameters(), 0.0])
+    directions, needs = np.zeros_like(points), np.empty(len(points))
+    for row, x in enumerate(points):
+        needs[row] = kernel(numbers, x.copy(), directions[row])
+    wrong = ~(np.isfinite(directions).all(axis=1) & np.isfinite(needs) & directions.any(axis=1))
+    text = "the direction or the need is not finite, or the direction is 0"
+    if not wrong.any():
+        rounding = 1e-9 * (np.abs(directions) @ np.abs(points).T + np.abs(needs)[:, None])
+        beyond = directions @ points.T - needs[:, None]
+        unsafe = phi < -1e-9 * (1.0 + np.abs(phi))
+        wrong, text = (beyond > rounding) @ unsafe, "a state with phi < 0 lies within it"
+        own, clear = np.diag(beyond), np.diag(rounding)
+        if not wrong.any():
+            wrong, text = (own < -clear) & (phi > 0.0), "a state with phi > 0 does not lie within its own"
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        report.add(
+            "half_space",
+            f"{text}, in {int(wrong.sum())} of {len(state)} states: at position {_shown(state.position[row])} m and "
+            f"velocity {_shown(state.velocity[row])} m/s d is {_shown(directions[row])} and the need {needs[row]:.4g}",
+            "write a direction d and return a need so that every state y with d.y >= need is safe, and x itself is "
+            "exactly where d.x >= need",
         )
 
 

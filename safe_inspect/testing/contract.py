@@ -33,7 +33,9 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     parameter    float (R,), or named states
     initializer  named states, position and velocity (R, 3)
     normalizer   float (R, k), and `inverse` brings it back
-    constraint   phi, h and rate float (R,), gradient float (R, 6), the derivative of h
+    constraint   phi, h and rate float (R,), gradient float (R, 6), the derivative of h; a `half_space` agrees with phi
+    component    a motion within its `disturbance_bounds`
+    dynamics     a motion within its `disturbance_bounds` about the Clohessy-Wiltshire motion
     shared_done  a `DoneStatus` or 0, int (N,)
     metric       float (R,), of a `TeamMetric` (N,), NaN where there is nothing to measure; it has `unit` and `reduce`
     policy       thrust [N] (R, 3)

@@ -51,7 +51,7 @@ def check_front_end(plugin: FrontEnd, target: Target, streams: Streams, report: 
 
     def edges() -> list[Edge]:
         at = [poses[0]]
-        run = plugin(FrontEndContext(camera, T_BC, target, streams, lambda: at[0]))
+        run = plugin(FrontEndContext(camera, T_BC, target, streams, None if plugin.needs_frames else lambda: at[0]))
         found = []
         for number, T_MB in enumerate(poses):  # noqa: N806
             at[0], T_MC = T_MB, T_MB @ T_BC  # noqa: N806

@@ -22,8 +22,14 @@ from safe_inspect.testing.glues import check_glue
 from safe_inspect.testing.metrics import check_metric
 from safe_inspect.testing.rendezvous import RENDEZVOUS_KINDS, check_rendezvous
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.resets import check_initializer, check_parameter, check_simulator
 from safe_inspect.testing.samples import sample_spec
+from safe_inspect.testing.simulation import (
+    check_component,
+    check_dynamics,
+    check_initializer,
+    check_parameter,
+    check_simulator,
+)
 from safe_inspect.testing.teams import SampleParts, check_policy, check_shared_done, check_team_safety
 from safe_inspect.testing.values import ROWS, call_of_step, call_of_view, check_bounds, each_world, spread
 from safe_inspect.types import AnyArray
@@ -196,8 +202,10 @@ def check_property(plugin: Property, parts: SampleParts, report: Report) -> None
 
 
 CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
+    "component": check_component,
     "constraint": check_constraint,
     "done": check_done,
+    "dynamics": check_dynamics,
     "glue": check_glue,
     "initializer": check_initializer,
     "metric": check_metric,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext
 from safe_inspect.rendezvous.planner.approach import plan_approach
+from safe_inspect.rendezvous.planner.certificate import certify
+from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
 from safe_inspect.rendezvous.plugins.base import (
     ApproachPlanner,
@@ -83,20 +86,42 @@ def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: R
 
 
 def _check_approach_planner(plugin: ApproachPlanner, parts: SampleParts, report: Report) -> None:
-    """Check a planner: a plan with samples, and a status where there is none."""
-    query = _query()
+    """Check a planner: a plan that a mission may fly, with its certificate, and a status where there is none."""
+    query, easy, blocked = _query(), _still_query(-1.0), _still_query(1.0)
     with _unchanged([query.state, query.orientation, query.angular_velocity], report, "the planner"):
         plan, again = plugin(query), plugin(query)
-    _same(report, "the plan", [plan.control_points, plan.position], [again.control_points, again.position])
-    if plan.solved:
-        for name in ("position", "velocity", "acceleration", "force", "position_target"):
-            _finite(report, f"`{name}` of the plan", getattr(plan, name), (len(plan.times), 3))
+    _same(report, "the plan", [plan.position, plan.velocity], [again.position, again.velocity])
+    straight = plugin(easy)
+    report.expect(
+        straight.solved,
+        "easy",
+        f"there is no plan straight ahead to a target that hardly turns ({straight.report.message})",
+        "solve a query whose straight path is free",
+    )
+    for asked, found in ((query, plan), (easy, straight), (blocked, plugin(blocked))):
+        if found.solved:
+            _expect_flyable(asked, found, report)
     inside = plugin(_query(np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])))
     report.expect(
         not inside.solved and isinstance(inside.status, PlanStatus),
         "status",
         "a start inside the target gives a plan that may be flown",
         "return a status that says why there is no plan",
+    )
+
+
+def _expect_flyable(query: PlanQuery, plan: Plan, report: Report) -> None:
+    """Note a breach where a mission would refuse a plan: as it is not what was asked for, or comes too close."""
+    mistake = plan_mistake(query, plan)
+    report.expect(not mistake, "plan", mistake, "return another status than SOLVED, or a path that keeps the query")
+    if mistake or plan.path is None:
+        return
+    proof = certify(query, plan.path, plan.t_start - query.t0)
+    report.expect(
+        proof.certified,
+        "certificate",
+        f"the clearance is {proof.clearance:.3g} m beyond radius and margin {proof.time:.3g} s after the start",
+        "keep `query.margin`; `certify(query, path, wait)` tells if a path does",
     )
 
 
@@ -179,6 +204,16 @@ def _query(state: AnyArray | None = None) -> PlanQuery:
         mating_point=target.mating_point,
         boxes=target.boxes,
         R_MT=target.R_MT,
+    )
+
+
+def _still_query(side: float) -> PlanQuery:
+    """Return a query about a target that hardly turns, its mating point on the chaser's side (-1) or behind it (1)."""
+    target = _target()
+    ahead, facing = target.mating_point / np.linalg.norm(target.mating_point), np.array([0.0, side, 0.0])
+    turn = np.append(np.cross(ahead, facing), 1.0 + ahead @ facing)
+    return replace(
+        _query(), orientation=turn / np.linalg.norm(turn), angular_velocity=np.array([0.0, 0.0, 1e-4]), t0=10.0
     )
 
 

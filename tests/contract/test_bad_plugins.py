@@ -576,6 +576,52 @@ class TestValues:
         else:
             assert set(found) == {"gradient", "thrust"}
 
+    @pytest.mark.parametrize(
+        ("fault", "words"),
+        [
+            ("", ""),
+            ("wrong sign", "a state with phi < 0 lies within it"),
+            ("NaN", "the direction or the need is not finite, or the direction is 0"),
+            ("zero", "the direction or the need is not finite, or the direction is 0"),
+            ("infinite need", "the direction or the need is not finite, or the direction is 0"),
+            ("too far", "a state with phi > 0 does not lie within its own"),
+            ("too near", "a state with phi < 0 lies within it"),
+        ],
+    )
+    def test_the_half_space_of_a_constraint(self, fault: str, words: str) -> None:
+        class Ceiling(Constraint):
+            """Stay able to brake before z = 300 m."""
+
+            fault: str = ""
+
+            def evaluate(self, state):
+                height, speed = state.position[:, 2], state.velocity[:, 2]
+                gradient = np.zeros((len(state), 6))
+                gradient[:, 2], gradient[:, 5] = -1.0, -np.abs(speed) / 0.08
+                h = 300.0 - height - speed * np.abs(speed) / 0.16
+                return Evaluation(300.0 - height, h, gradient, np.zeros(len(state)))
+
+            @staticmethod
+            def half_space(p, x, d):
+                d[2] = p[0]
+                return p[1]
+
+            def half_space_parameters(self):
+                numbers = {
+                    "wrong sign": (1.0, 300.0),
+                    "NaN": (np.nan, -300.0),
+                    "zero": (0.0, -300.0),
+                    "infinite need": (-1.0, np.inf),
+                    "too far": (-1.0, -250.0),
+                    "too near": (-1.0, -350.0),
+                }
+                return numbers.get(self.fault, (-1.0, -300.0))
+
+        found = breaches(Ceiling(fault=fault))
+        found.pop("documented")  # the field of the test
+        assert set(found) == ({"half_space"} if fault else set())
+        assert words in found.get("half_space", "")
+
     def test_a_constraint_upon_which_no_thrust_acts(self) -> None:
         class Slab(Constraint):
             """Stay below z = 300 m, whatever the velocity: h = 300 m - z."""

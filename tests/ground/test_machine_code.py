@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -91,6 +92,26 @@ def test_a_kernel_of_another_file_may_change_what_it_returns(tmp_path: Path) -> 
         (tmp_path / f"{name}.py").write_text(code.format(name))
         done = subprocess.run([sys.executable, f"{name}.py"], capture_output=True, text=True, cwd=tmp_path, timeout=120)
         assert done.stdout.strip() == printed, done.stderr
+
+
+def test_machine_code_of_a_users_kernel_belongs_to_the_sources_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kernel of the package is linked into it, so after an update of the package it is compiled again."""
+    source = "from safe_inspect.compiling import njit\n@njit\ndef double(x): return 2.0 * x\n"
+    (tmp_path / "mine.py").write_text(source, encoding="utf-8")
+
+    def loaded() -> int:
+        spec = spec_from_file_location("mine", tmp_path / "mine.py")
+        assert spec is not None
+        assert spec.loader is not None
+        spec.loader.exec_module(module := module_from_spec(spec))
+        assert module.double(2.0) == 4.0
+        return sum(module.double.dispatcher.stats.cache_hits.values())
+
+    assert [loaded(), loaded()] == [0, 1]
+    monkeypatch.setattr("safe_inspect.compiling.dispatchers.digest_of", lambda: "an update")
+    assert [loaded(), loaded()] == [0, 1]
 
 
 def test_the_users_folder_follows_the_platform(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -74,7 +74,6 @@ def test_an_unknown_name_says_the_nearest():
         ({"r_max": 5.0}, "no position is safe"),
         ({"v0_distance": 600.0}, "not below r_max"),
         ({"v0_distance": 400.0}, "negative at the collision radius"),
-        ({"u_max": 0.001}, "cannot brake"),
         ({"u_max": -1.0}, "u_max"),
         ({"n": 0.0}, "n: "),
         ({"fov": "200 deg"}, "fov"),

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from safe_inspect.config.data import configs_root
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety.report import safety_report
 from safe_inspect.rta import RTAGlueCWHDocking3d
 from safe_inspect.rta.filters.speed_limit import SpeedLimitFilter
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 
 N, MASS = 0.001027, 12.0
 EXPERIMENT = configs_root() / "docking" / "experiment.yml"

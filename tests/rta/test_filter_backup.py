@@ -8,7 +8,7 @@ import pytest
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.evaluation.safety.audit import Audit, fly_filtered
-from safe_inspect.rta.constraints import NAMES, RelativeState
+from safe_inspect.rta.constraints import NAMES, CrossTrackSpeed, RelativeState
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.filters import BackupFilter
 
@@ -138,6 +138,22 @@ def test_weak_thrusters_have_plans_of_several_holds():
         state = flown(state, several.plans(state, 0.5)[1], DT, 60.0)
         assert several.plans(state, 0.5)[0].all()
     assert one.plans(state, 0.5)[0].all()
+
+
+def test_with_half_of_the_margins_a_closed_motion_is_stayed_on():
+    """Another plan would have no margin left for the next step; the first of the family is at hand here, and is not."""
+    position, speed = np.array([[0.0, 100.0, 0.0]]), 100.0 * N
+    for _ in range(20):  # the cross-track speed that the first plan asks for, but for 0.4 um/s
+        velocity = np.array([[50.0 * N, 0.0, speed]])
+        after = flown(RelativeState(position, velocity, np.zeros(1)), np.zeros((1, 3)), DT)
+        speed = N * np.linalg.norm(after.position) / np.cos(N * DT) + 4e-7
+    limit = CrossTrackSpeed(vel_limit=float(speed + 7e-6))  # between half and the whole of the margin
+    weak = BackupFilter({"u_max": 1e-6}, [limit], "backup")
+    state = RelativeState(position, np.array([[50.0 * N, 0.0, speed]]), np.zeros(1))
+    assert not weak.recoverable(state).any()
+    found = weak(state, np.full((1, 3), -1e-6))
+    assert found.backup.all()
+    assert np.abs(found.control).max() < 1e-12
 
 
 def closed_motions(seed, rows):

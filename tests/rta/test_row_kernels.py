@@ -28,7 +28,8 @@ def _slack(numbers, code, x, sun):
 
 
 def numbers(*chosen):
-    return tuple(constraint.row_numbers(PARAMETERS, set(chosen)) for constraint in CERTIFIED)
+    constraints = constraint_set(PARAMETERS, chosen)
+    return tuple(constraint.row_numbers(PARAMETERS.n, constraints) for constraint in CERTIFIED)
 
 
 def rows():

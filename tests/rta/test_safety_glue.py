@@ -499,8 +499,11 @@ def test_the_teams_filter_takes_what_all_deputies_have():
 
 def test_values_of_the_world_that_a_filter_cannot_work_with_are_reported():
     heavy = ["platform_config.blue0.config.config.mass=20000", _REWARD.replace("20", "20000")]
-    with pytest.raises(ConfigError, match=r"glues\[0\]\.config.*with the values of the world: .*cannot brake"):
-        load_experiment(configs_root() / "translational-inspection/experiment-seed.yml", heavy)
+    experiment = configs_root() / "translational-inspection/experiment-seed.yml"
+    load_experiment(experiment, heavy)  # without a filter a deputy may be as heavy as it likes
+    slow = [ON, "agent_config.blue0_ctrl.config.config.frame_rate=0.001"]
+    with pytest.raises(ConfigError, match=r"glues\[0\]\.config.*with the values of the world: .*too long a part"):
+        load_experiment(experiment, slow)
 
 
 def test_a_configuration_that_gives_everything_by_reference_loads_as_before(copied, shipped):
@@ -529,6 +532,13 @@ def test_a_task_without_a_sun():
     assert not any(refused[0] for refused in glue.refusals(states).values())
     with pytest.raises(PluginValueError, match="the task has no sun"):
         RTAGlueCWHInspection1v1(constraints=("rel_vel", "sun"), **parameters).safety(states)
+
+
+def test_the_switching_filter_accepts_the_initial_states_that_it_can_keep():
+    """Its reserve is for plans of one hold, so those of several must not count at the reset either."""
+    weak = {"m": 60.0, "u_max": 0.6}
+    assert RTAGlueCWHInspection1v1(method="simplex", **weak).backup_filter._tables.leads == 0
+    assert RTAGlueCWHInspection1v1(**weak).backup_filter._tables.leads > 0
 
 
 UNSAFE = {

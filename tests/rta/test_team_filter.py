@@ -10,7 +10,7 @@ from team_safety import draw_teams, team_report, team_thrust
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.rta import RTACWHInspectionTeam
+from safe_inspect.rta import RTACWHInspectionTeam, RTAGlueCWHInspection1v1
 from safe_inspect.rta.filters import BackupFilter, TeamFilter, TeamState
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamView
@@ -300,6 +300,14 @@ def test_refusals_of_teams_of_any_size(start):
     np.testing.assert_allclose(plugin.safety(near)["deputy_collision"][0], -4.0)
     assert "deputy_collision" not in plugin.safety({**near, "position": near["position"][:, :1],
                                                     "velocity": near["velocity"][:, :1]})  # fmt: skip
+
+
+def test_the_share_of_states_that_weak_thrusters_keep():
+    assert RTACWHInspectionTeam().recoverable_share() is None
+    count, share = RTACWHInspectionTeam(u_max=0.05).recoverable_share()
+    alone = RTAGlueCWHInspection1v1(u_max=0.05).recoverable_share()
+    assert (count, alone[0]) == (3530, 3530)
+    assert 0.01 < share < alone[1] < 0.6  # the joint plans of a team have one hold
 
 
 @pytest.mark.parametrize(

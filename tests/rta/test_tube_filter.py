@@ -9,6 +9,7 @@ import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
@@ -18,7 +19,6 @@ from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters import BackupFilter, TubeFilter
 from safe_inspect.rta.filters.backup.model import CLOSED, HOLD, PLAN
 from safe_inspect.rta.filters.tube.deviations import PlanTracker
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01
@@ -185,8 +185,11 @@ def test_in_the_environment_every_constraint_holds_through_resets():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"bounds": None}, "the simulation is disturbed, and this filter promises nothing then; give it the bounds"),
-        ({"bounds": {**FIELDS, "velocity": 5e-5}}, "`velocity` is 0.0001, beyond this bound"),
+        (
+            {"bounds": None},
+            "disturbed by BoundedDisturbance, and this filter promises nothing then; give it the bounds",
+        ),
+        ({"bounds": {**FIELDS, "velocity": 5e-5}}, "`velocity` is 0.0001, by BoundedDisturbance, beyond this bound"),
         ({"overrides": [f"{GLUE}.method=simplex"]}, "the method 'simplex' withstands no `disturbance`"),
         ({"bounds": {**FIELDS, "velocity_error": 3.0}}, "leave nothing of the 790 m"),
     ],

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.building.attitude import check_controls, with_attitude
-from safe_inspect.config.building.guarantees import check_guarantees
+from safe_inspect.config.building.guarantees import check_guarantees, check_thrusters
 from safe_inspect.config.building.policies import policy_name
 from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.building.resets import reset_plan
@@ -28,7 +28,7 @@ from safe_inspect.config.names import agent_names, world_names
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dones.time_limit import EpisodeLengthDone
-from safe_inspect.errors import UnitError, did_you_mean
+from safe_inspect.errors import UnitError, did_you_mean, not_named
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.platforms.base import Part, Platform, Sensor
@@ -88,12 +88,14 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     check_agents(config, agents, note)
     check_world(config, reset, worlds, note)
     if not mistakes:  # it draws on what the others have checked
-        check_guarantees(config, reset, note)
+        check_guarantees(config, worlds, reset, note)
     common = common_world(worlds)
     reset = reset_in_world(reset, common, note)
     if environment.rta is not None:
         where = (*_ENVIRONMENT, "rta")
         environment = environment.model_copy(update={"rta": in_world(environment.rta, common, where, note)})
+    if not mistakes:  # it works out plans
+        check_thrusters(agents, environment.rta, note)
     if mistakes:
         return None
     frame_rate = config.agent_config[0].config.config.frame_rate
@@ -179,7 +181,7 @@ def _agent(
                 sound = False  # the part that is meant may be one of those whose name is taken
             elif value is not None and value not in known[kind]:
                 sound = False
-                report((*path, "config", field), f"no {kind} is named {value!r}; {did_you_mean(value, known[kind])}")
+                report((*path, "config", field), not_named(kind, value, known[kind]))
     glues = tuple(in_world(glue, world, (*base, "glues", index), report) for index, glue in enumerate(body.glues))
     for key, functors in (("rewards", body.rewards), ("dones", dones)):
         seen: set[str] = set()
@@ -240,7 +242,7 @@ def _scripted_policy(
     for field, kind in scripted.references().items():
         value = getattr(scripted, field)
         if value is not None and value not in names.get(kind, {value}):
-            text = f"no {kind} is named {value!r}; {did_you_mean(value, names[kind])}"
+            text = not_named(kind, value, names[kind])
             report((*where, "policy", "config", field), text)
     return scripted
 

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal
+from safe_inspect.config.loading.syntax import OTHER_BASE
 from safe_inspect.errors import Location, Problem
 
 _STANDARD = "tag:yaml.org,2002:"
@@ -117,7 +118,12 @@ class Constructor:
 
     def _scalar(self, node: Any) -> Any:
         try:
-            return _SCALARS[node.tag](node)
+            value = _SCALARS[node.tag](node)
+            if isinstance(value, int | float) and OTHER_BASE.fullmatch(node.value):
+                return self._wrong(
+                    node, f"YAML reads `{node.value}` as {value}", f"write {value} if that is meant, or quote a text"
+                )
+            return value
         except (ValueError, KeyError, OverflowError, yaml.YAMLError):
             kind = _KINDS.get(node.tag.removeprefix(_STANDARD), "value of that tag")
             return self._wrong(node, f"{node.value!r} is no {kind}", "quote it if it is a text")

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
-from safe_inspect.config.building.world import plugins_of
+from safe_inspect.config.building.world import WorldValues, distinct, plugins_of
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
+from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.range import CrashDoneFunction, MaxDistanceDoneFunction
 from safe_inspect.dones.shared import CollisionDoneFunction
-from safe_inspect.platforms.base import Controller
+from safe_inspect.dynamics.base import NO_DISTURBANCE, MotionLimits
+from safe_inspect.errors import SafetyFilterWarning
+from safe_inspect.platforms.base import Controller, Part
+from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import TaskParameters
-from safe_inspect.rta.constraints.sets import name_of
-from safe_inspect.simulators.component import Component
-from safe_inspect.simulators.resets.parameters import ConstantParameter
+from safe_inspect.rta.docking import RTAGlueCWHDocking3d
+from safe_inspect.rta.rejection_sampler import RejectionSampler
+from safe_inspect.rta.team import TeamSafety
+from safe_inspect.simulators.resets.parameters import ConstantParameter, SimAttributeAccessor
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import Simulator
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.types import FloatArray
 
@@ -30,13 +35,16 @@ _ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 _AXES = "xyz"
 
 
-def check_guarantees(config: ExperimentConfig, reset: ResetPlan, report: ReportProblem) -> None:
+def check_guarantees(
+    config: ExperimentConfig, worlds: Sequence[WorldValues], reset: ResetPlan, report: ReportProblem
+) -> None:
     """Check that each enabled safety filter keeps what the simulation, the controllers and the done functions ask.
 
     The method ``continuous`` gives no guarantee and is not checked.
 
     Args:
         config: The validated models.
+        worlds: The world of each agent.
         reset: What initial states are drawn from.
         report: Takes the path and the message of every mistake that is found.
     """
@@ -48,69 +56,168 @@ def check_guarantees(config: ExperimentConfig, reset: ResetPlan, report: ReportP
             text = "another safety filter of this agent is enabled, and only one would act"
             report((*path, "config", "enabled"), f"{text}; name the constraints of both in one of them")
         for path, plugin in own[:1]:
-            _check_filter(plugin, (*path, "config"), config, reset, report)
+            if path[:-1] != (*base, "glues"):
+                text = "this safety filter is wrapped by a glue that does not filter, where it never acts; list it in "
+                report((*path, "config", "enabled"), f"{text}`glues` itself, or enable the outer filter in its place")
+            _check_filter(plugin, (*path, "config"), config, worlds[index : index + 1], reset, report)
             if isinstance(plugin, TaskParameters):  # those of other packages may use fewer axes
                 _check_thrusters(entry, (*path, "config", "enabled"), report)
-            _check_ends(plugin, entry, base, report)
+            _check_ends(plugin, entry, base, config, reset, report)
     team = environment.rta
     if team is not None and team.enabled:
-        _check_filter(team, (*_ENVIRONMENT, "rta", "config"), config, reset, report)
+        _check_filter(team, (*_ENVIRONMENT, "rta", "config"), config, worlds, reset, report)
         for index, entry in enumerate(config.agent_config):
             base = ("agent_config", index, "config", "config")
             _check_thrusters(entry, (*base, "parts"), report)
-            _check_ends(team, entry, base, report)
+            _check_ends(team, entry, base, config, reset, report)
+
+
+def check_thrusters(agents: Sequence[AgentSpec], team: TeamSafety | None, report: ReportProblem) -> None:
+    """Check that weak thrusters keep some states safe, and warn of the share that they do.
+
+    Args:
+        agents: The agents, their filters in the world.
+        team: The filter of all deputies, in the world.
+        report: Takes the path and the message of every mistake that is found.
+    """
+    filters: list[tuple[KeyTuple, str, Any]] = [
+        (("agent_config", index, "config", "config", "glues"), agent.name, glue)
+        for index, agent in enumerate(agents)
+        for glue in agent.action_glues
+        if _filters(glue)
+    ]
+    if team is not None and team.enabled:
+        filters.append(((*_ENVIRONMENT, "rta"), "the team", team))
+    asked: list[Any] = []
+    for where, name, plugin in filters:
+        if not hasattr(plugin, "recoverable_share") or plugin in asked:
+            continue
+        asked.append(plugin)
+        found = plugin.recoverable_share()
+        if found is None:
+            continue
+        count, share = found
+        text = f"{name}: thrusters of {plugin.u_max:g} N cannot brake {plugin.m:g} kg against the tide everywhere"
+        if share == 0.0:
+            remedy = "raise the thrust, lower `r_max`, or switch the filter off"
+            report(where, f"{text}, and the filter can keep none of {count} sampled safe states; {remedy}")
+        else:
+            text += f"; of {count} safe states, sampled over all ranges and speeds, the filter can keep "
+            warnings.warn(f"{text}{100.0 * share:.2g} %", SafetyFilterWarning, stacklevel=2)
 
 
 def _filters(plugin: Plugin) -> bool:
     return isinstance(plugin, SafetyGlue) and plugin.enabled
 
 
-def _kept(plugin: Plugin) -> Collection[str]:
-    """Return the names of the constraints that a filter guarantees."""
-    if not isinstance(plugin, TaskParameters) or getattr(plugin, "method", None) == "continuous":
-        return ()
-    return {name_of(entry) for entry in getattr(plugin, "constraints", ())}
+def _kept(plugin: Plugin) -> Mapping[str, Any]:
+    """Return the constraints that a filter guarantees, by name."""
+    kept: Mapping[str, Any] = getattr(plugin, "kept", {})
+    return kept
 
 
 def _check_filter(
-    plugin: Any, where: KeyTuple, config: ExperimentConfig, reset: ResetPlan, report: ReportProblem
+    plugin: Any,
+    where: KeyTuple,
+    config: ExperimentConfig,
+    worlds: Sequence[WorldValues],
+    reset: ResetPlan,
+    report: ReportProblem,
 ) -> None:
     environment, kept = config.config.config.env_config, _kept(plugin)
     components = environment.simulator.compose()[1]
     orbit = environment.simulator.compose()[0].offers().get("mean_motion")
-    _check_disturbance(plugin, where, environment.simulator.disturbance, report)
+    _check_motion(plugin, where, environment.simulator, worlds, report)
     for sun in components:
         if "sun" in kept and isinstance(sun, Sun) and orbit and not math.isclose(sun.rate, orbit, rel_tol=1e-9):
-            text = f"the constraint `sun` needs a sun that turns once an orbit, at {orbit:g} rad/s, and this one turns "
-            report((*where, "constraints"), f"{text}at {sun.rate:g} rad/s; make them agree, or leave `sun` out")
+            once, rate = distinct(orbit, sun.rate)
+            text = f"the constraint `sun` needs a sun that turns once an orbit, at {once} rad/s, and this one turns at "
+            report((*where, "constraints"), f"{text}{rate} rad/s; make them agree, or leave `sun` out")
+    if "sun" in kept:
+        if not any(isinstance(component, Sun) for component in components):
+            report(
+                (*where, "constraints"), "the constraint `sun` needs the component `Sun`; add it, or leave `sun` out"
+            )
+        _check_sun_angle(reset, report)
     if kept:
         for name in _moving_bodies(environment.simulator, reset):
             text = f"the filter keeps deputies safe about the origin, and {name!r} does not rest there"
             report((*where, "enabled"), f"{text}; let it begin at rest at the origin, or switch the filter off")
     for index, named in enumerate(environment.dones.shared):
-        apart = 2.0 * getattr(plugin, "deputy_radius", 0.0)
+        apart = 2.0 * kept["deputy_collision"].deputy_radius if "deputy_collision" in kept else math.inf
         done = named.functor
-        if "deputy_collision" in kept and isinstance(done, CollisionDoneFunction) and done.safety_constraint > apart:
+        if isinstance(done, CollisionDoneFunction) and done.safety_constraint > apart:
             text = f"deputies collide within {done.safety_constraint:g} m, and the filter keeps them {apart:g} m apart"
             place = (*_ENVIRONMENT, "dones", "shared", index, "config", "safety_constraint")
             report(place, f"{text}; lower this, or raise the filter's `deputy_radius`")
 
 
-def _check_disturbance(plugin: Any, where: KeyTuple, disturbance: Component | None, report: ReportProblem) -> None:
-    """Check that a filter withstands what disturbs the simulation."""
-    if disturbance is None or getattr(plugin, "method", None) == "continuous":
+def _check_motion(
+    plugin: Any, where: KeyTuple, simulator: Simulator, worlds: Sequence[WorldValues], report: ReportProblem
+) -> None:
+    """Check that a filter withstands what the simulation does to the motion that it counts on."""
+    if getattr(plugin, "method", None) == "continuous":
         return
-    bounds = getattr(plugin, "disturbance", None)
-    if bounds is None:
-        text = "the simulation is disturbed, and this filter promises nothing then; "
+    dynamics, components = simulator.compose()
+    sources: list[Any] = [*([simulator.disturbance] if simulator.disturbance else ()), *components]
+    if isinstance(plugin, TaskParameters):  # who else counts on Clohessy-Wiltshire dynamics is not known
+        sources.append(dynamics)
+    kept, bounds = _kept(plugin), getattr(plugin, "disturbance", None)
+    silent, exceeded = dict[str, None](), dict[str, tuple[float, str]]()
+    for world in worlds:
+        limits = MotionLimits(world["step_size"], world["m"], world.get("u_max", 0.0), *_reach(kept))
+        total, known = NO_DISTURBANCE, []
+        for source in sources:
+            try:
+                found = source.disturbance_bounds(limits)
+            except ValueError:  # what grows with the range has no bound where none is kept
+                found = None
+            if found is None:
+                silent[source.registered_name] = None
+            else:
+                known.append((source.registered_name, found))
+                total = total + found
+        for field in (bounds or NO_DISTURBANCE).exceeded(total):
+            names = dict.fromkeys(name for name, one in known if getattr(one, field) > 0.0)
+            exceeded[field] = getattr(total, field), " and ".join(names)
+    if silent:
+        text = f"{' and '.join(silent)} may change the motion that the filter counts on, and declares no "
+        text += "`disturbance_bounds` for this flight"
+        if plugin.undeclared == "warn":
+            warnings.warn(f"{text}: the filter promises nothing", SafetyFilterWarning, stacklevel=2)
+        else:
+            remedy = "declare them, switch the filter off, or let it fly without a promise by `undeclared: warn`"
+            report((*where, "enabled"), f"{text}; {remedy}")
+    if exceeded and bounds is None:
+        by = " and ".join(dict.fromkeys(name for _, name in exceeded.values()))
+        text = f"the simulation is disturbed by {by}, and this filter promises nothing then; "
         if "disturbance" in type(plugin).model_fields:
             report((*where, "disturbance"), f"{text}give it the bounds, or switch it off")
         else:
-            report((*where, "enabled"), f"{text}switch it off, or remove the simulator's `disturbance`")
-    elif isinstance(disturbance, DisturbanceBounds):
-        for name in bounds.exceeded(disturbance):
-            text = f"the simulator's `{name}` is {getattr(disturbance, name):g}, beyond this bound"
-            report((*where, "disturbance", name), f"{text}; raise it, or lower the simulator's")
+            report((*where, "enabled"), f"{text}switch it off, or remove what disturbs")
+        return
+    for field, (value, by) in exceeded.items():
+        text = f"the simulation's `{field}` is {value:g}, by {by}, beyond this bound"
+        report((*where, "disturbance", field), f"{text}; raise it, or lower the simulation's")
+
+
+def _reach(kept: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the largest distance [m] and speed [m/s] that a filter allows; infinite where it bounds none."""
+    axes = [kept[name].vel_limit if name in kept else math.inf for name in ("x_vel", "y_vel", "z_vel")]
+    return kept["r_max"].r_max if "r_max" in kept else math.inf, math.hypot(*axes)
+
+
+def _check_sun_angle(reset: ResetPlan, report: ReportProblem) -> None:
+    """Check that the sun starts at the angle with which the initial states of the deputies are tested."""
+    starts = [item.parameter for item in reset.environment if item.name == "sun_angle"]
+    for name in dict.fromkeys(source for body in reset.deputies.values() for source in body.sources):
+        sampler = reset.parameters[name]
+        if not isinstance(sampler, RejectionSampler) or sampler.rta is None or "sun_angle" not in sampler.rta.states:
+            continue
+        if starts != [SimAttributeAccessor(attribute_name=f"{name}.sun_angle")]:
+            text = f"`{name}` tests initial states with a sun angle that it draws, and the sun starts at another"
+            place = (*_ENVIRONMENT, "simulator_reset_parameters", "additional_entities", "sun", "config", "theta")
+            report(place, f"{text}; let this be a SimAttributeAccessor of `{name}.sun_angle`")
 
 
 def _moving_bodies(simulator: Simulator, reset: ResetPlan) -> Iterator[str]:
@@ -146,16 +253,69 @@ def _check_thrusters(entry: AgentEntry, where: KeyTuple, report: ReportProblem) 
         report(where, f"{text}; add one, or switch the filter off")
 
 
-def _check_ends(plugin: Any, entry: AgentEntry, base: KeyTuple, report: ReportProblem) -> None:
+def _check_ends(
+    plugin: Any, entry: AgentEntry, base: KeyTuple, config: ExperimentConfig, reset: ResetPlan, report: ReportProblem
+) -> None:
     """Check that an episode is not lost within what the filter allows."""
-    kept = _kept(plugin)
+    kept, parts = _kept(plugin), entry.config.config.parts
+    orbit = config.config.config.env_config.simulator.compose()[0].offers().get("mean_motion", 0.0)
+    far = kept["r_max"].r_max if "r_max" in kept else 0.0
     for index, named in enumerate(entry.config.config.dones):
         done, where = named.functor, (*base, "dones", index, "config")
-        crashes = "chief_collision" in kept and isinstance(done, CrashDoneFunction)
-        if crashes and done.crash_region_radius > plugin.collision_radius:
-            text = f"a deputy crashes within {done.crash_region_radius:g} m of the chief, and the filter keeps it only "
-            text += f"beyond {plugin.collision_radius:g} m"
+        if isinstance(done, CrashDoneFunction) and _check_crash(plugin, done, orbit, where, report):
+            _check_references(done, parts, reset, where, report)
+        if isinstance(done, MaxDistanceDoneFunction) and far:
+            _check_references(done, parts, reset, where, report)
+            if done.max_distance < far:
+                text = f"a deputy is lost beyond {done.max_distance:g} m, and the filter lets it fly to {far:g} m"
+                report((*where, "max_distance"), f"{text}; lower the filter's `r_max`, or raise this")
+
+
+def _check_crash(plugin: Any, done: CrashDoneFunction, orbit: float, where: KeyTuple, report: ReportProblem) -> bool:
+    """Check that a deputy does not crash within what the filter allows; return whether the filter prevents a crash."""
+    kept, radius, limit = _kept(plugin), done.crash_region_radius, done.velocity_constraint
+    near = kept["chief_collision"].collision_radius if "chief_collision" in kept else 0.0
+    if near:
+        if radius > near:
+            text = f"a deputy crashes within {radius:g} m of the chief, and the filter keeps it only beyond {near:g} m"
             report((*where, "crash_region_radius"), f"{text}; raise the filter's `collision_radius`, or lower this")
-        if "r_max" in kept and isinstance(done, MaxDistanceDoneFunction) and done.max_distance < plugin.r_max:
-            text = f"a deputy is lost beyond {done.max_distance:g} m, and the filter lets it fly to {plugin.r_max:g} m"
-            report((*where, "max_distance"), f"{text}; lower the filter's `r_max`, or raise this")
+        return True
+    fastest = _speed_limit(plugin, kept, orbit, radius)
+    if limit is None or limit.lower_bound or math.isinf(fastest):
+        return False
+    slope = limit.slope * (orbit if limit.mean_motion is None else limit.mean_motion)
+    allowed = limit.velocity_threshold + slope * max(radius - limit.threshold_distance, 0.0)
+    if allowed < fastest and not math.isclose(allowed, fastest, rel_tol=1e-9):
+        lost, flown = distinct(allowed, fastest)
+        text = f"a deputy crashes that reaches {radius:g} m faster than {lost} m/s, and the filter allows {flown} m/s"
+        report((*where, "velocity_constraint"), f"{text} there; lower the filter's limit, or raise this")
+    return True
+
+
+def _speed_limit(plugin: Any, kept: Mapping[str, Any], orbit: float, distance: float) -> float:
+    """Return the largest speed that a filter allows at a range [m/s]; infinite where it bounds none."""
+    if isinstance(plugin, RTAGlueCWHDocking3d):
+        beyond = max(distance - (plugin.v0_distance or 0.0), 0.0)
+        return float(min(plugin.v0 + plugin.v1_coef * orbit * beyond, plugin.vel_limit))
+    if "rel_vel" in kept:
+        line = kept["rel_vel"]
+        return float(line.v0 + line.v1 * (distance - line.v0_distance))
+    return math.inf
+
+
+def _check_references(
+    done: Any, parts: Sequence[Part], reset: ResetPlan, where: KeyTuple, report: ReportProblem
+) -> None:
+    """Check that a done function measures from a body that rests at the origin, as the filter does."""
+    known = {part.part_name: part for part in parts}
+    for field, kind in done.references().items():
+        name = getattr(done, field)
+        if kind != "sensor" or name is None:
+            continue
+        sensor = known.get(name)
+        body = None
+        if isinstance(sensor, EntityPositionSensor | EntityVelocitySensor):
+            body = reset.entities.get(sensor.entity_name)
+        if body is None or not _rests_at_origin(body):
+            text = f"the filter keeps deputies safe about the origin, and {name!r} reads no body that rests there"
+            report((*where, field), f"{text}; name a sensor of such a body, remove this, or switch the filter off")

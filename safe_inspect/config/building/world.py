@@ -97,7 +97,7 @@ def check_world(
     environment = config.config.config.env_config
     common = common_world(worlds)
     shared: list[tuple[KeyTuple, Plugin]] = []
-    if environment.rta is not None:
+    if environment.rta is not None and environment.rta.enabled:
         shared.append(((*_ENVIRONMENT, "rta"), environment.rta))
     for name, parameter in reset.parameters.items():
         if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
@@ -109,7 +109,8 @@ def check_world(
         largest = _thrust_limits(entry)
         looked = [(path, plugin, world) for path, plugin in plugins_of(entry, base)]
         for path, plugin, taken in looked + [(path, plugin, common) for path, plugin in shared]:
-            radius = _value(plugin, "collision_radius", taken)
+            kept = getattr(plugin, "kept", {})
+            radius = _value(kept.get("chief_collision", plugin), "collision_radius", taken)
             for name, sphere in spheres.items():
                 if radius is not None and radius < sphere.radius:
                     text = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({sphere.radius:g} m)"
@@ -132,7 +133,8 @@ def check_world(
                 source = "m" if field == "mass" else field
                 given, value = _value(plugin, field, taken), world.get(source)
                 if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
-                    text = f"`{field}` is {given:g} here, but {_SOURCES[source]} is {value:g}; make them agree"
+                    here, there = distinct(given, value)
+                    text = f"`{field}` is {here} here, but {_SOURCES[source]} is {there}; make them agree"
                     report((*path, "config", field), text)
 
 
@@ -158,15 +160,30 @@ def _nested(path: KeyTuple, plugin: Plugin) -> Iterator[tuple[KeyTuple, Plugin]]
         yield from _nested((*path, "wrapped", key), inner)
 
 
+def distinct(one: float, other: float) -> tuple[str, str]:
+    """Return two numbers with six digits, or with as many as show their difference."""
+    for digits in range(6, 18):
+        texts = f"{one:.{digits}g}", f"{other:.{digits}g}"
+        if texts[0] != texts[1]:
+            break
+    return texts
+
+
 def _sampler(name: str) -> KeyTuple:
     return (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
 
 
 def _value(plugin: Plugin, field: str, world: WorldValues) -> float | None:
-    """Return a field of a plugin, from the world where it is taken from there; None where there is no such field."""
+    """Return a field of a plugin, from the world where it is taken from there; None where there is none to compare.
+
+    A filter that is switched off says nothing of what it is not given, as where deputies of a team differ.
+    """
     if field not in type(plugin).model_fields:
         return None
-    if isinstance(plugin, TaskParameters) and field not in plugin.model_fields_set and field in world:
-        return world[field]
+    if isinstance(plugin, TaskParameters) and field not in plugin.model_fields_set:
+        if field in world:
+            return world[field]
+        if field in _SOURCES and not getattr(plugin, "enabled", False):
+            return None
     value: float | None = getattr(plugin, field)
     return value

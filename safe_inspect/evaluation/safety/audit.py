@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
+from typing import Any, cast
 
 import numpy as np
 from scipy.linalg import expm
@@ -15,7 +16,6 @@ from scipy.linalg import expm
 from safe_inspect.evaluation.safety.disturbances import DisturbanceAdversary
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.certified import NAMES
-from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.tube.safety_filter import TubeFilter
 from safe_inspect.types import FloatArray, IntArray
@@ -137,7 +137,7 @@ def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.ra
     """
     if not len(state):
         return
-    watch = _Watch(run.parameters, run.names)
+    watch = _Watch(run)
     adversary = DisturbanceAdversary(run.bounds, len(state), rng) if isinstance(run, TubeFilter) else None
     kind = rng.integers(0, 4 if adversary is None else 5, len(state))[:, None]
     result.starts += len(state)
@@ -165,13 +165,14 @@ def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.ra
 class _Watch:
     """Propagates states and looks at the constraints on the way."""
 
-    def __init__(self, parameters: ConstraintParameters, names: tuple[str, ...]) -> None:
-        self._p, self._names = parameters, names
-        p, n = parameters, parameters.n
+    def __init__(self, run: BackupFilter) -> None:
+        p, n = run.parameters, run.parameters.n
+        self._p, self._kept = p, cast("dict[str, Any]", run.constraints)
         drift = np.zeros((9, 9))  # of position, velocity and a constant thrust
         drift[:3, 3:6] = np.eye(3)
         drift[3, 0], drift[3, 4], drift[4, 3], drift[5, 2] = 3.0 * n * n, 2.0 * n, -2.0 * n, -n * n
-        coasting = np.arange(0.0, p.psm_horizon + _COAST, _COAST).clip(max=p.psm_horizon)
+        horizon = self._kept["PSM"].horizon if "PSM" in self._kept else p.psm_horizon
+        coasting = np.arange(0.0, horizon + _COAST, _COAST).clip(max=horizon)
         self._coast = np.stack([expm(drift[:6, :6] * t)[:3] for t in coasting])
         drift[3:6, 6:] = np.eye(3) / p.m
         self._parts = [expm(drift * p.step_size * part / _PARTS)[:6] for part in range(1, _PARTS + 1)]
@@ -198,20 +199,23 @@ class _Watch:
         return RelativeState(x[:, :3], x[:, 3:], sun)
 
     def _quantities(self, p: FloatArray, v: FloatArray, sun: FloatArray, coast: bool) -> dict[str, FloatArray]:
-        q, distance = self._p, np.linalg.norm(p, axis=1)
+        kept, distance = self._kept, np.linalg.norm(p, axis=1)
         away = np.stack((-np.cos(sun), np.sin(sun), np.zeros_like(sun)), axis=1)
         cosine = np.clip((p * away).sum(axis=1) / distance, -1.0, 1.0)
-        found = {
-            "chief_collision": distance - q.collision_radius,
-            "rel_vel": q.v0 + q.v1 * (distance - q.speed_distance) - np.linalg.norm(v, axis=1),
-            "sun": np.arccos(cosine) - 0.5 * q.fov,
-            "r_max": q.r_max - distance,
-            **{f"{axis}_vel": q.vel_limit - np.abs(v[:, j]) for j, axis in enumerate("xyz")},
+        speed = np.linalg.norm(v, axis=1)
+        found: dict[str, Callable[[Any], FloatArray]] = {
+            "chief_collision": lambda q: distance - q.collision_radius,
+            "rel_vel": lambda q: q.v0 + q.v1 * (distance - q.v0_distance) - speed,
+            "sun": lambda q: np.arccos(cosine) - 0.5 * q.fov,
+            "r_max": lambda q: q.r_max - distance,
+            "x_vel": lambda q: q.vel_limit - np.abs(v[:, 0]),
+            "y_vel": lambda q: q.vel_limit - np.abs(v[:, 1]),
+            "z_vel": lambda q: q.vel_limit - np.abs(v[:, 2]),
         }
-        if coast and "PSM" in self._names:
+        if coast and "PSM" in kept:
             paths = np.einsum("tij,rj->rti", self._coast, np.concatenate((p, v), axis=1))
-            found["PSM"] = np.linalg.norm(paths, axis=2).min(axis=1) - q.collision_radius
-        return {name: phi for name, phi in found.items() if name in self._names}
+            found["PSM"] = lambda q: np.linalg.norm(paths, axis=2).min(axis=1) - q.collision_radius
+        return {name: phi(kept[name]) for name, phi in found.items() if name in kept}
 
 
 def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> RelativeState:
@@ -220,13 +224,14 @@ def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> Re
     The lines are closed motions that pass the chief ever nearer, closed motions under a turning sun, both at a random
     phase, and states whose velocity grows.
     """
-    q = run.parameters
-    n, top = q.n, (q.v0 if "rel_vel" in run.names else 2.0)
+    n, top = run.parameters.n, (run.limit("v0", "rel_vel") if "rel_vel" in run.names else 2.0)
+    near, far = run.limit("collision_radius", "chief_collision", "PSM"), run.limit("r_max", "r_max")
+    fastest = run.limit("vel_limit", "x_vel", "y_vel", "z_vel")
     out, along = (_unit(rng.normal(size=(rows, 3))) for _ in range(2))
     fast = _unit(np.cross(out, [0.0, 1.0, 0.0])) * top * rng.uniform(0.3, 1.0, (rows, 1))
     phase, sun = rng.uniform(0.0, 2.0 * np.pi, (2, rows))
-    passing = q.collision_radius * rng.uniform(1.01, 3.0, rows)
-    radius = rng.uniform(q.collision_radius, q.r_max, rows)
+    passing = near * rng.uniform(1.01, 3.0, rows)
+    radius = rng.uniform(near, far, rows)
 
     def closed(distance: FloatArray, angle: FloatArray, i: IntArray) -> RelativeState:
         """Return closed motions that were at that distance from the chief a phase ago."""
@@ -238,9 +243,9 @@ def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> Re
         return RelativeState(position, velocity, angle + phase[i])
 
     lines: list[tuple[Callable[[FloatArray, IntArray], RelativeState], float, float]] = [
-        (lambda g, i: closed(g, sun[i], i), 0.9 * q.collision_radius, 3.0 * q.collision_radius),
+        (lambda g, i: closed(g, sun[i], i), 0.9 * near, 3.0 * near),
         (lambda g, i: closed(passing[i], sun[i] + g, i), 0.0, 2.0 * np.pi),
-        (lambda g, i: RelativeState(out[i] * radius[i, None], along[i] * g[:, None], sun[i]), 0.0, 2.0 * q.vel_limit),
+        (lambda g, i: RelativeState(out[i] * radius[i, None], along[i] * g[:, None], sun[i]), 0.0, 2.0 * fastest),
     ]
     found = [_edges(run, line, np.linspace(low, high, _GRID), rows) for line, low, high in lines]
     return RelativeState(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.rta.constraints.base import RelativeState
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import FloatArray, IntArray
 
 #: Where the disturbances of a flight push; row r has the one that was drawn for it.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Set
-from typing import ClassVar, NamedTuple, Self
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, Self
 
 from safe_inspect.compiling import njit
 from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
@@ -103,10 +103,11 @@ class AxisSpeed(Constraint):
         return cls(vel_limit=parameters.vel_limit)
 
     @classmethod
-    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> AxisSpeedNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> AxisSpeedNumbers:
         """Return the largest speed along the axis."""
-        limit = float(parameters.vel_limit) if cls.registered_name in chosen else math.inf
-        return AxisSpeedNumbers(limit, cls.axis_index(), float(parameters.n))
+        name = cls.registered_name
+        limit = float(chosen[name].vel_limit) if name in chosen else math.inf
+        return AxisSpeedNumbers(limit, cls.axis_index(), n)
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m/s], h [m^2/s^2] and the derivatives of h."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -113,6 +113,8 @@ class Constraint(Plugin):
         unit: Unit of phi.
         pair: True where the state is that of one deputy relative to another, instead of to the chief.
         kernels: What the certifying filters ask of a constraint of the inspection task, in place of a half-space.
+        uncertified: Fields that the certifying filters do not use, and refuse to be given: those of alpha, and a mean
+            motion, which is that of the orbit.
 
     Attributes:
         alpha_linear: Linear coefficient of alpha [1/s].
@@ -125,6 +127,7 @@ class Constraint(Plugin):
     pair: ClassVar[bool] = False
     half_space: ClassVar[HalfSpace | None] = None
     kernels: ClassVar[RowKernels | None] = None
+    uncertified: ClassVar[frozenset[str]] = frozenset({"alpha_linear", "alpha_cubic", "bias"})
 
     alpha_linear: float = 0.01
     alpha_cubic: float = 0.001
@@ -145,12 +148,12 @@ class Constraint(Plugin):
         return cls.kernels is not None and cls.registered_name in chosen
 
     @classmethod
-    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> tuple[Any, ...]:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> tuple[Any, ...]:
         """Return the numbers that the `kernels` take as p.
 
         Args:
-            parameters: The task's parameters.
-            chosen: Names of the constraints that count. With the numbers of one that does not, nothing is refused.
+            n: Mean motion [rad/s].
+            chosen: The constraints that count, by name. With the numbers of one that does not, nothing is refused.
         """
         return ()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Set
+from collections.abc import Mapping, Set
 from typing import Any, ClassVar, NamedTuple, Self
 
 from safe_inspect.compiling import njit
@@ -96,10 +96,10 @@ class ChiefCollision(Constraint, name="chief_collision"):
         return not chosen.isdisjoint(("chief_collision", "PSM", "sun"))
 
     @classmethod
-    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> CollisionNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> CollisionNumbers:
         """Return the least ranges: closed motions pass the chief for passive safety, and the apex of the sun cone."""
         near, passing = (
-            float(parameters.collision_radius) if name in chosen else -math.inf for name in ("chief_collision", "PSM")
+            float(chosen[name].collision_radius) if name in chosen else -math.inf for name in ("chief_collision", "PSM")
         )
         return CollisionNumbers(near, max(near, passing, APEX if "sun" in chosen else -math.inf))
 

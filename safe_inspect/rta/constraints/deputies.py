@@ -43,12 +43,13 @@ class DeputyCollision(Constraint, name="deputy_collision"):
         return cls(max_acceleration=parameters.max_acceleration)
 
     @cached_property
-    def _pair(self) -> ChiefCollision:
+    def about_other(self) -> ChiefCollision:
+        """The constraint that the relative motion keeps, with the other deputy in the chief's place."""
         return ChiefCollision(collision_radius=2.0 * self.deputy_radius, max_acceleration=2.0 * self.max_acceleration)
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""
-        return self._pair.evaluate(state)
+        return self.about_other.evaluate(state)
 
 
 class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
@@ -62,6 +63,7 @@ class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
 
     unit: ClassVar[str] = "m"
     pair: ClassVar[bool] = True
+    uncertified: ClassVar[frozenset[str]] = Constraint.uncertified | {"mean_motion"}
 
     deputy_radius: PositiveLength = DEPUTY_RADIUS
     mean_motion: PositiveAngularRate = DEFAULTS.n
@@ -73,13 +75,14 @@ class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
         return cls(mean_motion=parameters.n, horizon=parameters.psm_horizon)
 
     @cached_property
-    def _pair(self) -> PassivelySafeManoeuvre:
+    def about_other(self) -> PassivelySafeManoeuvre:
+        """The constraint that the relative motion keeps, with the other deputy in the chief's place."""
         radius = 2.0 * self.deputy_radius
         return PassivelySafeManoeuvre(collision_radius=radius, mean_motion=self.mean_motion, horizon=self.horizon)
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m] and the derivatives of h."""
-        return self._pair.evaluate(state)
+        return self.about_other.evaluate(state)
 
 
 class DeputySunKeepOut(Constraint, name="deputy_sun"):
@@ -93,6 +96,7 @@ class DeputySunKeepOut(Constraint, name="deputy_sun"):
 
     unit: ClassVar[str] = "rad"
     pair: ClassVar[bool] = True
+    uncertified: ClassVar[frozenset[str]] = Constraint.uncertified | {"mean_motion"}
 
     fov: ConeAngle = math.pi / 3.0
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration
@@ -107,11 +111,12 @@ class DeputySunKeepOut(Constraint, name="deputy_sun"):
         return cls(fov=parameters.fov, max_acceleration=parameters.max_acceleration, mean_motion=parameters.n)
 
     @cached_property
-    def _pair(self) -> SunKeepOut:
+    def about_other(self) -> SunKeepOut:
+        """The constraint that the relative motion keeps, with the other deputy in the chief's place."""
         return SunKeepOut(
             fov=self.fov, max_acceleration=2.0 * self.max_acceleration, mean_motion=self.mean_motion
         )  # fmt: skip
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [rad], h [m/s] and the derivatives of h."""
-        return self._pair.evaluate(state)
+        return self.about_other.evaluate(state)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Set
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Self
 
 from safe_inspect.compiling import njit
@@ -82,11 +82,11 @@ class MaximumRange(Constraint, name="r_max"):
         return cls(r_max=parameters.r_max, max_acceleration=parameters.max_acceleration)
 
     @classmethod
-    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> MaximumRangeNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> MaximumRangeNumbers:
         """Return the largest range, and that of the closed motions that the speed along track allows."""
-        far = float(parameters.r_max) if "r_max" in chosen else math.inf
-        fastest = float(parameters.vel_limit) if "y_vel" in chosen else math.inf
-        return MaximumRangeNumbers(far, min(far, _CLOSABLE * fastest / (2.0 * float(parameters.n))))
+        far = float(chosen["r_max"].r_max) if "r_max" in chosen else math.inf
+        fastest = float(chosen["y_vel"].vel_limit) if "y_vel" in chosen else math.inf
+        return MaximumRangeNumbers(far, min(far, _CLOSABLE * fastest / (2.0 * n)))
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""

@@ -142,11 +142,6 @@ class ConstraintParameters(TaskParameters):
                 f"the speed limit is negative at the collision radius (v0 {self.v0} m/s at {self.speed_distance} m, "
                 f"slope {self.v1:g} 1/s): even a deputy at rest breaks it; lower v0_distance or v1_coef"
             )
-        if self.max_acceleration <= 0.0:
-            raise ValueError(
-                f"thrust u_max {self.u_max} N on {self.m} kg cannot brake against the tide at r_max {self.r_max} m "
-                f"(net {self.max_acceleration:.3g} m/s^2); raise u_max or lower r_max"
-            )
         return self
 
     @property
@@ -160,10 +155,19 @@ class ConstraintParameters(TaskParameters):
         return float(self.v1_coef * self.n)
 
     @property
-    def max_acceleration(self) -> float:
-        """The deceleration that the thrusters can promise, `braking_acceleration` at the largest allowed speed."""
+    def net_acceleration(self) -> float:
+        """What the tide leaves of the thrusters' acceleration, `braking_acceleration` at the largest allowed speed."""
         top_speed = min(self.vel_limit, self.v0 + self.v1 * self.r_max)
         return braking_acceleration(self.u_max, self.m, self.n, self.r_max, top_speed)
+
+    @property
+    def max_acceleration(self) -> float:
+        """The deceleration that the barriers h count on: `net_acceleration`.
+
+        Where the tide leaves nothing, it is that of the thrusters alone, as near the chief; no filter keeps such an h.
+        """
+        net = self.net_acceleration
+        return net if net > 0.0 else self.u_max / self.m
 
 
 #: What the fields of the constraints default to: the inspection task.

@@ -69,6 +69,7 @@ class PassivelySafeManoeuvre(Constraint, name="PSM"):
     """
 
     unit: ClassVar[str] = "m"
+    uncertified: ClassVar[frozenset[str]] = Constraint.uncertified | {"mean_motion"}
 
     collision_radius: PositiveLength = DEFAULTS.collision_radius
     mean_motion: PositiveAngularRate = DEFAULTS.n

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Set
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Self
 
 from pydantic import Field
@@ -114,10 +114,12 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
         return cls(v0=parameters.v0, v0_distance=parameters.speed_distance, v1=parameters.v1)
 
     @classmethod
-    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> RelativeSpeedNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> RelativeSpeedNumbers:
         """Return the line of the speed limit."""
-        v0 = float(parameters.v0) if "rel_vel" in chosen else math.inf
-        return RelativeSpeedNumbers(v0, float(parameters.speed_distance), parameters.v1, float(parameters.n))
+        if "rel_vel" not in chosen:
+            return RelativeSpeedNumbers(math.inf, 0.0, 0.0, n)
+        line = chosen["rel_vel"]
+        return RelativeSpeedNumbers(float(line.v0), float(line.v0_distance), float(line.v1), n)
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m/s], h [m/s] and the derivatives of h."""

@@ -150,7 +150,8 @@ class RowKernels:
         turn: (p, sun, d): replaces in a direction d of velocities what turns with the sun; None where nothing does.
         allowed_speed: (p, node): the largest speed [m/s]; None where there is no such limit.
         cost: Constraints of lower cost are asked first about a cell.
-        convex: Whether the half-spaces of `support` contain every safe state.
+        convex: Whether the half-spaces of `support` contain every safe state, or all but few: those of a speed limit
+            that grows with the range are tangent at one state.
     """
 
     broken: Kernel[..., bool]

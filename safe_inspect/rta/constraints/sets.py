@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, cast
 
@@ -16,18 +17,21 @@ from safe_inspect.rta.constraints.parameters import ConstraintParameters
 
 
 def constraint_set(
-    parameters: Mapping[str, Any] | ConstraintParameters, names: Iterable[str | Constraint] = NAMES
-) -> dict[str, Constraint]:  # fmt: skip
+    parameters: Mapping[str, Any] | ConstraintParameters,
+    names: Iterable[str | Constraint] = NAMES,
+    deputy_radius: float | None = None,
+) -> dict[str, Constraint]:
     """Return the named constraints, built from a task's parameters, in the order of the names.
 
     Args:
         parameters: The peer's argument names and their values; see `ConstraintParameters`.
         names: Registered names of constraints, or dotted paths to their classes; or constraints, whose fields that are
             not given come from the parameters.
+        deputy_radius: The `deputy_radius` [m] of constraints between deputies that are not given one.
 
     Raises:
-        ValueError: A name is unknown or stands twice, a parameter is unknown or impossible, or two
-            parameters contradict each other.
+        ValueError: A name is unknown or given twice, a parameter is unknown or impossible, or two limits contradict
+            each other.
     """
     if isinstance(names, str):
         raise ValueError(f"the names of the constraints are a list, not the text {names!r}; write [{names}]")
@@ -37,16 +41,38 @@ def constraint_set(
         name = name_of(entry)
         if name in built:
             raise ValueError(f"the constraint {name!r} stands twice; remove one")
+        cls, given = _class_of(entry), {}
         if isinstance(entry, Constraint):
             given = {field: getattr(entry, field) for field in entry.model_fields_set}
-            built[name] = type(entry).from_parameters(known).model_copy(update=given)
-            continue
-        try:
-            cls = cast("type[Constraint]", registry.get("constraint", entry))
-        except RegistryError as error:
-            raise ValueError(str(error)) from None
-        built[name] = cls.from_parameters(known)
+        if cls.pair and deputy_radius is not None and "deputy_radius" in cls.model_fields:
+            given = {"deputy_radius": deputy_radius, **given}
+        built[name] = cls.from_parameters(known).model_copy(update=given)
+    _check_room(built)
     return built
+
+
+def _class_of(entry: str | Constraint) -> type[Constraint]:
+    if isinstance(entry, Constraint):
+        return type(entry)
+    try:
+        return cast("type[Constraint]", registry.get("constraint", entry))
+    except RegistryError as error:
+        raise ValueError(str(error)) from None
+
+
+def _check_room(constraints: Mapping[str, Any]) -> None:
+    """Check that the largest range leaves room outside of the collision radius, wherever the two are given.
+
+    Raises:
+        ValueError: It does not.
+    """
+    far = constraints["r_max"].r_max if "r_max" in constraints else math.inf
+    for name in ("chief_collision", "PSM"):
+        if name in constraints and far <= constraints[name].collision_radius:
+            raise ValueError(
+                f"r_max {far} m does not exceed the collision_radius {constraints[name].collision_radius} m of {name}: "
+                "no position is safe; give a larger r_max"
+            )
 
 
 def name_of(entry: str | Constraint) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Set
-from typing import ClassVar, Self
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
 
 from safe_inspect.compiling import njit
 from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
@@ -91,6 +91,7 @@ class SunKeepOut(Constraint, name="sun"):
 
     unit: ClassVar[str] = "rad"
     kernels: ClassVar[RowKernels | None] = SUN_KERNELS
+    uncertified: ClassVar[frozenset[str]] = Constraint.uncertified | {"mean_motion"}
 
     fov: ConeAngle = math.pi / 3.0
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration
@@ -105,10 +106,10 @@ class SunKeepOut(Constraint, name="sun"):
         return cls(fov=parameters.fov, max_acceleration=parameters.max_acceleration, mean_motion=parameters.n)
 
     @classmethod
-    def row_numbers(cls, parameters: ConstraintParameters, chosen: Set[str]) -> SunNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> SunNumbers:
         """Return the cone's half angle."""
-        half = 0.5 * parameters.fov
-        return SunNumbers("sun" in chosen, math.cos(half), math.sin(half), float(parameters.n))
+        half = 0.5 * chosen["sun"].fov if "sun" in chosen else 0.0
+        return SunNumbers("sun" in chosen, math.cos(half), math.sin(half), n)
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [rad], h [m/s] and the derivatives of h."""

@@ -13,7 +13,7 @@ import numpy as np
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import constraint_set
+from safe_inspect.rta.constraints.sets import constraint_set, name_of
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
@@ -61,9 +61,30 @@ class SafetyFilter(ABC):
             ValueError: The shapes differ, or a number is not finite; the message names the first such row.
         """
 
+    def limit(self, field: str, *names: str) -> float:
+        """Return a field of the first of the named constraints that is kept, or the task's parameter of that name."""
+        kept = [self.constraints[name] for name in names if name in self.constraints]
+        return float(getattr([*kept, self.parameters][0], field))
+
     def phi(self, state: RelativeState) -> FloatArray:
         """Return the plain safety quantity of every constraint, >= 0 where safe, shape (R, C)."""
         return as_columns([constraint.phi(state) for constraint in self.constraints.values()], len(state))
+
+
+def check_used(entries: Iterable[str | Constraint]) -> None:
+    """Check that constraints are given no field that a certifying filter does not use.
+
+    Raises:
+        ValueError: One is, with another value than the default.
+    """
+    for entry in entries:
+        if isinstance(entry, Constraint):
+            for field in sorted(entry.uncertified & entry.model_fields_set):
+                if getattr(entry, field) != type(entry).model_fields[field].default:
+                    raise ValueError(
+                        f"the constraint {name_of(entry)!r} is given `{field}`, which this filter does not use, so it "
+                        "would not keep what is written; remove the field, or use the method 'continuous'"
+                    )
 
 
 def as_columns(parts: list[FloatArray], rows: int) -> FloatArray:

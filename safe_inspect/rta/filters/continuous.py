@@ -50,9 +50,17 @@ class ContinuousFilter(SafetyFilter):
         """Build the filter; see `SafetyFilter` for the arguments.
 
         Raises:
-            ValueError: An argument is wrong, or no thrust acts on a constraint.
+            ValueError: An argument is wrong, the thrusters cannot brake against the tide, or no thrust acts on a
+                constraint.
         """
         super().__init__(parameters, names)
+        p = self.parameters
+        if p.net_acceleration <= 0.0:
+            raise ValueError(
+                f"thrust u_max {p.u_max} N on {p.m} kg cannot brake against the tide at r_max {p.r_max} m "
+                f"(net {p.net_acceleration:.3g} m/s^2), as the method 'continuous' needs; raise u_max, lower r_max, "
+                "or use the method 'backup'"
+            )
         for name, constraint in self.constraints.items():
             if name not in NAMES and not responds_to_thrust(constraint):
                 raise ValueError(

@@ -152,16 +152,17 @@ class SimplexFilter:
         the present position, kept between 1.5 collision radii and 0.45 times the largest range and what the axis
         speeds allow; tau is that of the present position, kept away from the sun cone's axis.
         """
-        p, n = self.parameters, float(self.parameters.n)
+        n, limit = float(self.parameters.n), self._safe.limit
         x, y = state.position[:, 0], state.position[:, 1]
-        smallest = 1.5 * float(p.collision_radius)
-        largest = max(smallest, min(0.45 * float(p.r_max), 0.45 * float(p.vel_limit) / n))
+        smallest = 1.5 * limit("collision_radius", "chief_collision", "PSM")
+        fastest = min(limit("vel_limit", "x_vel"), limit("vel_limit", "y_vel"))
+        largest = max(smallest, min(0.45 * limit("r_max", "r_max"), 0.45 * fastest / n))
         size = np.clip(np.sqrt(x * x + 0.25 * y * y), smallest, largest)
         tau = np.arctan2(x, 0.5 * y)
         # the cone's axis (-cos theta, sin theta) is at the angle theta - pi/2 in the same sense
         axis = state.sun_angle - 0.5 * math.pi
         lead = np.mod(tau - axis + math.pi, 2.0 * math.pi) - math.pi
-        away = min(0.5 * float(p.fov) + _STRAY + _CLEAR, math.pi)
+        away = min(0.5 * limit("fov", "sun") + _STRAY + _CLEAR, math.pi)
         lead = np.where(np.abs(lead) < away, np.where(lead < 0.0, -away, away), lead)
         sine, cosine = np.sin(axis + lead), np.cos(axis + lead)
         rest = np.zeros(len(state))

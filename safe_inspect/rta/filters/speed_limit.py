@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.simulators.filter_result import FilterResult
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import BoolArray, FloatArray
 
 _INTERVENTION = 0.01  # N

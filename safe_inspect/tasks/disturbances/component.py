@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
+from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OwnOfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.tasks.disturbances.rows import add_velocity, turn_thrust, write_estimates
 from safe_inspect.types import ArraySpec, BoolArray, FloatArray
 
@@ -31,6 +31,10 @@ class BoundedDisturbance(DisturbanceBounds, Component):
     """
 
     distribution: Literal["uniform", "extreme"] = "uniform"
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return its own fields."""
+        return self
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running disturbance."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.compiling import njit
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.geometry.distance import distance
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.state import State
@@ -48,6 +49,10 @@ class SpeedLimitMonitor(SpeedLimit, Component):
     minus limit at the ends of the steps and at the reset [m/s]; and ``speed_limit_violations``, the number of those
     with a positive excess. Steps after an agent's end count no more.
     """
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return none: deputies move as without it."""
+        return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running monitor."""

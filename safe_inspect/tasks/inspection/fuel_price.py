@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfView
 from safe_inspect.simulators.state import State
@@ -45,6 +46,10 @@ class FuelPriceSchedule(Component):
         for field in ("delta_v_scale_bounds", "inspected_points_update_bounds"):
             check_interval(field, *getattr(self, field))
         return self
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return none: deputies move as without it."""
+        return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running schedule."""

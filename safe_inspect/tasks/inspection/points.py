@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.geometry.inspection_kernels import Scores, inspect_body
 from safe_inspect.geometry.light import full_light
 from safe_inspect.geometry.sphere import sphere_points
@@ -93,8 +94,18 @@ class InspectionPoints(Component):
         """The bodies that carry points."""
         return tuple(self.inspection_points_map)
 
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return none: deputies move as without it."""
+        return NO_DISTURBANCE
+
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
-        """Return the running points."""
+        """Return the running points.
+
+        Raises:
+            ValueError: There is no sun before them.
+        """
+        if "sun_direction" not in world.offers.view:
+            raise ValueError("InspectionPoints stands after Sun; put Sun before it in `components`")
         light = self.illumination_params
         models = {
             name: PointsModel(

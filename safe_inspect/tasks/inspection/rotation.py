@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import field_validator
 
 from safe_inspect.compiling import njit
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.dynamics.rotation_row import Components, rotated, rotated_back
 from safe_inspect.geometry.nearest import direction_to_nearest
 from safe_inspect.plugins.plugin import EntityName
@@ -150,6 +151,10 @@ class ChiefRotation(Component):
     def bodies(self) -> tuple[str, ...]:
         """The body that rotates."""
         return (self.entity_name,)
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return none: deputies move as without it."""
+        return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running rotation.

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from safe_inspect.compiling import njit
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State
@@ -36,6 +37,10 @@ class Sun(Component):
     """
 
     rate: PositiveAngularRate = 0.001027
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return none: deputies move as without it."""
+        return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running sun."""

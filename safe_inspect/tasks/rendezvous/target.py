@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field, field_validator
 
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.dynamics.inertia import principal_axes
 from safe_inspect.errors import InitialStateError
 from safe_inspect.simulators.component import Component, RunningComponent
@@ -62,6 +63,10 @@ class TumblingTarget(Component):
     def _of_a_body(cls, value: Matrix3) -> Matrix3:
         principal_axes(np.array(value))
         return value
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return none: deputies move as without it."""
+        return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running target."""

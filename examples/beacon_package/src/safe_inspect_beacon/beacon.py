@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from safe_inspect.dynamics import NO_DISTURBANCE
 from safe_inspect.simulators import Component, RunningComponent
 from safe_inspect.simulators.offers import OfView
 from safe_inspect.types import ArraySpec
@@ -25,6 +26,10 @@ class MovingBeacon(Component):
 
     radius: PositiveLength = 50.0
     rate: PositiveAngularRate = 0.005
+
+    def disturbance_bounds(self, limits):
+        """Return none: the vehicles move as without it, on which safety filters may count."""
+        return NO_DISTURBANCE
 
     def __call__(self, world, num_envs):
         """Return the running beacon."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,19 +101,19 @@ def leading_holds(parameters: ConstraintParameters) -> int:
     return min(math.ceil(_CHANGE / float(p.u_max * p.step_size / p.m)), _MOST_HOLDS) - 1
 
 
-def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) -> FilterModel:
+def build_model(p: ConstraintParameters, constraints: Mapping[str, Any]) -> FilterModel:
     """Return the numbers and tables of a task.
 
     Args:
-        parameters: The task's parameters.
-        names: The constraints that count, of `CERTIFIED`.
+        p: What moves the deputy: `step_size`, `n`, `m` and `u_max` of a task's parameters.
+        constraints: The constraints that count, by name; those that are not of `CERTIFIED` are left out.
     """
-    chosen = set(names)
-    p = parameters
+    chosen = {name: constraint for name, constraint in constraints.items() if name in NAMES}
+    horizon = float(chosen["PSM"].horizon if "PSM" in chosen else p.psm_horizon)
     n, dt, angle = float(p.n), float(p.step_size), float(p.n * p.step_size)
     holds = [transition(n, p.m, dt * k / HOLD_PIECES) for k in range(HOLD_PIECES)] + [transition(n, p.m, dt)]
-    pieces = _COAST_PIECES * max(1, math.ceil(n * p.psm_horizon / _COAST_ANGLE))
-    coasts = np.stack([transition(n, p.m, p.psm_horizon * k / pieces)[0] for k in range(pieces + 1)])
+    pieces = _COAST_PIECES * max(1, math.ceil(n * horizon / _COAST_ANGLE))
+    coasts = np.stack([transition(n, p.m, horizon * k / pieces)[0] for k in range(pieces + 1)])
     turns = angle * np.arange(HOLD_PIECES + 1) / HOLD_PIECES
     circle = 2.0 * np.pi * np.arange(ORBIT_CELLS + 1) / ORBIT_CELLS
     nodes = 2.0 * np.pi * np.arange(FINE_NODES) / FINE_NODES
@@ -123,19 +123,19 @@ def build_model(parameters: ConstraintParameters, names: Iterable[str] = NAMES) 
     gamma = holds[-1][1]
     closing = np.array(gamma[3:], dtype=np.float64)
     closing[1] += 2.0 * n * gamma[0]  # the drift v_y + 2 n x after the hold
-    numbers: tuple[Any, ...] = tuple(constraint.row_numbers(p, chosen) for constraint in CERTIFIED)
+    numbers: tuple[Any, ...] = tuple(constraint.row_numbers(n, chosen) for constraint in CERTIFIED)
     near = numbers[COLLISION].closed_near
     # in the frame that turns with the sun a motion is at most twice as fast, and the cone's section is a smaller circle
-    turning = (4.0 / math.sin(0.5 * p.fov) if "sun" in chosen else 1.0) / near if near > 0.0 else 0.0
+    turning = (4.0 / math.sin(0.5 * chosen["sun"].fov) if "sun" in chosen else 1.0) / near if near > 0.0 else 0.0
     return FilterModel(
         n=n, mass=float(p.m), u_max=float(p.u_max), dt=dt,
         constraints=numbers,
-        active=(-1 << FURTHER) | sum(1 << code for code, known in enumerate(CERTIFIED) if known.counts(chosen)),
-        near_psm=float(p.collision_radius) if "PSM" in chosen else -math.inf,
+        active=(-1 << FURTHER) | sum(1 << code for code, known in enumerate(CERTIFIED) if known.counts(chosen.keys())),
+        near_psm=float(chosen["PSM"].collision_radius) if "PSM" in chosen else -math.inf,
         stretch=stretch,
         hold_phi=np.stack([phi for phi, _ in holds]), hold_gamma=np.stack([gamma for _, gamma in holds]),
         hold_sun=np.stack((np.cos(turns), np.sin(turns)), axis=-1),
-        coast=np.ascontiguousarray(coasts[:, :3]), coast_step=float(p.psm_horizon / pieces),
+        coast=np.ascontiguousarray(coasts[:, :3]), coast_step=float(horizon / pieces),
         orbit=np.stack((np.cos(circle), np.sin(circle)), axis=-1),
         fine=np.stack((np.cos(nodes), np.sin(nodes)), axis=-1),
         turning=turning, plan=np.asarray(np.linalg.inv(closing), dtype=np.float64),

@@ -24,11 +24,13 @@ DESIRED, NEAREST, BACKUP, RETURN = range(4)
 def _first_plan(m: FilterModel, x: RowState, sun: SunAngle, s: Workspace) -> bool:
     """Look for a plan from a state and write its thrust into `s.backup`.
 
-    What was taken with the whole margins is still safe with half of them, whatever the rounding since.
+    What was taken with the whole margins is still safe with half of them, whatever the rounding since. With half of
+    them the plan that stays on a closed motion is tried first: it is the one that was taken, and no other plan, which
+    only half of the margins certify and which might be lost a step later, is to take its place.
     """
     for half in range(2):
-        margins = scaled(MARGINS, 1.0 - 0.5 * half)
-        if find_plan(m, x, sun, margins, NO_HOLD, as_int(NO_PLAN), as_int(PLANS), s.backup, s) != NO_PLAN:
+        margins, first = scaled(MARGINS, 1.0 - 0.5 * half), as_int(STAY if half else NO_PLAN)
+        if find_plan(m, x, sun, margins, NO_HOLD, first, as_int(PLANS), s.backup, s) != NO_PLAN:
             return True
     return False
 

@@ -10,10 +10,11 @@ import numpy as np
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM, SUN
+from safe_inspect.rta.constraints.chief_collision import ChiefCollision
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.kernel_table import KernelTable
 from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model, leading_holds
-from safe_inspect.rta.filters.base import SafetyFilter, checked, compiled, differs
+from safe_inspect.rta.filters.base import SafetyFilter, check_used, checked, compiled, differs
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -31,10 +32,11 @@ class BackupFilter(SafetyFilter):
     (no drift, v_y = -2 n x) on which every constraint is met for one orbit, and so, for the sun's direction has
     the same period, for ever. A state with a plan of the family of `plans` is *recoverable*. The desired control is
     flown if the hold is safe at every moment and the state after it is recoverable. Else its projection onto the
-    half-spaces of the convex constraints (speeds, the largest range) is, if it passes the same exact test: no safe
-    control is nearer. If it does not, a pattern search leads from the backup plan's thrust, which passes by induction,
-    to the desired control through controls that pass; see `search`. With the intervention `backup` none of these is
-    sought, and the backup plan is flown for the step.
+    half-spaces of the convex constraints (speeds, the largest range) is, if it passes the same exact test: a safe
+    control may be nearer only where the tangent half-space of `rel_vel` cuts it off, by a few mN. If it does not pass,
+    a pattern search leads from the backup plan's thrust, which passes by induction, to the desired control through
+    controls that pass; see `search`. With the intervention `backup` none of these is sought, and the backup plan is
+    flown for the step.
 
     Beside the eight constraints of the inspection task it keeps every one that defines `Constraint.half_space`.
 
@@ -68,9 +70,12 @@ class BackupFilter(SafetyFilter):
 
         Raises:
             ValueError: An argument is wrong, a constraint is neither one of the eight of the inspection task nor
-                gives a half-space, or the hold is too long a part of the orbit.
+                gives a half-space, or is given a field of `Constraint.uncertified`, or the hold is too long a part of
+                the orbit.
         """
-        super().__init__(parameters, names)
+        entries = tuple(names)
+        super().__init__(parameters, entries)
+        check_used(entries)
         self.intervention = intervention
         codes: dict[int, int] = {}
         further: list[Constraint] = []
@@ -92,12 +97,14 @@ class BackupFilter(SafetyFilter):
                 f"a hold of {self.parameters.step_size} s is too long a part of the orbit: "
                 f"n step_size must be at most {_LARGEST_TURN} rad"
             )
-        for other in (PSM, SUN):  # a plan that comes too near breaks these
+        kept = dict(self.constraints)
+        for other in (PSM, SUN):  # a plan that comes too near breaks these, so the collision radius is kept with them
             if COLLISION not in codes and other in codes:
                 codes[COLLISION] = codes[other]
+                kept[NAMES[COLLISION]] = ChiefCollision.from_parameters(self.parameters)
         self._codes = codes
         self.further = KernelTable(further)
-        self._tables = build_model(self.parameters, (NAMES[code] for code in codes if code < FURTHER))
+        self._tables = build_model(self.parameters, kept)
         if several_holds:
             self._tables = self._tables._replace(leads=leading_holds(self.parameters))
 

@@ -1,7 +1,8 @@
 """The search for the safe control that is nearest to the desired one, compiled.
 
 First the desired control is projected onto the half-spaces of the constraints that are convex, speeds and the largest
-range. All controls that meet these lie within, so if the projection passes the exact test no other is nearer. If it
+range. All controls that meet these lie within, but for a few that the tangent half-space of `rel_vel` cuts off, whose
+limit grows with the range. So if the projection passes the exact test no other is nearer by more than a few mN. If it
 does not, because of the chief, the sun cone, or for want of a plan, the set of safe controls is not convex, and a
 pattern search (Hooke and Jeeves, "Direct search solution of numerical and statistical problems", Journal of the ACM 8,
 1961) leads from the backup's thrust to the desired one through controls that pass the test.

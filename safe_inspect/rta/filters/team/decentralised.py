@@ -31,7 +31,7 @@ class DecentralisedFilter:
         self,
         parameters: Mapping[str, Any] | ConstraintParameters | None,
         names: Iterable[str | Constraint],
-        pair_names: Iterable[str],
+        pair_names: Iterable[str | Constraint],
         deputy_radius: float = DEPUTY_RADIUS,
     ) -> None:  # fmt: skip
         """Build the filter.
@@ -39,7 +39,7 @@ class DecentralisedFilter:
         Args:
             parameters: The peer's argument names and their values; see `ConstraintParameters`.
             names: Names of the single filter's constraints, or constraints.
-            pair_names: Names of the constraints between deputies, ``deputy_collision`` or ``deputy_PSM``.
+            pair_names: Constraints between deputies, ``deputy_collision`` or ``deputy_PSM``, by name or built.
             deputy_radius: Radius about each deputy [m].
 
         Raises:

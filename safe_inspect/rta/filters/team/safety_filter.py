@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM
-from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS, DeputyCollision, DeputyPassiveSafety
+from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import gives_half_space, name_of
+from safe_inspect.rta.constraints.sets import constraint_set, gives_half_space, name_of
 from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.base import compiled
+from safe_inspect.rta.filters.base import check_used, compiled
 from safe_inspect.rta.filters.tube.safety_filter import MEMORY, TubeFilter
 from safe_inspect.rta.filters.tube.tables import starting_tube, tube_of
 from safe_inspect.simulators.arrays import for_kernel
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: The constraints of a pair, and the single constraint that each is about a chief in the other deputy's place.
@@ -164,8 +164,8 @@ class TeamFilter:
 
         Args:
             parameters: The peer's argument names and their values; see `ConstraintParameters`.
-            names: Constraints of the single filter, by name or built, and names of `PAIR_CONSTRAINTS`.
-            deputy_radius: Radius about each deputy [m].
+            names: Constraints of the single filter and those of `PAIR_CONSTRAINTS`, by name or built.
+            deputy_radius: Radius about each deputy [m], of constraints between deputies that are not given one.
             disturbance: What each deputy is to withstand, as with `TubeFilter`; None: an exact model.
 
         Raises:
@@ -185,29 +185,25 @@ class TeamFilter:
         own = [entry for entry in entries if name_of(entry) not in PAIR_CONSTRAINTS]
         self.alone = BackupFilter(parameters, own) if disturbance is None else TubeFilter(parameters, own, disturbance)
         p = self.alone.parameters
-        if self.deputy_radius >= p.r_max:
-            raise ValueError(f"deputy_radius {deputy_radius} m leaves no room within r_max {p.r_max} m")
-        chosen = [PAIR_CONSTRAINTS[name] for name in self.names if name in PAIR_CONSTRAINTS]
-        self.pair_constraints = {
-            name: constraint for name, constraint in {
-                "deputy_collision": DeputyCollision(
-                    deputy_radius=self.deputy_radius, max_acceleration=p.max_acceleration
-                ),
-                "deputy_PSM": DeputyPassiveSafety(
-                    deputy_radius=self.deputy_radius, mean_motion=p.n, horizon=p.psm_horizon
-                ),
-            }.items() if name in self.names
-        }  # fmt: skip
-        about = p.model_copy(update={"collision_radius": 2.0 * self.deputy_radius})
-        self._models = build_model(p, [name for name in self.names if name in NAMES]), build_model(about, chosen)
-        self._starts = self._models
+        between = [entry for entry in entries if name_of(entry) in PAIR_CONSTRAINTS]
+        check_used(between)
+        self.pair_constraints = constraint_set(p, between, self.deputy_radius)
+        far, about = self.alone.limit("r_max", "r_max"), {}
+        pair: Any
+        for name, pair in self.pair_constraints.items():
+            if pair.deputy_radius >= far:
+                raise ValueError(
+                    f"the deputy_radius {pair.deputy_radius} m of {name} leaves no room within r_max {far} m"
+                )
+            about[PAIR_CONSTRAINTS[name]] = pair.about_other
+        one, two = build_model(p, self.alone.constraints), build_model(p, about)
+        self._models = self._starts = one, two
         if isinstance(self.alone, TubeFilter):
-            one, pair = self._models
-            tube = tube_of(pair, self.alone.tracker, about, chosen)
-            starting = starting_tube(pair, self.alone.tracker, tube, about, chosen)
-            self._models = one._replace(tube=self.alone.tube), pair._replace(tube=tube)
-            self._starts = one._replace(tube=self.alone.starting), pair._replace(tube=starting)
-        self._pairs = bool(chosen)
+            tube = tube_of(two, self.alone.tracker, about)
+            starting = starting_tube(two, self.alone.tracker, tube, about)
+            self._models = one._replace(tube=self.alone.tube), two._replace(tube=tube)
+            self._starts = one._replace(tube=self.alone.starting), two._replace(tube=starting)
+        self._pairs = bool(about)
         codes = {name: NAMES.index(name) for name in self.names if name in NAMES}
         codes |= {name: FURTHER + k for k, name in enumerate(name for name in self.alone.names if name not in NAMES)}
         codes |= {name: PAIR_BIT + (PAIR_CONSTRAINTS[name] == NAMES[PSM]) for name in self.pair_constraints}

@@ -21,10 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.numerics.regulator import regulator
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import FloatArray
 
 #: Weights of the regulator, of squared errors of position and velocity in units of what a thrust of 1 N does in a hold.

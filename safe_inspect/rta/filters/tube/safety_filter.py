@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter, Intervention
@@ -14,7 +15,6 @@ from safe_inspect.rta.filters.base import checked, compiled
 from safe_inspect.rta.filters.tube.deviations import PlanTracker
 from safe_inspect.rta.filters.tube.tables import leaves_nothing, starting_tube, tube_of
 from safe_inspect.simulators.filter_result import FilterResult
-from safe_inspect.tasks.disturbances.bounds import DisturbanceBounds
 from safe_inspect.types import BoolArray, FloatArray
 
 #: Elements of what is remembered of a deputy: the plan's state, its thrust, and 1 where there is a plan.
@@ -59,15 +59,14 @@ class TubeFilter(BackupFilter):
         super().__init__(parameters, names, intervention, several_holds=False)  # the tube is about one
         self.bounds = bounds
         tracker = PlanTracker(self.parameters, bounds)
-        known = {constraint.registered_name for constraint in self.constraints.values()}
         lost = None if tracker.settles else "of anything: a plan cannot be tracked with such errors of the thrust"
         if lost is None:
-            tube = tube_of(self._tables, tracker, self.parameters, known)
-            lost = leaves_nothing(tube, self.parameters, known)
+            tube = tube_of(self._tables, tracker, self.constraints)
+            lost = leaves_nothing(tube, self.parameters, self.constraints)
         if lost is not None:
             raise ValueError(f"the bounds of `disturbance` leave nothing {lost}; lower them")
         self.tracker = tracker
-        self.tube, self.starting = tube, starting_tube(self._tables, tracker, tube, self.parameters, known)
+        self.tube, self.starting = tube, starting_tube(self._tables, tracker, tube, self.constraints)
         self._tables = self._tables._replace(tube=tube)
 
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:

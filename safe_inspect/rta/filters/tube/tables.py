@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -26,37 +27,34 @@ from safe_inspect.types import FloatArray
 _ONE, _EFFORT, _THRUST = range(3)
 
 
-def tube_of(
-    model: FilterModel, tracker: PlanTracker, parameters: ConstraintParameters, names: Collection[str]
-) -> FloatArray:
+def tube_of(model: FilterModel, tracker: PlanTracker, constraints: Mapping[str, Any]) -> FloatArray:
     """Return the margins of the parts of a motion; see `FilterModel.tube`.
 
     Args:
         model: The task without a tube.
         tracker: What tracks the plans.
-        parameters: The task's parameters.
-        names: The constraints.
+        constraints: The constraints, by name.
     """
     after, first = tracker.follow((_EFFORT, _THRUST)), tracker.follow((_THRUST,))
     parts = {HOLD: after[:1], PLAN: after[1:2], CLOSED: after[1:], FIRST_PLAN: first[:1], FIRST_CLOSED: first}
     table = np.zeros_like(NO_TUBE)
     for part, holds in parts.items():
-        table[part] = _margins(model, parameters, names, *(np.max(found, axis=0) for found in zip(*holds, strict=True)))
+        table[part] = _margins(model, constraints, *(np.max(found, axis=0) for found in zip(*holds, strict=True)))
     return table
 
 
 def _margins(
-    model: FilterModel, p: ConstraintParameters, names: Collection[str], length: FloatArray, speed: FloatArray,
-    thrust: FloatArray,
+    model: FilterModel, constraints: Mapping[str, Any], length: FloatArray, speed: FloatArray, thrust: FloatArray
 ) -> FloatArray:  # fmt: skip
     """Return the margins that a deviation asks for, shape (4, 3)."""
-    coasting = model.stretch[0] * length + model.stretch[1] * speed if "PSM" in names else length
+    coasting = model.stretch[0] * length + model.stretch[1] * speed if "PSM" in constraints else length
     # the speed limit near the chief falls with the range
-    return np.stack((length, speed + (p.v1 * length if "rel_vel" in names else 0.0), coasting, thrust))
+    falls = constraints["rel_vel"].v1 * length if "rel_vel" in constraints else 0.0
+    return np.stack((length, speed + falls, coasting, thrust))
 
 
 def starting_tube(
-    model: FilterModel, tracker: PlanTracker, tube: FloatArray, p: ConstraintParameters, names: Collection[str]
+    model: FilterModel, tracker: PlanTracker, tube: FloatArray, constraints: Mapping[str, Any]
 ) -> FloatArray:  # fmt: skip
     """Return the tube with which a real initial state must have a plan, so that every estimate of it has that plan too.
 
@@ -84,24 +82,30 @@ def starting_tube(
     found = tube.copy()
     for part, deviation in ((FIRST_PLAN, (length, speed)), (FIRST_CLOSED, orbit)):
         wider = Deviations(*(np.array([value, 0.0, 0.0]) for value in (*deviation, thrust)))
-        found[part] += _margins(model, p, names, *wider) + tube[part, :, 2:] * np.array([thrust, 0.0, 0.0])
+        found[part] += _margins(model, constraints, *wider) + tube[part, :, 2:] * np.array([thrust, 0.0, 0.0])
     return found
 
 
-def leaves_nothing(tube: FloatArray, p: ConstraintParameters, names: Collection[str]) -> str | None:
+def leaves_nothing(tube: FloatArray, p: ConstraintParameters, constraints: Mapping[str, Any]) -> str | None:
     """Return what a tube leaves nothing of, though no thrust is planned; None where it leaves something."""
     length, speed, coasting, _ = tube[CLOSED, :, _ONE]
     largest = np.sqrt(3.0) * p.u_max
     thrust = max(float(tube[part, 3] @ (1.0, largest, largest)) for part in (PLAN, CLOSED))
     near = max(length, coasting)
-    gap = p.r_max - p.collision_radius
-    if {"r_max", "chief_collision"} <= set(names) and near + length >= gap:
-        return f"of the {gap:g} m between `collision_radius` and `r_max`, from which {near + length:.3g} m are taken"
-    limit = p.v0 + p.v1 * (p.r_max - p.speed_distance)
-    if "rel_vel" in names and speed >= limit:
-        return f"of the speed of {limit:.3g} m/s that `rel_vel` allows, from which {speed:.3g} m/s are taken"
-    if not set(names).isdisjoint(("x_vel", "y_vel", "z_vel")) and speed >= p.vel_limit:
-        return f"of `vel_limit` {p.vel_limit:g} m/s, from which {speed:.3g} m/s are taken"
+    far = constraints["r_max"].r_max if "r_max" in constraints else p.r_max
+    if {"r_max", "chief_collision"} <= constraints.keys():
+        gap = far - constraints["chief_collision"].collision_radius
+        if near + length >= gap:
+            return f"of the {gap:g} m between the `collision_radius` and `r_max`: {near + length:.3g} m are taken"
+    if "rel_vel" in constraints:
+        line = constraints["rel_vel"]
+        limit = line.v0 + line.v1 * (far - line.v0_distance)
+        if speed >= limit:
+            return f"of the speed of {limit:.3g} m/s that `rel_vel` allows, from which {speed:.3g} m/s are taken"
+    for name in ("x_vel", "y_vel", "z_vel"):
+        if name in constraints and speed >= constraints[name].vel_limit:
+            limit = constraints[name].vel_limit
+            return f"of the `vel_limit` {limit:g} m/s of {name}, from which {speed:.3g} m/s are taken"
     if thrust >= p.u_max:
         return f"of the thrust `u_max` {p.u_max:g} N for plans, beside what tracking them takes"
     return None

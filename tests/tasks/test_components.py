@@ -1,0 +1,179 @@
+"""Components of tasks: what they refuse, what they offer, and what their parameters stand for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
+from safe_inspect.simulators import ConstantParameter, PositionVelocityInitializer, UniformParameter
+from safe_inspect.simulators.resets.attitudes import AttitudeParameter
+from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
+from safe_inspect.simulators.simulator import ComposedSimulator
+from safe_inspect.simulators.team import TeamView
+from safe_inspect.simulators.view import Group, View
+from safe_inspect.tasks import (
+    BoundedDisturbance,
+    ChiefRotation,
+    FuelPriceSchedule,
+    InspectionPoints,
+    InspectionSimulator,
+    Sun,
+    TumbleParameter,
+)
+from safe_inspect.tasks.inspection.illumination import IlluminationParams
+from safe_inspect.tasks.inspection.points import SpherePoints
+
+AXES = ("x", "y", "z", "x_dot", "y_dot", "z_dot")
+SWAP = "but .* is above .*; swap them"
+FULL = r"full angle in \(0, pi\]"
+LENGTH = "all components are 0, which is no direction and no attitude"
+
+
+@pytest.mark.parametrize(
+    ("plugin", "refused", "accepted", "message"),
+    [
+        (FuelPriceSchedule, {"delta_v_scale_bounds": (-0.1, -0.2)}, {"delta_v_scale_bounds": (-0.1, -0.1)}, SWAP),
+        (
+            FuelPriceSchedule, {"inspected_points_update_bounds": (0.9, 0.8)},
+            {"inspected_points_update_bounds": (0.8, 0.8)}, SWAP,
+        ),
+        (FuelPriceSchedule, {"steps_until_update": 0}, {"steps_until_update": 1}, "greater than or equal to 1"),
+        (InspectionSimulator, {"delta_v_scale_bounds": (-0.1, -0.2)}, {}, SWAP),
+        (InspectionSimulator, {"inspected_points_update_bounds": (0.9, 0.8)}, {}, SWAP),
+        (InspectionSimulator, {"field_of_view": 3.2}, {"field_of_view": math.pi}, FULL),
+        (InspectionPoints, {"field_of_view": 0.0}, {"field_of_view": 1e-3}, FULL),
+        (IlluminationParams, {"render_flag_3d": True}, {"render_flag_3d": False}, "the simulator draws nothing"),
+        (IlluminationParams, {"render_flag_subplots": True}, {}, "the simulator draws nothing"),
+        (
+            TumbleParameter, {"rate": AttitudeParameter()}, {"rate": UniformParameter(low=0.0, high=0.1)},
+            "is a number in rad/s or deg/s",
+        ),
+        (TumbleParameter, {"rate": ConstantParameter(value=1.0, units="m")}, {"rate": ConstantParameter(value=1.0)},
+         "is a number in rad/s or deg/s"),
+        (TumbleParameter, {"direction": (0.0, 0.0, 0.0)}, {"direction": (0.0, 0.0, 1e-9)}, LENGTH),
+        (AttitudeParameter, {"orientation": (0.0, 0.0, 0.0, 0.0)}, {"orientation": (0.0, 0.0, 0.0, -3.0)}, LENGTH),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_meant_is_refused(plugin, refused, accepted, message):
+    plugin(**accepted)
+    with pytest.raises(ValidationError, match=message):
+        plugin(**refused)
+
+
+def test_platforms_that_turn_need_dynamics_that_do():
+    assert InspectionSimulator().with_attitude().turns
+    with pytest.raises(ValueError, match="the platforms turn, and ClohessyWiltshire has no attitude"):
+        InspectionSimulator(dynamics=ClohessyWiltshire()).with_attitude()
+
+
+def simulation(*components, disturbance=None):
+    """Return a simulation of two deputies, a chief and a second body."""
+
+    def start(*values):
+        given = {name: ConstantParameter(value=value) for name, value in zip(AXES, values, strict=True)}
+        return BodyReset(PositionVelocityInitializer(), given)
+
+    plan = ResetPlan(
+        {}, {"red": start(60.0, 1.0, 2.0, 0.1, 0.2, 0.3), "blue": start(-40.0, 9.0, 4.0, 0.0, 0.3, 0.0)},
+        {"chief": start(*np.zeros(6)), "module": start(0.0, 30.0, 5.0, 0.0, 0.0, 0.0)},
+    )  # fmt: skip
+    simulator = ComposedSimulator(components=components, disturbance=disturbance)
+    found = simulator(
+        masses={"red": 12.0, "blue": 12.0}, groups=(), reset=plan, step_size=10.0, num_envs=3, seed=1, first_slot=0
+    )
+    found.reset(np.arange(3))
+    return found
+
+
+@pytest.mark.parametrize(
+    "components", [(ChiefRotation(), Sun(), InspectionPoints()), (Sun(), InspectionPoints(), ChiefRotation())]
+)
+def test_a_chief_that_rotates_does_so_between_the_sun_and_the_points(components):
+    simulation(Sun(), ChiefRotation(), InspectionPoints())
+    with pytest.raises(ValueError, match="ChiefRotation stands after Sun and before InspectionPoints"):
+        simulation(*components)
+
+
+def test_points_without_a_sun_before_them_are_refused():
+    for light in (IlluminationParams(), None):
+        with pytest.raises(ValueError, match="InspectionPoints stands after Sun; put Sun before it"):
+            simulation(InspectionPoints(illumination_params=light), Sun())
+
+
+def test_two_components_do_not_offer_the_same():
+    with pytest.raises(ValueError, match=r"two components offer '.*'; rename one"):
+        simulation(Sun(), Sun())
+
+
+def test_estimates_are_offered_by_their_names():
+    """Of position and velocity, each off by its own error, to a group and to the team."""
+    found = simulation(disturbance=BoundedDisturbance(position_error=0.5, velocity_error=0.002, distribution="extreme"))
+    found.step(np.full((3, 2, 3), 0.1))
+    view = View(found.state, found.world, Group("blue", 1, 1, {}))
+    team = TeamView(found.state, found.world)
+    for name, error in (("position", 0.5), ("velocity", 0.002)):
+        truth = found.state[name]
+        own, all_ = getattr(view, f"estimated_{name}"), getattr(team, f"estimated_{name}")
+        np.testing.assert_allclose(np.linalg.norm(own - truth[:, 1], axis=-1), error, rtol=1e-6)
+        np.testing.assert_allclose(np.linalg.norm(all_ - truth[:, :2], axis=-1), error, rtol=1e-6)
+
+
+@pytest.mark.parametrize("part", ["ambient", "diffuse", "specular"])
+def test_each_part_of_the_light_falls_on_the_same_part_of_the_surface(part):
+    """Colour by colour; and what is binary has no colours."""
+    sun, chief = {part: (0.2, 0.4, 0.6)}, {part: (0.5, 0.7, 0.9), "shininess": 40.0}
+    given = {"light_properties": sun, "chief_properties": chief, "ray_offset": 0.1}
+    plain = IlluminationParams(bin_ray_flag=False).light(10.0)
+    light = IlluminationParams(bin_ray_flag=False, **given).light(10.0)
+    for other in ("ambient", "diffuse", "specular"):
+        expected = (0.1, 0.28, 0.54) if other == part else getattr(plain, other)
+        assert getattr(light, other) == pytest.approx(expected), other
+    assert light.exponent == pytest.approx(10.0)
+    assert IlluminationParams(**given).light(10.0) == IlluminationParams(ray_offset=0.1).light(10.0)
+    assert light.threshold == IlluminationParams(**given).light(10.0).threshold < plain.threshold
+
+
+def test_the_points_of_several_bodies_are_counted_together():
+    """Those of the team in each environment, and those that each deputy was the first to inspect."""
+    numbers = {"chief": 20, "module": 50}
+    component = InspectionPoints(
+        inspection_points_map={name: SpherePoints(num_points=count, radius=3.0) for name, count in numbers.items()},
+        illumination_params=None, report_score=True,
+    )  # fmt: skip
+    found = simulation(Sun(), component)
+    for _ in range(40):
+        found.step(np.random.default_rng(3).uniform(-0.1, 0.1, (3, 2, 3)))
+    points = found.components["InspectionPoints"]
+    inspectors = [found.state.points[name].inspector for name in numbers]
+    assert all((one >= 0).any() and (one < 0).any() for one in inspectors)
+    total = sum((one >= 0).sum(axis=1) for one in inspectors)
+    score = sum((one >= 0).mean(axis=1) for one in inspectors) / 2.0
+    team = points.team_info(TeamView(found.state, found.world))
+    np.testing.assert_array_equal(team["inspected_count"], total)
+    np.testing.assert_allclose(team["inspected_fraction"], total / 70.0)
+    np.testing.assert_allclose(team["inspected_score"], score)
+    for deputy, name in enumerate(("red", "blue")):
+        info = points.info(View(found.state, found.world, Group(name, deputy, 1, {})))
+        own = sum((one == deputy).sum(axis=1) for one in inspectors)
+        np.testing.assert_array_equal(info["inspected_count"], total)
+        np.testing.assert_array_equal(info["own_inspected_count"], own)
+        np.testing.assert_allclose(info["inspected_score"], score)
+        expected = sum((one == deputy).mean(axis=1) for one in inspectors) / 2.0
+        np.testing.assert_allclose(info["own_inspected_score"], expected)
+
+
+@pytest.mark.parametrize("rate", [0.001027, 0.02])
+def test_the_sun_turns_at_its_rate_and_shines_from_its_angle(rate):
+    found = simulation(Sun(rate=rate))
+    start = found.state["sun_angle"].copy()
+    for step in range(8):
+        angle = found.state["sun_angle"]
+        np.testing.assert_allclose(np.cos(angle - start - rate * 10.0 * step), 1.0, rtol=1e-12)
+        np.testing.assert_allclose(np.sin(angle - start - rate * 10.0 * step), 0.0, atol=1e-12)
+        direction = np.stack((np.cos(angle), -np.sin(angle), 0.0 * angle), axis=-1)
+        np.testing.assert_allclose(found.state["sun_direction"], direction, atol=1e-12)
+        found.step(np.zeros((3, 2, 3)))
