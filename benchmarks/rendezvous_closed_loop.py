@@ -47,7 +47,6 @@ from safe_inspect.rendezvous.mission import dynamics_of, limits_of  # noqa: E402
 from safe_inspect.rendezvous.models import RendezvousConfig  # noqa: E402
 from safe_inspect.rendezvous.planner.certificate import certify  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
-from safe_inspect.rendezvous.planner.spline import spline_basis  # noqa: E402
 from safe_inspect.rendezvous.target.model import Target  # noqa: E402
 from safe_inspect.rendezvous.tracking import DesignRequest  # noqa: E402
 
@@ -100,9 +99,8 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
             )
         )
         exact = PlanQuery(**{**vars(query), "margin": design.margin_at})
-        basis = spline_basis(len(plan.control_points), len(plan.times), plan.duration)
         reason = design.refusal or "the plan does not keep the tube's clearance"
-        if design.accepted and certify(exact, basis, plan.control_points, plan.t_start).certified:
+        if design.accepted and certify(exact, plan.path, plan.t_start).certified:
             return plan, bound, design
         demands = demands.after(design)
     return f"tube: {reason}"

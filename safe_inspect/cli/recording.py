@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from safe_inspect.cli.arguments import natural, positive_number
+from safe_inspect.cli.arguments import add_output_folder, natural, positive_number
 from safe_inspect.cli.common import add_experiment_file
 
 
 def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the recording of a sensor log."""
     add_experiment_file(parser)
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="write the log into this new folder")
+    add_output_folder(parser, "the log", required=True)
     parser.add_argument("--seconds", type=positive_number, default=120.0, metavar="S", help="length (default: 120)")
     parser.add_argument(
         "--period", type=positive_number, default=1.0, metavar="S", help="time between two frames (default: 1)"
@@ -39,6 +38,4 @@ def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FRAME,COLUMN,ROW,DISTANCE",
         help="print the mating point at a distance [m] above what a pixel of a frame sees",
     )
-    parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="write estimate, tables and figure into this new folder"
-    )
+    add_output_folder(parser, "estimate, tables and figure")

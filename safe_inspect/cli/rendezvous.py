@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from safe_inspect.cli.arguments import positive
+from safe_inspect.cli.arguments import add_output_folder, positive
 from safe_inspect.cli.common import add_experiment_file
 
 
@@ -21,10 +20,5 @@ def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", type=positive, default=1, metavar="N", help="missions flown at a time (default: 1)"
     )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="write the logs into this folder; missions that are in it are not flown again",
-    )
+    add_output_folder(parser, "the log, or the logs of --missions, which continue in the same folder,")
     parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment, and fly nothing")

@@ -55,6 +55,18 @@ class EstimatorContext:
     camera_position: tuple[float, float, float] = (0.13, 0.0, 0.0)
 
 
+class ExpectedMotion(NamedTuple):
+    """What the actuators are expected to give in a step of control.
+
+    Attributes:
+        mean: Acceleration and angular acceleration in B, mean over the step [m/s^2, rad/s^2], shape (6,).
+        sigma: Standard deviations of one axis of both [m/s^2, rad/s^2], shape (2,).
+    """
+
+    mean: FloatArray
+    sigma: FloatArray
+
+
 class InertialTruth(NamedTuple):
     """What an inertial unit has felt in one step of control.
 
@@ -62,14 +74,13 @@ class InertialTruth(NamedTuple):
         history: The chaser after each tick, one row, shape (1, ticks, ...).
         silent: Whether the unit gives nothing.
         bias: What a fault adds to its measurements [m/s^2, rad/s], shape (6,).
-        commanded: Acceleration and angular acceleration in B that the actuators were asked for [m/s^2, rad/s^2],
-            shape (6,); None where they are not known.
+        expected: What the actuators are expected to have given; None where their commands are not known.
     """
 
     history: ChaserState
     silent: bool
     bias: FloatArray
-    commanded: FloatArray | None = None
+    expected: ExpectedMotion | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import ValidationError
 
+from safe_inspect.config.loading.includes import places
 from safe_inspect.config.loading.loader import load
-from safe_inspect.config.loading.located import LocatedDict, locate, plain
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, plain
 from safe_inspect.config.loading.merge import merge
-from safe_inspect.config.loading.overrides import apply_overrides
+from safe_inspect.config.loading.overrides import apply_overrides, with_value
+from safe_inspect.config.loading.plugin_paths import import_plugins
 from safe_inspect.config.messages.report import problems_of
-from safe_inspect.config.models.experiment import ExperimentConfig
-from safe_inspect.errors import ConfigError, Problem
+from safe_inspect.config.models.experiment import ExperimentConfig, Model
+from safe_inspect.config.models.fields import written_values
+from safe_inspect.errors import ConfigError, Location, Problem
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.version import __version__
 
@@ -60,7 +64,45 @@ def load_rendezvous(path: str | os.PathLike[str], overrides: Iterable[str] = ())
     Raises:
         ConfigError: With every mistake, each with its file, line and path of keys.
     """
-    return build_rendezvous(apply_overrides(_mapping(load(path), path), overrides), os.fspath(path))
+    if isinstance(overrides, str):
+        raise ConfigError(Problem("overrides are a list of texts", hint=f"write [{overrides!r}]"))
+    texts = list(overrides)
+    tree = apply_overrides(_with_named(_mapping(load(path), path), texts), texts)
+    return build_rendezvous(with_absolute_files(tree), os.fspath(path))
+
+
+def with_absolute_files(tree: LocatedDict) -> LocatedDict:
+    """Return a tree in which the names of the files that plugins read are absolute.
+
+    A relative name is looked for beside the file that names it, then where an included file would be; one of the
+    command line is relative to the working directory. So what is stored can be loaded from anywhere.
+    """
+    import_plugins(tree, ("plugin_paths",))
+    for path, value, _ in list(written_values("file", tree, RendezvousConfig)):
+        if isinstance(value, str) and value:
+            tree = with_value(tree, path, _absolute(value, locate(tree, path)), None)
+    return tree
+
+
+def _absolute(name: str, location: Location | None) -> str:
+    own = Path(os.path.abspath(location.file)) if location is not None and location.line else None
+    path = Path(name).expanduser()
+    tried = [(Path.cwd() if own is None else own.parent) / path, *places(os.fspath(path), own, own)]
+    return os.path.normpath(next((place for place in tried if place.exists()), tried[0]))
+
+
+def _with_named(tree: LocatedDict, overrides: Iterable[str]) -> LocatedDict:
+    """Return a tree in which the keys stand that overrides start with, by their defaults where the file has none."""
+    heads = [text.partition("=")[0].partition(".")[0] for text in overrides]
+    for name, info in RendezvousConfig.model_fields.items():
+        if name in heads and name not in tree:
+            default = info.default
+            if isinstance(default, str):
+                default = LocatedDict({"functor": default, "config": LocatedDict()})
+            elif isinstance(default, (Model, tuple)):
+                default = LocatedDict() if isinstance(default, Model) else LocatedList()
+            tree = with_value(tree, (name,), default, None)
+    return tree
 
 
 def is_rendezvous(path: str | os.PathLike[str]) -> bool:
@@ -70,7 +112,8 @@ def is_rendezvous(path: str | os.PathLike[str]) -> bool:
     except ConfigError:
         return False
     keys = set(tree) if isinstance(tree, LocatedDict) else set()
-    return bool(keys & set(RendezvousConfig.model_fields) - {"seed"}) and not keys & set(ExperimentConfig.model_fields)
+    parts = set(RendezvousConfig.model_fields) - {"seed", "plugin_paths"}
+    return bool(keys & parts) and not keys & set(ExperimentConfig.model_fields)
 
 
 def build_rendezvous(tree: Any, source: str = "") -> Rendezvous:
@@ -79,8 +122,11 @@ def build_rendezvous(tree: Any, source: str = "") -> Rendezvous:
     Raises:
         ConfigError: With every mistake.
     """
+    if not isinstance(tree, Mapping):
+        raise ConfigError(Problem(f"a configuration is a mapping of keys to values, not {tree!r:.60}"))
     if not isinstance(tree, LocatedDict):
         tree = LocatedDict(tree)
+    import_plugins(tree, ("plugin_paths",))
     try:
         config = RendezvousConfig.model_validate(tree)
     except ValidationError as error:

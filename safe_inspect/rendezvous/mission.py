@@ -10,24 +10,24 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from safe_inspect.dynamics import quaternion
-from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.chaser import Actuator, ChaserDynamics
 from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
 from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.lqr import LQRTracker, TrackerOutput
+from safe_inspect.rendezvous.control.lqr import AxisStatus, LQRTracker, TrackerOutput
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.coordination import actions
+from safe_inspect.rendezvous.coordination import actions, guards
 from safe_inspect.rendezvous.coordination.context import MissionContext, clearances
 from safe_inspect.rendezvous.coordination.coordinator import Coordinator, Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.coordination.departure import CommandedMotion
 from safe_inspect.rendezvous.coordination.table import TABLE
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth
-from safe_inspect.rendezvous.estimation.bias_jump import commanded_motion
 from safe_inspect.rendezvous.estimation.consistency import normalised_error
+from safe_inspect.rendezvous.estimation.response import ActuatorResponse
 from safe_inspect.rendezvous.log import MissionLog
 from safe_inspect.rendezvous.models import ChaserConfig, RendezvousConfig
 from safe_inspect.rendezvous.planner.query import Limits
-from safe_inspect.rendezvous.scenario import check_start, checked_target
+from safe_inspect.rendezvous.scenario import check_start, checked_target, mission_streams
 from safe_inspect.rendezvous.summary import summarise_mission
 from safe_inspect.rendezvous.tracking import tide_of
 from safe_inspect.rendezvous.truth import MissionTruth, TruthStep
@@ -93,11 +93,24 @@ class Mission:
         config: The experiment.
         number: Number of the mission; it draws its own tumble and noise.
         progress: Called at every change of state.
+        watch: Called at every step of control, with the mission as it is then; it must not change it.
     """
 
-    def __init__(self, config: RendezvousConfig, number: int = 0, progress: _Progress | None = None) -> None:
-        self._config, self._progress = config, progress
-        self._streams = Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
+    def __init__(
+        self,
+        config: RendezvousConfig,
+        number: int = 0,
+        progress: _Progress | None = None,
+        watch: Callable[[MissionContext], None] | None = None,
+    ) -> None:
+        if not isinstance(config, RendezvousConfig):
+            raise TypeError(
+                f"a mission is made of a RendezvousConfig, `load_rendezvous(FILE).config`, not {config!r:.60}"
+            )
+        if not isinstance(number, (int, np.integer)) or number < 0:
+            raise ValueError(f"the number of a mission is a whole number of 0 or more, not {number!r}")
+        self._config, self._progress, self._watch = config, progress, watch
+        self._streams = mission_streams(config, number)
         self._log = MissionLog()
         mission, chaser = config.mission, config.chaser
         target = checked_target(config)
@@ -110,6 +123,7 @@ class Mission:
             )
         )  # fmt: skip
         self._felt: InertialTruth | None = None
+        self._response = ActuatorResponse(chaser, mission.step)
         # At the start the camera looks at the target.
         position = np.array(chaser.position)
         orientation = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
@@ -133,6 +147,7 @@ class Mission:
             hold=LQRTracker(axis, own.force),
             report=self._event,
             estimate=estimate,
+            motion=CommandedMotion.of(estimate),
         )
         self._flight.hold_point = np.array(chaser.position)
         self._flight.demands = PlanDemands.first(mission.length)
@@ -153,12 +168,15 @@ class Mission:
             coordinator.step(context)
             if coordinator.finished:
                 break
+            if self._watch is not None:
+                self._watch(context)
             output, reference = self._follow()
             torque = self._point()
+            context.motion.advance(output.force / self._config.chaser.mass, self._config.mission.step)
             force = self._in_inertial(output.force)
             done = self._truth.advance(force, torque)
-            commanded = commanded_motion(self._config.chaser, context.estimate.chaser, output.force, torque)
-            self._felt = InertialTruth(done.chaser, context.fails("imu"), self._bias_step(), commanded)
+            expected = self._response.step(context.estimate.chaser, output.force, torque)
+            self._felt = InertialTruth(done.chaser, context.fails("imu"), self._bias_step(), expected)
             self._record(output, reference, (force, torque), done)
         summary = summarise_mission(
             self._config, context.target, self._log, coordinator.state is Phase.DONE, context.cause
@@ -178,6 +196,10 @@ class Mission:
         context.estimate = self._estimator.update(
             context.time, truth.chaser, truth.target, blind=blind, inertial=self._felt
         )
+        if context.estimate.updated != before:
+            context.motion, context.poses = CommandedMotion.of(context.estimate), context.poses + 1
+        elif guards.unseen(context):
+            context.poses = 0
         is_slot = context.step * mission.control_ticks % mission.update_ticks == 0
         if is_slot and context.following is not None and context.estimate.updated != before:
             actions.renew_reference(context)
@@ -216,6 +238,8 @@ class Mission:
             context.infeasible = 0 if is_solved and output.feasible else context.infeasible + 1
             context.nominal = output.nominal
             return output, np.concatenate([following.reference.position[k], following.reference.velocity[k]])
+        if context.phase is Phase.DEPART:
+            return self._push(), np.concatenate([context.motion.position, context.motion.velocity])
         times = context.time + self._config.mission.step * np.arange(2.0)
         position, velocity = context.hold_point[None].repeat(2, axis=0), np.zeros((2, 3))
         if context.phase is Phase.RETREAT and context.escape is not None:
@@ -225,13 +249,22 @@ class Mission:
         reference = TrackedReference(position, velocity, tide)
         return context.hold.step(x, reference, 0), np.concatenate([reference.position[0], reference.velocity[0]])
 
+    def _push(self) -> TrackerOutput:
+        """Return what is left of a departure's push, as far as one step gives it."""
+        context, chaser = self._flight, self._config.chaser
+        per_step = self._config.mission.step / chaser.mass
+        force = np.clip(context.push / per_step, -chaser.limits.force, chaser.limits.force)
+        context.push = context.push - per_step * force
+        return TrackerOutput(force, np.zeros((3, 2)), np.zeros(3), (AxisStatus.SOLVED,) * 3)
+
     def _point(self) -> FloatArray:
         """Return the torque that turns the camera to where it shall look [N m], shape (3,).
 
         It is zero while the inertial unit is silent: a free rotation goes on as it was, which the estimate counts on.
         """
         context, chaser = self._flight, self._flight.estimate.chaser
-        command = self._pointing.step(chaser.position, context.aim(), self._config.mission.step)
+        position = context.motion.position if context.phase is Phase.DEPART else chaser.position
+        command = self._pointing.step(position, context.aim(), self._config.mission.step)
         error = quaternion.multiply(quaternion.conjugate(command.orientation), chaser.orientation)
         context.pointing_error = float(np.linalg.norm(quaternion.log(error)))
         if context.imu_time < context.time:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from safe_inspect.config.models.experiment import Model
-from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.functor import functor_field, misplaced
 from safe_inspect.units import (
     Length,
     NonNegativeAngularRate,
@@ -31,8 +32,10 @@ PositiveMoment = quantity("kg m^2", gt=0)
 _Vector = tuple[Length, Length, Length]  # type: ignore[valid-type]
 _VelocityVector = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
 
-#: The step of control, at which plans are sampled [s].
-_STEP = 0.2
+#: Shortest tick and step of control, and the longest step, which the attitude controller was flown with [s].
+_LEAST_TICK, _STEPS = 1e-4, (0.02, 1.0)
+#: Most steps of control of an approach, and most waits that are tried before one.
+_MOST_STEPS, _MOST_WAITS = 5_000, 1_000
 
 
 class ActuatorConfig(Model):
@@ -72,7 +75,7 @@ class LimitsConfig(Model):
     torque: PositiveTorque = 0.025  # type: ignore[valid-type]
     keep_in: tuple[PositiveLength, PositiveLength, PositiveLength] | None = (0.8, 3.0, 0.8)  # type: ignore[valid-type]
     line_of_sight_rate: PositiveAngularRate = 0.17  # type: ignore[valid-type]
-    cone: PositiveAngle | None = None  # type: ignore[valid-type]
+    cone: quantity("rad", gt=0, le=math.pi) | None = None  # type: ignore[valid-type]
 
     @model_validator(mode="after")
     def _leave_force_to_feedback(self) -> LimitsConfig:
@@ -142,7 +145,7 @@ class MissionConfig(Model):
 
     Attributes:
         tick: Length of a tick of the truth [s].
-        control_ticks: Ticks from one command to the next.
+        control_ticks: Ticks from one command to the next: the step of control, at which plans are sampled.
         update_ticks: Ticks from one update of the reference to the next; a multiple of `control_ticks`.
         checkout: How long all sensors must have worked before the mission starts [s].
         checkout_limit: When the mission is given up without that [s].
@@ -160,10 +163,13 @@ class MissionConfig(Model):
         hold_position: Largest error of position there [m].
         hold_speed: Largest error of velocity there [m/s].
         hold_angle: Largest error of pointing there [rad].
-        camera_silence: How long the camera may give nothing while the chaser is near the target [s].
+        camera_silence: How long the camera may give nothing; no frame may show the target for one `update_period`
+            longer. It counts in every state [s].
         imu_silence: How long the inertial unit may give nothing [s].
         escapes: Durations of a way out that are tried, in this order [s].
         retreat_limit: When a retreat is given up [s].
+        departure_speed: Speed at which the chaser leaves the target where it gives up or has no poses [m/s].
+        departure_limit: How long it waits for poses on its way out before the mission ends [s].
         time_limit: When an approach or a wait ends at the latest, by a retreat [s].
         mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. The axes of W do not turn.
         length: Length of the scenario [m], about the radius that the target sweeps. The clearances that planner, tube
@@ -194,6 +200,8 @@ class MissionConfig(Model):
     imu_silence: PositiveDuration = 0.2  # type: ignore[valid-type]
     escapes: Annotated[tuple[PositiveDuration, ...], Field(min_length=1)] = (10.0, 14.0, 20.0, 28.0, 40.0)  # type: ignore[valid-type]
     retreat_limit: PositiveDuration = 120.0  # type: ignore[valid-type]
+    departure_speed: PositiveSpeed = 0.02  # type: ignore[valid-type]
+    departure_limit: PositiveDuration = 60.0  # type: ignore[valid-type]
     time_limit: PositiveDuration = 900.0  # type: ignore[valid-type]
     mean_motion: NonNegativeAngularRate = 0.0  # type: ignore[valid-type]
     length: PositiveLength = 1.0  # type: ignore[valid-type]
@@ -205,17 +213,30 @@ class MissionConfig(Model):
             raise ValueError(
                 f"update_ticks ({self.update_ticks}) must be a multiple of control_ticks ({self.control_ticks})"
             )
-        if abs(self.step - _STEP) > 1e-9:
+        if not (_STEPS[0] - 1e-9 <= self.step <= _STEPS[1] + 1e-9 and self.tick >= _LEAST_TICK):
             raise ValueError(
-                f"tick times control_ticks is {self.step:g} s, and plans are sampled every {_STEP} s; let it be that"
+                f"tick times control_ticks, a step of control, is {self.step:g} s; it is {_STEPS[0]:g} to "
+                f"{_STEPS[1]:g} s, and a tick {_LEAST_TICK:g} s or more"
             )
         for name, seconds in (
             ("hold_limit", self.hold_limit),
             ("wait_step", self.wait_step),
             *(("durations", duration) for duration in self.durations),
         ):
-            if abs(seconds / _STEP - round(seconds / _STEP)) > 1e-6:
-                raise ValueError(f"{name}: {seconds:g} s is no multiple of the step of control, {_STEP} s")
+            steps = seconds / self.step
+            if steps > _MOST_STEPS:
+                most = _MOST_STEPS * self.step
+                raise ValueError(f"{name}: {seconds:g} s are more than {_MOST_STEPS:,} steps of control, {most:g} s")
+            if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+                raise ValueError(
+                    f"{name}: {seconds:g} s is no multiple of the step of control, {self.step:g} s (tick times "
+                    "control_ticks)"
+                )
+        if self.wait_limit / self.wait_step > _MOST_WAITS:
+            raise ValueError(
+                f"wait_limit ({self.wait_limit:g} s) is more than {_MOST_WAITS:,} times wait_step "
+                f"({self.wait_step:g} s)"
+            )
         return self
 
     @property
@@ -243,6 +264,7 @@ class RendezvousConfig(Model):
 
     Attributes:
         seed: Seed of all missions.
+        plugin_paths: Modules with further plugins, imported before any name is looked up.
         mission: Rates, guards and time limits.
         chaser: The chaser.
         target: The target's shape, inertia and mating point.
@@ -254,6 +276,7 @@ class RendezvousConfig(Model):
     """
 
     seed: int = Field(default=0, ge=0, lt=2**64)
+    plugin_paths: tuple[str, ...] = ()
     mission: MissionConfig = MissionConfig()
     chaser: ChaserConfig = ChaserConfig()
     target: _plugin("target_model", "EnvisatTarget")  # type: ignore[valid-type]
@@ -269,4 +292,20 @@ class RendezvousConfig(Model):
             raise ValueError(
                 "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_parts(self) -> RendezvousConfig:
+        problems: list[tuple[tuple[str, ...], str]] = [
+            (("estimator", "config", field), said) for field, said in self.estimator.misfits(self.mission)
+        ]
+        box, position = self.chaser.limits.keep_in, self.chaser.position
+        if box is not None and any(abs(p) > half for p, half in zip(position, box, strict=True)):
+            message = (
+                f"the start is outside of the keep-in box, |x| <= {box[0]:g}, |y| <= {box[1]:g}, |z| <= {box[2]:g} m; "
+                "move it, or enlarge chaser.limits.keep_in"
+            )
+            problems.append((("chaser", "position"), message))
+        if problems:
+            raise misplaced(problems)
         return self

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from safe_inspect.dynamics import quaternion
@@ -13,6 +15,17 @@ def pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, translation
     return matrix
+
+
+def check_unit(name: str, quaternion: Sequence[float]) -> None:
+    """Check that a quaternion [x, y, z, w] is one of a rotation.
+
+    Raises:
+        ValueError: Its length is not 1.
+    """
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > 1e-3:
+        raise ValueError(f"{name} is no unit quaternion [x, y, z, w]: its length is {length:.6g}")
 
 
 def inverse(transform: FloatArray) -> FloatArray:

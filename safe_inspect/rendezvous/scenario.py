@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
+from safe_inspect.config.loading.located import LocatedDict, locate, path_text
+from safe_inspect.config.models.fields import written_values
+from safe_inspect.dynamics.quaternion import rotate
+from safe_inspect.dynamics.tumble import angular_acceleration, largest_rate, tumble
 from safe_inspect.errors import ConfigError, Problem
+from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearance
 from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.experiment import Rendezvous
 from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.plugins import PipelineEstimator
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+#: Turn of the target from frame to frame beyond which estimation was not flown [rad], by 8 deg/s and 1 Hz.
+_LARGEST_TURN = np.deg2rad(10.0)
+#: Time between the last inertial sample and a frame that moves a pose by less than its error [s].
+_LARGEST_LAG = 0.01
+#: Times at which the mating point's motion is looked at [s].
+_TIMES = np.arange(0.0, 600.0, 1.0)
+#: Units in which a bare number is easily taken for degrees.
+_ANGLES = ("rad", "rad/s")
+#: An hour [s], in which a chaser must be able to get to the target.
+_HOUR = 3600.0
+#: Missions whose tumbles are drawn to look at them.
+_MOST_DRAWN = 100
 
 
 def checked_target(config: RendezvousConfig) -> Target:
@@ -21,6 +46,9 @@ def checked_target(config: RendezvousConfig) -> Target:
     try:
         target: Target = config.target()
         principal = target.principal
+    except ConfigError as error:  # of a file, which is no key of the experiment
+        problems = [replace(problem, path=problem.path or "target.config") for problem in error.problems]
+        raise ConfigError(problems) from None
     except ValueError as error:
         raise ConfigError(Problem(str(error), "target.config")) from None
     point, path = target.mating_point, "target.config.mating_point"
@@ -64,3 +92,156 @@ def check_start(config: RendezvousConfig, target: Target, orientation: np.ndarra
     if spare < 0.0:
         message = f"the chaser would overlap the target by {-spare:.3g} m at the start"
         raise ConfigError(Problem(message, "chaser.position", hint="start farther away"))
+
+
+def mission_streams(config: RendezvousConfig, number: int) -> Streams:
+    """Return the random streams of a mission."""
+    return Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
+
+
+def check_scenario(experiment: Rendezvous, missions: int = 1) -> list[Problem]:
+    """Check an experiment before it is flown, and return what is doubtful in it, each with its place.
+
+    Args:
+        experiment: The experiment.
+        missions: Number of missions; the tumbles of the first hundred are drawn.
+
+    Raises:
+        ConfigError: It cannot be flown; with the place of the value.
+    """
+    config, tree = experiment.config, experiment.tree
+    try:
+        target = checked_target(config)
+        draws = [config.tumble(mission_streams(config, number)) for number in range(min(missions, _MOST_DRAWN))]
+        attitudes, rates = (np.array(values) for values in zip(*draws, strict=True))
+        check_start(config, target, attitudes[0])
+        _check_rates(config, target, rates)
+        doubts = [*_sensor_doubts(config, target, rates), *_motion_doubts(config, target, attitudes, rates)]
+    except ConfigError as error:
+        raise ConfigError([_placed(problem, tree) for problem in error.problems]) from None
+    return [*(_placed(doubt, tree) for doubt in doubts), *_bare_angles(tree)]
+
+
+def _placed(problem: Problem, tree: LocatedDict) -> Problem:
+    if problem.location is not None or not problem.path:
+        return problem
+    return replace(problem, location=locate(tree, problem.path.split(".")))
+
+
+def _bare_angles(tree: LocatedDict) -> Iterator[Problem]:
+    """Yield the numbers without a unit that are read as radians, and may be meant as degrees."""
+    for path, value, symbol in written_values("units", tree, RendezvousConfig):
+        if symbol in _ANGLES and isinstance(value, (int, float)) and value != 0.0:
+            degrees = f"{np.rad2deg(value):.4g} {symbol.replace('rad', 'deg')}"
+            message = f"{value:g} has no unit and is read as {value:g} {symbol}, which is {degrees}"
+            yield Problem(message, path_text(path), locate(tree, path), "write the unit")
+
+
+def _check_rates(config: RendezvousConfig, target: Target, rates: FloatArray) -> None:
+    """Check that steps of control follow the target and the chaser, and that the chaser can get there at all.
+
+    Raises:
+        ConfigError: They do not, or it cannot.
+    """
+    chaser, step, length = config.chaser, config.mission.step, config.mission.length
+    limits = chaser.limits
+    turn = max(math.hypot(*rate) for rate in rates) * step
+    way = math.hypot(*chaser.position) - math.hypot(*target.mating_point)
+    # Half of the way is flown with the largest acceleration, the rest against it.
+    reached = math.hypot(*chaser.velocity) * _HOUR + 0.25 * math.sqrt(3.0) * limits.force / chaser.mass * _HOUR**2
+    moved, turned = (
+        0.5 * step**2 * ratio for ratio in (limits.force / chaser.mass, limits.torque / min(chaser.inertia))
+    )
+    problems = []
+    if not turn < math.pi:
+        message = f"the target turns by {math.degrees(turn):.3g} deg in a step of control of {step:g} s"
+        problems.append(
+            Problem(message, _rate_path(config), hint="lower the rate; less than half a turn can be followed")
+        )
+    if not reached >= way:
+        message = (
+            f"{limits.force:g} N move {chaser.mass:g} kg by {reached:.2g} m in an hour; the target is {way:.2g} m away"
+        )
+        problems.append(Problem(message, "chaser.mass", hint="correct it, or chaser.limits.force"))
+    if not moved <= length:
+        message = f"{limits.force:g} N move {chaser.mass:g} kg by {moved:.2g} m in a step of control of {step:g} s"
+        problems.append(Problem(message, "chaser.mass", hint="correct it, or chaser.limits.force"))
+    if not turned <= math.pi:
+        message = f"{limits.torque:g} N m turn it by {math.degrees(turned):.2g} deg in a step of control of {step:g} s"
+        problems.append(Problem(message, "chaser.inertia", hint="correct it, or chaser.limits.torque"))
+    if problems:
+        raise ConfigError(problems)
+
+
+def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) -> Iterator[Problem]:
+    """Yield what makes it doubtful that the sensors show the target.
+
+    Raises:
+        ConfigError: The camera cannot see it from the start.
+    """
+    estimator, mission = config.estimator, config.mission
+    if not isinstance(estimator, PipelineEstimator):
+        return
+    reach, path = estimator.camera.geometry.largest_range, "chaser.position"
+    distance = float(np.linalg.norm(config.chaser.position))
+    nearest = distance - target.swept_radius - float(np.linalg.norm(config.chaser.camera_position))
+    seen = f"the target's centre is {distance:.3g} m away, and the camera measures up to {reach:g} m"
+    if nearest > reach:
+        raise ConfigError(Problem(f"{seen}: it sees nothing of the target", path, hint="start nearer"))
+    if distance > reach:
+        yield Problem(f"{seen}: it sees a part of the target at most", path, hint="start nearer")
+    frame_ticks = round(estimator.frame_period / mission.tick)
+    lag = (estimator.imu_ticks - math.gcd(estimator.imu_ticks, frame_ticks)) * mission.tick
+    if lag > _LARGEST_LAG:
+        yield Problem(
+            f"the last inertial sample is up to {1e3 * lag:g} ms older than a frame",
+            "estimator.config.imu_ticks",
+            hint=f"take a divisor of the {frame_ticks} ticks between two frames",
+        )
+    turn = float(largest_rate(target.principal, rates).max()) * estimator.frame_period
+    if turn > _LARGEST_TURN:
+        yield Problem(
+            f"the target turns by up to {np.rad2deg(turn):.3g} deg from frame to frame; estimation is tested up to "
+            f"{np.rad2deg(_LARGEST_TURN):.3g} deg",
+            _rate_path(config),
+            hint="lower the rate, or estimator.config.frame_period",
+        )
+    if not estimator.known_target:
+        yield Problem(
+            "without the known shape the directions of the axes stay open, and no approach is planned",
+            "estimator.config.known_target",
+        )
+
+
+def _motion_doubts(
+    config: RendezvousConfig, target: Target, attitudes: FloatArray, rates: FloatArray
+) -> Iterator[Problem]:
+    """Yield a problem where the mating point moves too fast at all times for the chaser to stay there."""
+    limits, m = config.chaser.limits, target.mating_point
+    fastest = max(map(abs, config.chaser.velocity))
+    if fastest > limits.tracking_speed:
+        yield Problem(
+            f"the chaser starts at {fastest:g} m/s along an axis, and tracking keeps {limits.tracking_speed:g} m/s",
+            "chaser.velocity",
+            hint="start slower, or raise chaser.limits.tracking_speed",
+        )
+    q, w = tumble(target.principal, attitudes, rates, _TIMES)
+    turning = np.cross(w, m)
+    pull = np.cross(angular_acceleration(target.principal, w), m) + np.cross(w, turning)
+    speed = np.abs(rotate(q, turning)).max(axis=-1)
+    force = config.chaser.mass * np.abs(rotate(q, pull)).max(axis=-1)
+    never = np.flatnonzero(~((speed <= limits.speed) & (force <= limits.planned_force)).any(axis=1))
+    if len(never):
+        first = never[0]
+        which = "" if len(attitudes) == 1 else f" in {len(never)} of {len(attitudes)} missions, such as {first},"
+        yield Problem(
+            f"the mating point moves{which} at {speed[first].min():.3g} m/s and takes {force[first].min():.3g} N to "
+            f"follow at least, along an axis; the limits are {limits.speed:g} m/s and {limits.planned_force:g} N",
+            _rate_path(config),
+            hint="lower the rate, or move the mating point inwards",
+        )
+
+
+def _rate_path(config: RendezvousConfig) -> str:
+    names = [name for name in ("rate", "largest_rate") if name in type(config.tumble).model_fields]
+    return ".".join(["tumble", *(["config", names[0]] if names else [])])

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, log, multiply, rotate
+from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.dynamics.tumble import classify
 from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.estimation.consistency import relative_error
 from safe_inspect.rendezvous.log import MissionLog
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.target.model import Target
@@ -31,14 +32,20 @@ def summarise_mission(
         cause: Why the mission has failed.
 
     Returns:
-        ``success``: it has stayed there in truth, and touched nothing; ``cause``, ``time`` [s], ``time_on_approach``
-        [s], ``least_clearance`` between the chaser's sphere
+        ``success``: it has stayed there in truth, touched nothing, and never left the keep-in box; ``cause``,
+        ``time`` [s], ``time_on_approach`` [s], ``least_clearance`` between the chaser's sphere
         and the target's boxes at all ticks [m], ``mating_position_error`` [m] and ``mating_speed_error`` [m/s] at the
         end, ``delta_v`` [m/s], ``largest_force`` along an axis [N], ``largest_gauge``: the distance from the true
         reference along an axis relative to the tube's half width, ``plans`` that were made, ``planning_time`` [s],
-        ``worst_status`` of the tracker, ``attitude_error`` of the target's estimate, its largest [rad],
+        ``worst_status`` of the tracker, ``attitude_error`` of the target as the chaser sees it [rad] and
+        ``nees`` of its attitude and rate (squared error over covariance, 6 expected), both when its motion is first
+        characterised, null where it never is and without a covariance,
         ``tumble_axis`` that the target turns about (0: at a constant rate), ``tumble_rate`` at the start [rad/s],
-        ``detail``: why the last plan or tube was refused; null without.
+        ``detail``: why the last plan or tube was refused; null without, ``keep_in_excursion``: how far the chaser was
+        outside of the keep-in box at most [m], null without a box, ``contact_speed`` relative to the target's surface
+        where they first touch [m/s]; null without contact, ``given_up``: whether the chaser has left the target for
+        good, and at the end its ``final_speed`` [m/s], its distance ``final_range`` from the target's centre of mass
+        [m], and ``final_range_rate`` [m/s], which is positive where it flies away.
     """
     arrays = mission_log.arrays()
     mission = config.mission
@@ -51,7 +58,9 @@ def summarise_mission(
         success, cause = False, f"contact with the target{f' ({cause})' if cause else ''}"
     elif success and not (position[-1] <= mission.hold_position and speed[-1] <= mission.hold_speed):
         success, cause = False, "the estimate was at the mating point, and the chaser was not"
-    difference = log(multiply(conjugate(arrays["target_q"]), arrays["estimated_target_q"]))
+    excursion = _excursion(arrays, config)
+    if success and excursion:
+        success, cause = False, f"outside of the keep-in box by {excursion:.2g} m"
     return {
         "success": success,
         "cause": cause,
@@ -66,12 +75,58 @@ def summarise_mission(
         "plans": len(plans),
         "planning_time": float(sum(plan.get("seconds") or 0.0 for plan in plans)),
         "worst_status": int(arrays["status"][moves].max()) if moves.any() else None,
-        "attitude_error": float(np.linalg.norm(difference, axis=1).max()),
+        **_consistency(arrays),
         "tumble_axis": int(classify(target.principal, arrays["target_w"][:1]).axis[0]),
         "tumble_rate": float(np.linalg.norm(arrays["target_w"][0])),
         "detail": "" if success else _last_refusal(mission_log),
         "escape_missing": sum(event["event"] == "no_escape" for event in mission_log.events),
+        "keep_in_excursion": excursion,
+        "contact_speed": _contact_speed(arrays),
+        "given_up": bool(arrays["state"][-1] == list(Phase).index(Phase.DEPART)),
+        **_final_motion(arrays["x"][-1]),
     }
+
+
+def _excursion(arrays: dict[str, AnyArray], config: RendezvousConfig) -> float | None:
+    """Return how far the chaser was outside of the keep-in box at most [m]; None without a box."""
+    keep_in = config.chaser.limits.keep_in
+    if keep_in is None:
+        return None
+    return max(float((np.abs(arrays["x"][:, :3]) - np.array(keep_in)).max()), 0.0)
+
+
+def _contact_speed(arrays: dict[str, AnyArray]) -> float | None:
+    """Return the chaser's speed relative to the target's body in the first step with a contact [m/s]."""
+    touching = np.flatnonzero(arrays["clearance"] <= 0.0)
+    if not len(touching):
+        return None
+    x, w = arrays["x"][touching[0]], rotate(arrays["target_q"][touching[0]], arrays["target_w"][touching[0]])
+    return float(np.linalg.norm(x[3:] - np.cross(w, x[:3])))
+
+
+def _final_motion(x: FloatArray) -> dict[str, float]:
+    """Return speed [m/s], range [m] and range rate [m/s] of a state in W."""
+    distance = float(np.linalg.norm(x[:3]))
+    return {
+        "final_speed": float(np.linalg.norm(x[3:])),
+        "final_range": distance,
+        "final_range_rate": float(x[:3] @ x[3:]) / distance,
+    }
+
+
+def _consistency(arrays: dict[str, AnyArray]) -> dict[str, float | None]:
+    """Return the error of attitude and the NEES at the first step after the target was characterised."""
+    order = [*Phase]
+    known = np.isin(
+        arrays["state"], [order.index(phase) for phase in (Phase.PLAN, Phase.BOUND, Phase.WAIT, Phase.TRACK)]
+    )
+    if not known.any():
+        return {"attitude_error": None, "nees": None}
+    k = int(np.argmax(known))
+    error = relative_error(
+        (arrays["estimated_q"][k], arrays["estimated_target_q"][k]), (arrays["q"][k], arrays["target_q"][k])
+    )
+    return {"attitude_error": float(np.linalg.norm(error)), "nees": float(arrays["nees"][k])}
 
 
 def _last_refusal(mission_log: MissionLog) -> str:

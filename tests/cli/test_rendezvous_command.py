@@ -62,5 +62,26 @@ def test_missions_in_two_processes_are_those_of_one(tmp_path: Path, capsys: pyte
         assert main([*again, "seed=1"]) == 2
         assert "holds missions of another experiment (seed: 0 there, 1 here)" in capsys.readouterr().err
         assert main(["rendezvous", _FILE, *limited, "--output", str(folder)]) == 2
-        assert "holds the missions of a campaign" in capsys.readouterr().err
+        assert "the folder exists already" in capsys.readouterr().err
+        assert main(["rendezvous", _FILE, *limited, "--output", str(folder), "--force"]) == 2
+        assert "nothing in this folder says that `rendezvous` wrote it" in capsys.readouterr().err
     assert tables[0].equals(tables[1])
+
+
+def test_a_mission_says_how_it_stands_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rendezvous", _FILE, "mission.time_limit=35 s"]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "loading; compiling takes a minute where this machine has not done it yet"
+    told = [line for line in lines if "from the target's centre" in line]
+    assert [line.split()[0] for line in told] == ["0.0", "10.0", "20.0", "30.0"]
+    assert told[0].endswith("s  CHECKOUT, 1.50 m from the target's centre; attitude within 0 deg, rate within 0 deg/s")
+    assert "OBSERVE, 1.50 m" in told[1]
+
+
+def test_what_is_doubtful_is_printed_before_the_flight(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("validate", "rendezvous"):
+        main([command, _FILE, "tumble.config.rate=0.08", "mission.time_limit=1 s"])
+        err = capsys.readouterr().err
+        assert "warning: command line: tumble.config.rate=0.08 tumble.config.rate: 0.08 has no unit" in err
+    assert main(["validate", _FILE, "chaser.position=[0 m, -0.3 m, 0 m]"]) == 2
+    assert "chaser.position: the chaser would overlap the target" in capsys.readouterr().err

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from safe_inspect.cli.main import main
+from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous
+from safe_inspect.rendezvous.mission import Mission
 
 from .test_experiment import SHIPPED
 
@@ -99,3 +102,56 @@ def test_a_damaged_campaign_is_one_message(
     capsys.readouterr()
     assert main(command) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("chaser.mass=1e30 kg", "chaser.mass: 0.3 N move 1e+30 kg by"),
+        ("chaser.mass=1e-30 kg", "chaser.mass: 0.3 N move 1e-30 kg by"),
+        ("chaser.inertia=[1e-300 kg m^2, 1e-300 kg m^2, 1e-300 kg m^2]", "chaser.inertia: 0.025 N m turn it by"),
+        ("tumble.config.rate=1e308 rad/s", "tumble.config.rate: the target turns by inf deg in a step of control"),
+        ("tumble.config.rate=1000 deg/s", "tumble.config.rate: the target turns by 200 deg in a step of control"),
+        (
+            "mission.tick=1e-9 s",
+            "mission: tick times control_ticks, a step of control, is 2.5e-08 s; it is 0.02 to 1 s",
+        ),
+        ("mission.wait_step=1e-9 s", "mission: wait_step: 1e-09 s is no multiple of the step of control"),
+        ("mission.wait_limit=1e9 s", "mission: wait_limit (1e+09 s) is more than 1,000 times wait_step (1 s)"),
+        ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s are more than 5,000 steps of control"),
+        ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s are more than 5,000 steps of control"),
+        ("chaser.limits.cone=200 deg", "chaser.limits.cone: wants a number of 3.14159265358979 or less"),
+        ("target={functor: MeshTarget, config: {path: FILES/text}}", "text: the mesh cannot be read (file_type"),
+        ("target={functor: MeshTarget, config: {path: FILES/bad.ply}}", "bad.ply: the mesh cannot be read"),
+        ("target={functor: MeshTarget, config: {path: FILES/bad.obj}}", "bad.obj: the mesh cannot be read"),
+        ("estimator={functor: PipelineEstimator, config: {imu: {rate: 0.0}}}", "imu: rate is 0; an estimator needs"),
+        (
+            "estimator={functor: PipelineEstimator, config: {imu: {rate_walk: -1.0}}}",
+            "imu: rate_walk is -1; an estimator",
+        ),
+    ],
+)
+def test_what_would_hang_or_fail_in_flight_is_refused_before(
+    override: str, message: str, files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (files / "text").write_text("root:x:0:0")
+    (files / "bad.ply").write_text("ply\nformat ascii 1.0\nelement vertex 3\nend_header\n")
+    (files / "bad.obj").write_text("v 0 0\nf 1 2 9\n")
+    override = override.replace("FILES", str(files))
+    assert main(["validate", str(SHIPPED), override]) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.startswith(f"error: command line: {override}")
+
+
+def test_calls_from_python_say_what_they_take() -> None:
+    experiment = load_rendezvous(SHIPPED)
+    with pytest.raises(TypeError, match=r"a mission is made of a RendezvousConfig, `load_rendezvous\(FILE\)\.config`"):
+        Mission(experiment)  # type: ignore[arg-type]
+    for number in (-1, 1.5):
+        with pytest.raises(ValueError, match="the number of a mission is a whole number of 0 or more"):
+            Mission(experiment.config, number)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"overrides are a list of texts; write \['seed=3'\]"):
+        load_rendezvous(SHIPPED, "seed=3")
+    with pytest.raises(ConfigError, match="a configuration is a mapping of keys to values, not None"):
+        build_rendezvous(None)

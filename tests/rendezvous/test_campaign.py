@@ -52,7 +52,7 @@ def test_a_campaign_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: py
     flown.append(-1)
     found = fly_missions(experiment, 4, None, tmp_path, lambda *done: shown.append(done))
     assert flown == [0, 1, -1, 2, 3]
-    assert shown == [(1, 2), (2, 2)]
+    assert shown == [(0, 2), (1, 2), (2, 2)]
     assert _timeless(found) == _timeless(fly_missions(experiment, 4))
     assert fly_missions(experiment, 3, None, tmp_path) == found[:3]
     assert (tmp_path / "mission_0003" / "log.npz").is_file()

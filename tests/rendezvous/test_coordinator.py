@@ -9,6 +9,9 @@ from safe_inspect.rendezvous.coordination import guards
 from safe_inspect.rendezvous.coordination.coordinator import FINAL, Coordinator, Phase, TableRow
 from safe_inspect.rendezvous.coordination.table import TABLE
 
+#: States of a chaser that leaves the target.
+_LEAVING = {Phase.RETREAT, Phase.DEPART}
+
 
 def test_every_state_has_a_way_out_and_the_final_ones_none() -> None:
     for state in Phase:
@@ -26,11 +29,20 @@ def test_every_state_is_reached_and_every_state_leads_to_an_end() -> None:
 
 def test_a_mission_out_of_time_ends_in_every_state() -> None:
     far = {Phase.CHECKOUT, Phase.OBSERVE, Phase.CHARACTERISE}
-    for state in set(Phase) - FINAL - {Phase.RETREAT}:
+    for state in set(Phase) - FINAL - _LEAVING:
         first = next(row for row in TABLE if row.state is state)
         assert first.guard is guards.out_of_time
-        assert first.next is (Phase.ABORTED if state in far else Phase.RETREAT)
+        assert first.next is (Phase.DEPART if state in far else Phase.RETREAT)
     assert guards.retreat_too_long in [row.guard for row in TABLE if row.state is Phase.RETREAT]
+
+
+def test_a_fault_leads_to_a_retreat_from_every_state():
+    for state in set(Phase) - FINAL - _LEAVING:
+        assert {row.guard: row.next for row in TABLE if row.state is state}[guards.fault] is Phase.RETREAT
+
+
+def test_a_mission_that_is_given_up_has_departed():
+    assert {row.state for row in TABLE if row.next is Phase.ABORTED} == {Phase.DEPART}
 
 
 def _row(state: Phase, guard: str, following: Phase, action: str = "") -> TableRow[dict[str, int]]:
@@ -79,20 +91,24 @@ def test_a_circle_in_the_table_is_an_error() -> None:
 def test_a_changed_motion_ends_what_was_decided_on_it(phase):
     mission = SimpleNamespace(imu_silence=0.2, camera_silence=5.0, update_period=1.0)
     estimate = SimpleNamespace(
-        translation=np.zeros(6), target=SimpleNamespace(orientation=np.array([0.0, 0.0, 0.0, 1.0])), alarm="changed",
+        translation=np.zeros(6), relative=np.array([0.0, -2.9, 0.0, 0.0, 0.0, 0.0]),
+        target=SimpleNamespace(orientation=np.array([0.0, 0.0, 0.0, 1.0])), alarm="changed",
         updated=94.0,
     )  # fmt: skip
     context = SimpleNamespace(
         config=SimpleNamespace(mission=mission), estimate=estimate, time=100.0, imu_time=100.0, camera_time=100.0,
-        phase=phase, clearance=lambda: 1.0,
+        phase=phase, clearance=lambda: 1.0, limits=SimpleNamespace(keep_in=np.array([0.8, 3.0, 0.8])),
     )  # fmt: skip
     decided = phase in (Phase.PLAN, Phase.WAIT, Phase.TRACK, Phase.MP_HOLD)
     assert guards.fault_name(context) == ("changed" if decided else "")
     context.estimate.alarm = ""
     assert guards.fault_name(context) == ""
     context.estimate.updated = 93.0
-    near = phase in (Phase.TRACK, Phase.MP_HOLD)
-    assert guards.fault_name(context) == ("target not seen" if near else "")
+    assert guards.fault_name(context) == "target not seen"
+    context.estimate.updated, context.camera_time = 94.0, 94.9
+    assert guards.fault_name(context) == "camera silent"
+    context.camera_time, context.estimate.relative = 100.0, np.array([0.81, -1.5, 0.0, 0.0, 0.0, 0.0])
+    assert guards.fault_name(context) == "outside of the keep-in box"
 
 
 @pytest.mark.parametrize(("mismatch", "done"), [(0.01, True), (0.05, False), (np.inf, False)])
@@ -105,3 +121,28 @@ def test_a_mission_is_done_only_where_the_newest_frames_agree(mismatch, done):
     assert guards.settled(context) is done
     context.settled_since = 96.0
     assert not guards.settled(context)
+
+
+@pytest.mark.parametrize(("seen", "poses", "returns"), [(98.0, 5, True), (97.5, 50, False), (100.0, 4, False)])
+@pytest.mark.parametrize("guard", [guards.may_return, guards.may_resume])
+def test_a_chaser_watches_again_only_where_it_sees_the_target(monkeypatch, guard, seen, poses, returns):
+    """Else the next guard would spend its only return at once."""
+    monkeypatch.setattr(guards, "escaped", lambda context: True)
+    limits = SimpleNamespace(keep_in=None)
+    context = SimpleNamespace(
+        config=SimpleNamespace(mission=SimpleNamespace(update_period=1.0, time_limit=900.0)), time=100.0,
+        estimate=SimpleNamespace(updated=seen), has_retreated=False, has_resumed=False, awaits_poses=True,
+        fails=lambda kind: False, poses=poses, limits=limits,
+    )  # fmt: skip
+    assert guard(context) is returns
+
+
+def test_a_chaser_waits_once_for_poses_on_its_way_out_and_not_where_it_has_them():
+    context = SimpleNamespace(
+        config=SimpleNamespace(mission=SimpleNamespace(departure_limit=60.0, time_limit=900.0)), time=100.0,
+        elapsed=10.0, push=np.zeros(3), has_resumed=False, awaits_poses=True,
+    )  # fmt: skip
+    assert not guards.departed(context)
+    for change in ({"awaits_poses": False}, {"has_resumed": True}, {"elapsed": 60.0}, {"time": 900.0}):
+        assert guards.departed(SimpleNamespace(**{**vars(context), **change})), change
+    assert not guards.departed(SimpleNamespace(**{**vars(context), "elapsed": 60.0, "push": np.full(3, 0.01)}))

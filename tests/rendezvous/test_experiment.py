@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError, MissingLibraryError
 from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous
 from safe_inspect.rendezvous.libraries import require
+from safe_inspect.rendezvous.recording.target_file import read_target
+from safe_inspect.rendezvous.scenario import check_scenario
 
 SHIPPED = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
 
@@ -58,10 +61,136 @@ def test_overrides_are_checked() -> None:
         load_rendezvous(SHIPPED, ["chaser.limits.planned_force=0.4 N"])
     with pytest.raises(ConfigError, match="multiple of control_ticks"):
         load_rendezvous(SHIPPED, ["mission.update_ticks=130"])
-    with pytest.raises(ConfigError, match=r"plans are sampled every 0\.2 s"):
-        load_rendezvous(SHIPPED, ["mission.tick=10 ms"])
+    with pytest.raises(
+        ConfigError, match=r"tick times control_ticks, a step of control, is 1\.25 s; it is 0\.02 to 1 s"
+    ):
+        load_rendezvous(SHIPPED, ["mission.tick=50 ms"])
+    with pytest.raises(ConfigError, match=r"wait_step: 1 s is no multiple of the step of control, 0\.4 s"):
+        load_rendezvous(SHIPPED, ["mission.control_ticks=50", "mission.update_ticks=150"])
     with pytest.raises(ConfigError, match=r"durations: 60\.1 s is no multiple"):
         load_rendezvous(SHIPPED, ["mission.durations=[60.1 s]"])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "where", "message"),
+    [
+        (["bound.config.epsilon=0.001"], "bound.config.epsilon", r"0\.001 needs 999 trials, and `trials` is 200"),
+        (
+            ["estimator.config.frame_period=0.3 s"],
+            "estimator.config.frame_period",
+            r"0\.3 s is no multiple of the step",
+        ),
+        (["estimator.config.imu_ticks=26"], "estimator.config.imu_ticks", "more than a step of control has, 25"),
+        (["chaser.position=[0 m, -3.5 m, 0 m]"], "chaser.position", "the start is outside of the keep-in box"),
+        (["tumble.config.attitude=[1, 1, 1, 1]"], "tumble.config.attitude", "no unit quaternion .* its length is 2"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_when_the_file_is_checked(overrides, where, message) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_rendezvous(SHIPPED.with_name("experiment.yml"), overrides)
+    (problem,) = caught.value.problems
+    assert problem.path == where
+    assert problem.location is not None
+    assert problem.location.text == overrides[0]
+
+
+def test_a_mistake_of_merged_mappings_stands_where_its_value_was_written(tmp_path: Path) -> None:
+    (tmp_path / "base.yml").write_text("mass: 9 kg\nlimits:\n  planned_force: 0.1 N\n  force: 0.3 N\n")
+    (tmp_path / "experiment.yml").write_text(
+        "seed: 0\nchaser:\n  - !include ./base.yml\n  - radius: 0.2 m\n    limits: {planned_force: 0.4 N}\n"
+    )
+    with pytest.raises(ConfigError, match=r"experiment\.yml:5 chaser\.limits: planned_force"):
+        load_rendezvous(tmp_path / "experiment.yml")
+    with pytest.raises(ConfigError, match=r"command line: chaser\.limits\.force=0\.4 N chaser\.limits: planned_force"):
+        load_rendezvous(tmp_path / "experiment.yml", ["chaser.limits.force=0.4 N"])
+    with pytest.raises(ConfigError, match=r"command line: chaser\.inertia=.* chaser: inertia: no body"):
+        load_rendezvous(SHIPPED, ["chaser.inertia=[1 kg m^2, 1 kg m^2, 5 kg m^2]"])
+
+
+def test_a_key_that_no_file_has_may_be_given_on_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "experiment.yml").write_text("seed: 3\n\ntumble: FlatSpin\n")
+    overrides = ["mission.observe=5 s", "planner.config.samples=61", "bound=MaxSampleBound", "plugin_paths=[json]"]
+    config = load_rendezvous(tmp_path / "experiment.yml", overrides).config
+    assert (config.mission.observe, config.planner.samples, config.plugin_paths) == (5.0, 61, ("json",))
+    assert type(config.bound).__name__ == "MaxSampleBound"
+
+
+def _doubts(*overrides: str, missions: int = 1) -> list[str]:
+    return [str(doubt) for doubt in check_scenario(load_rendezvous(_SENSORS, overrides), missions)]
+
+
+_SENSORS = SHIPPED.with_name("experiment.yml")
+_ROOM = "chaser.limits.keep_in=[9 m, 9 m, 9 m]"
+
+
+def test_the_shipped_experiments_are_not_doubted() -> None:
+    for file in SHIPPED.parent.glob("experiment*.yml"):
+        assert check_scenario(load_rendezvous(file)) == []
+    assert _doubts("tumble={functor: RandomTumble}", missions=100) == []
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (
+            ["estimator.config.imu_ticks=7"],
+            r"imu_ticks: the last inertial sample is up to 48 ms older than a frame; take",
+        ),
+        ([_ROOM, "chaser.position=[0 m, -4.5 m, 0 m]"], r"chaser\.position: the target's centre is 4\.5 m away"),
+        (["estimator.config.known_target=false"], "known_target: without the known shape .* no approach is planned"),
+        (
+            ["tumble.config.rate=15 deg/s", "chaser.limits.speed=9 m/s"],
+            r"tumble\.config\.rate: the target turns by up to",
+        ),
+        (
+            ["estimator=TruthEstimator", "tumble.config.rate=30 deg/s"],
+            r"the mating point moves at .* m/s and takes .* N",
+        ),
+        (["tumble.config.rate=0.0872"], r"0\.0872 has no unit and is read as 0\.0872 rad/s, which is 4\.996 deg/s"),
+        (["chaser.limits.cone=1.2"], r"chaser\.limits\.cone: 1\.2 has no unit .* 68\.75 deg; write the unit"),
+    ],
+)
+def test_what_is_doubtful_is_said_before_the_flight_with_its_place(overrides, message) -> None:
+    (doubt,) = _doubts(*overrides)
+    assert re.search(message, doubt)
+    assert doubt.startswith("command line: ")
+
+
+def test_a_target_that_the_camera_cannot_see_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"command line: .* chaser\.position: .* it sees nothing of the target"):
+        _doubts(_ROOM, "chaser.position=[0 m, -5.5 m, 0 m]")
+
+
+def test_tumbles_of_many_missions_are_drawn() -> None:
+    random = "tumble={functor: RandomTumble, config: {least_rate: 2 deg/s, largest_rate: 40 deg/s}}"
+    (doubt,) = _doubts("estimator=TruthEstimator", random, missions=20)
+    assert re.search(r"the mating point moves in \d+ of 20 missions, such as \d+, at", doubt)
+
+
+def test_a_file_that_a_plugin_reads_is_found_beside_the_file_that_names_it(tmp_path: Path, monkeypatch) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    shapes, parts, elsewhere = (tmp_path / name for name in ("shapes", "parts", "elsewhere"))
+    for folder in (shapes, parts, elsewhere):
+        folder.mkdir()
+    trimesh.creation.box((0.4, 0.3, 0.2)).export(shapes / "body.stl")
+    trimesh.creation.box((0.8, 0.3, 0.2)).export(elsewhere / "other.stl")
+    (parts / "target.yml").write_text(
+        "functor: MeshTarget\nconfig: {path: ../shapes/body.stl, mating_point: [0 m, 0 m, 0.6 m]}\n"
+    )
+    (tmp_path / "experiment.yml").write_text("seed: 0\ntarget: !include ./parts/target.yml\n")
+    monkeypatch.chdir(elsewhere)
+    experiment = load_rendezvous("../experiment.yml")
+    assert experiment.config.target.path == str(shapes / "body.stl")
+    (tmp_path / "resolved.yml").write_text(experiment.text)
+    monkeypatch.chdir("/")
+    assert load_rendezvous(tmp_path / "resolved.yml").config.target().swept_radius == pytest.approx(0.2693, abs=1e-4)
+    assert read_target(tmp_path / "experiment.yml").swept_radius == pytest.approx(0.2693, abs=1e-4)
+    # A name on the command line is relative to the working directory.
+    monkeypatch.chdir(elsewhere)
+    own = load_rendezvous(tmp_path / "experiment.yml", ["target.config.path=other.stl"]).config.target
+    assert own.path == str(elsewhere / "other.stl")
+    missing = load_rendezvous(tmp_path / "experiment.yml", ["target.config.path=none.stl"]).config.target
+    assert missing.path == str(elsewhere / "none.stl")
 
 
 def test_a_library_that_is_not_installed_is_named_with_the_extra() -> None:

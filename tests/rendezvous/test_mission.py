@@ -14,7 +14,8 @@ from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
 from safe_inspect.rendezvous.mission import Mission, MissionResult
-from safe_inspect.rendezvous.replay import replay
+from safe_inspect.rendezvous.recording.replay import replay
+from safe_inspect.rendezvous.summary import summarise_mission
 
 from .test_experiment import SHIPPED
 
@@ -93,16 +94,17 @@ def _ends_with(result: MissionResult, *phases: str) -> None:
 @pytest.mark.parametrize(
     ("overrides", "phases", "cause"),
     [
-        (["mission.faults=[{kind: camera, start: 0 s, duration: 100 s}]"], ["ABORTED"], "given up in CHECKOUT"),
+        (["mission.faults=[{kind: camera, start: 0 s, duration: 100 s}]"], ["DEPART", "ABORTED"], "camera silent"),
+        (["mission.faults=[{kind: imu, start: 0 s, duration: 100 s}]"], ["DEPART", "ABORTED"], "given up in CHECKOUT"),
         (
             ["mission.faults=[{kind: planner, start: 0 s, duration: 100 s}]"],
-            ["RETREAT", "ABORTED"],
+            ["RETREAT", "DEPART", "ABORTED"],
             "retreat from PLAN",
         ),
-        (["mission.observe=400 s", "mission.time_limit=3 s"], ["ABORTED"], "given up in OBSERVE"),
-        (["chaser.limits.planned_force=0.01 N"], ["RETREAT", "ABORTED"], "retreat from PLAN"),
+        (["mission.observe=400 s", "mission.time_limit=3 s"], ["DEPART", "ABORTED"], "given up in OBSERVE"),
+        (["chaser.limits.planned_force=0.01 N"], ["RETREAT", "DEPART", "ABORTED"], "retreat from PLAN"),
     ],
-    ids=["camera", "planner", "time", "no plan"],
+    ids=["camera", "imu", "planner", "time", "no plan"],
 )
 def test_a_fault_ends_the_mission_in_safety(overrides: list[str], phases: list[str], cause: str) -> None:
     result = Mission(_load(*overrides).config).run()
@@ -110,6 +112,9 @@ def test_a_fault_ends_the_mission_in_safety(overrides: list[str], phases: list[s
     assert result.summary["success"] is False
     assert result.summary["cause"] == cause
     assert result.summary["least_clearance"] > 0.2
+    assert result.summary["given_up"]
+    assert result.summary["final_speed"] == pytest.approx(0.02, abs=0.003)
+    assert result.summary["final_range_rate"] == pytest.approx(result.summary["final_speed"], abs=1e-3)
 
 
 @pytest.mark.slow
@@ -117,7 +122,7 @@ def test_a_fault_ends_the_mission_in_safety(overrides: list[str], phases: list[s
 def test_a_sensor_that_fails_on_the_approach_leads_to_a_clear_retreat(kind: str, cause: str) -> None:
     fault = f"mission.faults=[{{kind: {kind}, start: 45 s, duration: 900 s}}]"
     result = Mission(_load("mission.wait_limit=0 s", *_ERRORS, fault).config, 2).run()
-    _ends_with(result, "RETREAT", "ABORTED")
+    _ends_with(result, "RETREAT", "DEPART", "ABORTED")
     assert result.summary["cause"] == cause
     assert result.summary["least_clearance"] > 0.0
     assert result.summary["escape_missing"] == 0
@@ -127,7 +132,7 @@ def test_a_sensor_that_fails_on_the_approach_leads_to_a_clear_retreat(kind: str,
 @pytest.mark.slow
 def test_a_mission_that_is_out_of_time_on_the_approach_retreats() -> None:
     result = Mission(_load(*_SHORT, *_ERRORS, "mission.time_limit=30 s").config, 2).run()
-    _ends_with(result, "TRACK", "RETREAT", "ABORTED")
+    _ends_with(result, "TRACK", "RETREAT", "DEPART", "ABORTED")
     assert result.summary["cause"] == "out of time in TRACK"
     assert result.summary["least_clearance"] > 0.0
     assert np.linalg.norm(result.log.arrays()["x"][-1, :3]) > 1.5
@@ -207,3 +212,47 @@ def test_missions_of_a_campaign_are_those_flown_alone(tmp_path: Path) -> None:
     ]
     assert "2 of 2 missions succeeded" in missions_table(summaries)
     assert "success" in mission_table(alone)
+
+
+def test_a_chaser_that_leaves_the_keep_in_box_comes_back() -> None:
+    """At 0.3 m/s it cannot brake within 0.8 m."""
+    result = Mission(_load("chaser.velocity=[0.3 m/s, 0 m/s, 0 m/s]", "mission.time_limit=60 s").config).run()
+    left = [event for event in result.log.events if event["event"] == "transition" and event["data"]["to"] == "RETREAT"]
+    assert left[0]["data"]["guard"] == "fault"
+    arrays = result.log.arrays()
+    outside = np.abs(arrays["x"][:, 0]) > 0.8
+    assert arrays["t"][outside].min() - 0.25 < left[0]["t"] <= arrays["t"][outside].min() + 0.01
+    assert not outside[-1]
+    assert result.summary["keep_in_excursion"] == pytest.approx(np.abs(arrays["x"][:, 0]).max() - 0.8)
+
+
+def test_a_mission_that_left_the_keep_in_box_is_no_success(flown: MissionResult) -> None:
+    config = _load(*_SHORT, *_ERRORS).config
+    limits = config.chaser.limits.model_copy(update={"keep_in": (0.8, 1.4, 0.8)})  # without the check of the start
+    config = config.model_copy(update={"chaser": config.chaser.model_copy(update={"limits": limits})})
+    summary = summarise_mission(config, config.target(), flown.log, True, "")
+    assert flown.summary["keep_in_excursion"] == 0.0
+    assert summary["keep_in_excursion"] == pytest.approx(0.1, abs=0.01)
+    assert not summary["success"]
+    assert summary["cause"] == "outside of the keep-in box by 0.1 m"
+    assert summary["contact_speed"] is None
+    assert "excursion from the keep-in box      10 cm" in mission_table(summary)
+    assert not summary["given_up"]
+
+
+@pytest.mark.parametrize("rates", [("10 ms", 10, 100), ("10 ms", 50, 100)])
+def test_the_step_of_control_is_that_of_the_file(rates) -> None:
+    tick, control, update = rates
+    names = [f"mission.tick={tick}", f"mission.control_ticks={control}", f"mission.update_ticks={update}"]
+    result = Mission(_load(*_SHORT, *_ERRORS, *names, "mission.checkout=2 s").config, 2).run()
+    assert result.summary["success"], result.summary
+    step = 0.01 * control
+    np.testing.assert_allclose(np.diff(result.log.plans[0].times), step, rtol=1e-9)
+    np.testing.assert_allclose(np.diff(result.log.arrays()["t"]), step, rtol=1e-9)
+    assert result.summary["largest_gauge"] < 1.0
+
+
+def test_a_mission_is_watched_at_every_step(flown: MissionResult) -> None:
+    times: list[float] = []
+    result = Mission(_load("mission.time_limit=1 s").config, watch=lambda context: times.append(context.time)).run()
+    assert times == result.log.arrays()["t"].tolist()

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from safe_inspect.config.data import configs_root
-from safe_inspect.dynamics.cwh import system_matrices
+from safe_inspect.dynamics.cwh import system_matrices, transition
 from safe_inspect.dynamics.quaternion import conjugate, normalise, rotate
 from safe_inspect.dynamics.tide import to_hill
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
@@ -179,6 +179,12 @@ def test_the_chaser_leaves_where_the_camera_fails_on_the_approach() -> None:
     fault = "mission.faults=[{kind: camera, start: 150 s, duration: 5000 s}]"
     result = Mission(load_rendezvous(FILE, ["mission.observe=2 s", fault]).config, 0).run()
     phases = [event["data"]["to"] for event in result.log.events if event["event"] == "transition"]
-    assert phases[-2:] == ["RETREAT", "ABORTED"]
+    assert phases[-3:] == ["RETREAT", "DEPART", "ABORTED"]
     assert result.summary["least_clearance"] > 0.5
-    assert np.linalg.norm(result.log.arrays()["x"][-1, :3]) > 28.0
+    final = result.log.arrays()["x"][-1]
+    assert np.linalg.norm(final[:3]) > 28.0
+    # Free flight does not come back in a revolution.
+    hill = to_hill(N, result.summary["time"], final)
+    revolution = np.linspace(0.0, 2.0 * np.pi / N, 500)
+    ahead = np.array([transition(N, 1.0, time)[0] @ hill for time in revolution])
+    assert np.linalg.norm(ahead[:, :3], axis=1).min() > 27.0

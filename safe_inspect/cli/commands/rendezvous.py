@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TextIO
 
+import numpy as np
+
+from safe_inspect.cli.common import output_folder, print_doubts
 from safe_inspect.cli.episode_bar import EpisodeBar
-from safe_inspect.errors import ConfigError, Problem
-from safe_inspect.outputs import new_folder
-from safe_inspect.rendezvous.campaign.folder import CampaignFolder
+from safe_inspect.errors import ConfigError, OutputError, Problem
 from safe_inspect.rendezvous.campaign.missions import Flights, LocalFlights, fly_missions, write_missions
 from safe_inspect.rendezvous.campaign.tables import mission_table, missions_table
+from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
 from safe_inspect.rendezvous.mission import Mission
-from safe_inspect.rendezvous.scenario import checked_target
+from safe_inspect.rendezvous.scenario import check_scenario
+
+#: Time of a mission between two lines of progress [s], on a terminal and elsewhere.
+_TERMINAL_PERIOD, _PERIOD = 1.0, 10.0
 
 
 def run_rendezvous(arguments: argparse.Namespace) -> int:
@@ -26,11 +33,13 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         print(experiment.text, end="")
         return 0
-    checked_target(experiment.config)
+    print_doubts(check_scenario(experiment, arguments.missions or 1))
     if arguments.missions is None:
         if address is not None:
             raise ConfigError(Problem("Ray flies several missions", "address", hint="give --missions N, or remove it"))
-        return _fly_one(experiment, arguments.output)
+        return _fly_one(experiment, arguments)
+    if arguments.force:
+        raise OutputError("--force replaces the folder of one mission; --missions continue in theirs, so leave it out")
     flights: Flights = LocalFlights(arguments.workers)
     if address is not None:
         from safe_inspect.experiments.runs.missions import RayFlights  # Ray is loaded for those who ask for it
@@ -45,32 +54,66 @@ def _address(overrides: Sequence[str]) -> tuple[str | None, list[str]]:
     return addresses[-1] if addresses else None, [text for text in overrides if not text.startswith("address=")]
 
 
-def _fly_one(experiment: Rendezvous, output: Path | None) -> int:
-    if output is not None:
-        CampaignFolder.check_absent(output)
-    is_terminal = sys.stderr.isatty()
-
-    def show(time: float, before: Phase, guard: str, after: Phase) -> None:
-        line = f"{time:8.1f} s  {before.value} -> {after.value} ({guard})"
-        sys.stderr.write(f"\r{line}\x1b[K" if is_terminal else f"{line}\n")
-        sys.stderr.flush()
-
-    result = Mission(experiment.config, progress=show).run()
-    if is_terminal:
-        sys.stderr.write("\r\x1b[K")
-    if output is not None:
-        with new_folder(output) as folder:
+def _fly_one(experiment: Rendezvous, arguments: argparse.Namespace) -> int:
+    with output_folder(arguments) as folder:
+        lines = _MissionLines(sys.stderr)
+        try:
+            result = Mission(experiment.config, progress=lines.change, watch=lines.step).run()
+        finally:
+            lines.close()
+        if folder is not None:
             result.log.write(folder, experiment.text, result.summary)
     print(mission_table(result.summary))
-    if output is not None:
-        print(f"the log is in {output}")
+    if arguments.output is not None:
+        print(f"the log is in {arguments.output}")
     return 0 if result.summary["success"] else 1
+
+
+class _MissionLines:
+    """The progress of a mission: one line that is redrawn on a terminal, elsewhere a line every ten seconds of it."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._is_terminal = stream, stream.isatty()
+        self._next = 0.0
+
+    def change(self, time: float, before: Phase, guard: str, after: Phase) -> None:
+        """Show a change of state."""
+        self._show(f"{time:8.1f} s  {before.value} -> {after.value} ({guard})")
+
+    def step(self, context: MissionContext) -> None:
+        """Show how the mission stands, when it is time to."""
+        if context.time < self._next:
+            return
+        self._next = context.time + (_TERMINAL_PERIOD if self._is_terminal else _PERIOD)
+        estimate = context.estimate
+        distance = float(np.linalg.norm(estimate.relative[:3]))
+        known = estimate.problem or (
+            f"attitude within {math.degrees(estimate.errors.attitude):.2g} deg, "
+            f"rate within {math.degrees(estimate.errors.rate):.2g} deg/s"
+        )
+        self._show(f"{context.time:8.1f} s  {context.phase.value}, {distance:.2f} m from the target's centre; {known}")
+
+    def close(self) -> None:
+        """Remove the line from a terminal."""
+        if self._is_terminal:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
+
+    def _show(self, line: str) -> None:
+        self._stream.write(f"\r{line}\x1b[K" if self._is_terminal else f"{line}\n")
+        self._stream.flush()
 
 
 def _fly_many(experiment: Rendezvous, missions: int, flights: Flights, output: Path | None) -> int:
     bar = EpisodeBar("missions", sys.stderr)
+
+    def show(ended: int, count: int) -> None:
+        if ended == 0:
+            print(f"flying {count} missions; each takes from seconds to a minute", file=sys.stderr, flush=True)
+        bar.show(ended, count)
+
     try:
-        summaries = fly_missions(experiment, missions, flights, output, bar.show)
+        summaries = fly_missions(experiment, missions, flights, output, show)
         if output is not None:
             write_missions(output / "missions.parquet", summaries)
     except KeyboardInterrupt as stop:

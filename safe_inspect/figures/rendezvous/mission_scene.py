@@ -19,7 +19,7 @@ FLIGHT, PLANNED, TUBE, MATING, CAMERA = BLUE, VERMILION, SKY, GREEN, ORANGE
 #: Colours of the phases; what is not named takes no time.
 PHASE_COLOURS = {
     Phase.CHECKOUT: PALE, Phase.OBSERVE: SKY, Phase.WAIT: "#F0E442", Phase.TRACK: BLUE, Phase.MP_HOLD: GREEN,
-    Phase.RETREAT: VERMILION,
+    Phase.RETREAT: VERMILION, Phase.DEPART: VERMILION,
 }  # fmt: skip
 _TARGET_INK, _CHASER_INK = np.array([0.72, 0.75, 0.80]), np.array([0.98, 0.86, 0.60])
 #: Length of the camera's cone [m] for each metre of the chaser's radius.

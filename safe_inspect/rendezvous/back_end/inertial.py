@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +16,23 @@ _INTEGRATION = 1e-10
 _COASTING = (0.05, 0.01)
 #: Standard deviations of the bias at a jump [m/s^2, rad/s]; also densities of a noise that covers one over a second.
 BIAS_JUMP = (0.05, 1e-3)
+
+
+class BiasJump(NamedTuple):
+    """A jump of the biases between two frames.
+
+    Attributes:
+        offset: Change of the biases [m/s^2, rad/s], shape (6,).
+        sigma: Standard deviations of one axis of both, shape (2,).
+        within: Time within which it has happened [s].
+    """
+
+    offset: FloatArray
+    sigma: FloatArray
+    within: float
+
+
+_NO_JUMP = BiasJump(np.zeros(6), np.zeros(2), 0.0)
 
 
 class ImuBuffer:
@@ -52,11 +68,19 @@ class ImuBuffer:
             rate: Angular velocity in B [rad/s], shape (3,).
             period: Time since the last sample [s].
         """
-        before = self._before or (acceleration, rate)
-        sample = (0.5 * (before[0] + acceleration), 0.5 * (before[1] + rate), period)
+        before, offset = self._before or (acceleration, rate), self.jump.offset
+        sample = (0.5 * (before[0] + acceleration) - offset[:3], 0.5 * (before[1] + rate) - offset[3:], period)
         self.measurements.integrateMeasurement(*sample)
         self._samples.append(sample)
         self._before = (acceleration, rate)
+
+    def correct(self, jump: BiasJump) -> None:
+        """Take the biases as changed by a jump from the next sample on.
+
+        Until the next frame the offset is subtracted. There the bias's random walk gets it with its covariance, so that
+        the graph estimates the bias, and the inertial factor of the interval gets the noise that the jump causes.
+        """
+        self.jump = jump
 
     def coast(self, period: float, commanded: FloatArray) -> None:
         """Take a period without a sample as flown as commanded, from the last angular velocity.
@@ -67,28 +91,34 @@ class ImuBuffer:
         """
         self.is_coasting = True
         acceleration, turned = self._bias.accelerometer() + commanded[:3], commanded[3:] * period
-        rate = self.last_rate + turned
+        rate, offset = self.last_rate + turned, self.jump.offset
         sample = (acceleration, rate - 0.5 * turned, period)
         self.measurements.integrateMeasurement(*sample)
         self._samples.append(sample)
-        self._before = (acceleration, rate)
+        self._before = (acceleration + offset[:3], rate + offset[3:])
 
     def restart(self, bias: Any) -> None:
         """Start anew at a frame, about a bias."""
-        self._bias, self.is_coasting = bias, False
+        self._bias, self.is_coasting, self.jump = bias, False, _NO_JUMP
         self._samples = []
         self.measurements = self._integration(self._densities)
 
     def integrated(self, *, jumped: bool) -> Any:
         """Return the samples integrated with their noise, or that of an unmeasured motion or a jump of the bias."""
-        if not self.is_coasting and not jumped:
+        if not (self.is_coasting or jumped or self.jump.within):
             return self.measurements
-        again = self._integration(_COASTING if self.is_coasting else BIAS_JUMP)
+        if self.is_coasting or jumped:
+            densities = np.array(_COASTING if self.is_coasting else BIAS_JUMP)
+        else:
+            size = np.abs(self.jump.offset).reshape(2, 3).max(axis=1)
+            change = self.jump.within * size + self.duration * self.jump.sigma
+            densities = np.hypot(self._densities, change / np.sqrt(self.duration))
+        again = self._integration(densities)
         for sample in self._samples:
             again.integrateMeasurement(*sample)
         return again
 
-    def _integration(self, densities: Sequence[float] | FloatArray) -> Any:
+    def _integration(self, densities: FloatArray) -> Any:
         parameters = self._gtsam.PreintegrationParams(np.zeros(3))
         parameters.setAccelerometerCovariance(np.eye(3) * densities[0] ** 2)
         parameters.setGyroscopeCovariance(np.eye(3) * densities[1] ** 2)
@@ -111,4 +141,4 @@ class ImuBuffer:
     @property
     def last_rate(self) -> FloatArray:
         """The last measured angular velocity [rad/s], shape (3,)."""
-        return np.zeros(3) if self._before is None else self._before[1]
+        return np.zeros(3) if self._before is None else self._before[1] - self.jump.offset[3:]

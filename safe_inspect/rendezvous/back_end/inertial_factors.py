@@ -39,7 +39,7 @@ def inertial_factors(before: int, frame: int, imu: ImuBuffer, noise: ImuNoise) -
         noise: Errors of the unit.
     """
     gtsam = require("gtsam")
-    models, bias = gtsam.noiseModel, gtsam.imuBias.ConstantBias()
+    models, bias = gtsam.noiseModel, gtsam.imuBias.ConstantBias(imu.jump.offset[:3], imu.jump.offset[3:])
     keys = [key("X", before), key("V", before), key("X", frame), key("V", frame), key("B", before)]
     if imu.duration > 0.0:
         usual, loose = (gtsam.ImuFactor(*keys, imu.integrated(jumped=jumped)) for jumped in (False, True))
@@ -56,6 +56,6 @@ def inertial_factors(before: int, frame: int, imu: ImuBuffer, noise: ImuNoise) -
             bias,
             models.Diagonal.Sigmas(np.repeat(sigmas, 3)),
         )
-        for sigmas in (np.maximum(walk, _LEAST_WALK), BIAS_JUMP)
+        for sigmas in (np.hypot(np.maximum(walk, _LEAST_WALK), imu.jump.sigma), BIAS_JUMP)
     )
     return [*factors, InertialFactor(usual, loose)]

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from safe_inspect.rendezvous.back_end.graph import PoseGraph
-from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
+from safe_inspect.rendezvous.back_end.inertial import BiasJump, ImuBuffer
 from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.types import FloatArray
@@ -30,6 +30,9 @@ class BackEndRun(Protocol):
 
     def coast(self, period: float, commanded: FloatArray) -> None:
         """Take a period without a sample as flown as commanded; see `ImuBuffer.coast`."""
+
+    def correct(self, jump: BiasJump) -> None:
+        """Take the biases as changed by a jump from the next sample on; see `ImuBuffer.correct`."""
 
     def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
         """Add a frame at the time of the last sample; see `PoseGraph.update`."""
@@ -78,6 +81,10 @@ class GraphBackEnd:
     def coast(self, period: float, commanded: FloatArray) -> None:
         """Take a period without a sample as flown as commanded; see `ImuBuffer.coast`."""
         self._buffer.coast(period, commanded)
+
+    def correct(self, jump: BiasJump) -> None:
+        """Take the biases as changed by a jump from the next sample on; see `ImuBuffer.correct`."""
+        self._buffer.correct(jump)
 
     def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
         """Add a frame at the time of the last sample."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from safe_inspect.rendezvous.bound.query import least_trials
 from safe_inspect.rendezvous.bound.samples import ErrorSamples
 from safe_inspect.types import BoolArray, FloatArray
 
@@ -86,7 +87,7 @@ def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: 
     count = len(samples) - scale_trials
     rank = math.ceil((count + 1) * (1.0 - epsilon) - 1e-9)
     if scale_trials < 1 or count < 1 or rank > count:
-        needed = scale_trials + math.ceil(1.0 / epsilon) - 1
+        needed = scale_trials + least_trials(epsilon)
         raise ValueError(
             f"conformal bound: {len(samples)} trials, {scale_trials} of them for the scale, are too few for "
             f"epsilon {epsilon}; take {needed} or more"

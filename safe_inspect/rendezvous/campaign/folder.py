@@ -87,16 +87,6 @@ class CampaignFolder:
             raise OutputError(f"{self.path}: holds something else than a campaign; give another folder with --output")
         return False
 
-    @staticmethod
-    def check_absent(path: Path) -> None:
-        """Check that a folder may be replaced: that it holds no missions of a campaign.
-
-        Raises:
-            OutputError: It does.
-        """
-        if (path.expanduser() / _MISSIONS).exists():
-            raise OutputError(f"{path}: holds the missions of a campaign; give another folder, or --missions")
-
     def summaries(self) -> dict[int, dict[str, Any]]:
         """Return the summaries of the missions that have ended, by their numbers.
 

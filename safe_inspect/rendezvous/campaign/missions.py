@@ -64,7 +64,7 @@ def fly_missions(
         flights: Who flies them; by default this process. They are the same whoever it is.
         folder: Where each mission's summary goes as it ends, and the files of failed ones; missions whose summaries are
             there are not flown again. None for nowhere.
-        progress: Called with how many of the missions that had to be flown have ended, and how many they are.
+        progress: Called with how many of the missions that have to be flown have ended, from 0 on, and their number.
 
     Raises:
         OutputError: The folder holds something else, or cannot be written.
@@ -76,12 +76,14 @@ def fly_missions(
         missing = [number for number in range(count) if number not in found]
         if not missing:
             return [found[number] for number in range(count)]
+        if progress is not None:
+            progress(0, len(missing))
         ended = stack.enter_context(closing(flights(experiment.resolved, experiment.source, missing)))
         for flown, mission in enumerate(ended, start=1):
             number = mission.summary[MISSION_NUMBER]
             if campaign is not None:
                 if mission.log is not None:
-                    with new_folder(campaign.path / f"mission_{number:04d}") as own:
+                    with new_folder(campaign.path / f"mission_{number:04d}", "rendezvous", force=True) as own:
                         mission.log.write(own, experiment.text, mission.summary)
                 campaign.add(mission.summary)
             found[number] = mission.summary

@@ -14,13 +14,19 @@ from safe_inspect.rendezvous.campaign.folder import MISSION_NUMBER
 #: Label, key, factor and unit of the numbers in tables.
 _FIGURES = (
     ("time", "time", 1.0, "s"),
+    ("time on the approach", "time_on_approach", 1.0, "s"),
+    ("rate of the tumble at the start", "tumble_rate", math.degrees(1.0), "deg/s"),
     ("least clearance", "least_clearance", 100.0, "cm"),
     ("position error at the mating point", "mating_position_error", 100.0, "cm"),
     ("velocity error at the mating point", "mating_speed_error", 1000.0, "mm/s"),
     ("delta-v", "delta_v", 1.0, "m/s"),
     ("largest force", "largest_force", 1.0, "N"),
     ("largest gauge of the tube", "largest_gauge", 1.0, ""),
+    ("plans", "plans", 1, ""),
     ("planning time", "planning_time", 1.0, "s"),
+    ("excursion from the keep-in box", "keep_in_excursion", 100.0, "cm"),
+    ("speed at the end", "final_speed", 1000.0, "mm/s"),
+    ("range at the end", "final_range", 1.0, "m"),
 )
 #: How many failed missions of a campaign are shown one by one.
 _MOST_SHOWN = 20
@@ -52,8 +58,8 @@ def mission_table(summary: dict[str, Any]) -> str:
     outcome = "success" if summary["success"] else f"failed: {_cause(summary)}"
     lines = [outcome]
     for label, key, factor, unit in _FIGURES:
-        value = summary[key]
-        lines.append(f"  {label:<36}{'-' if value is None else f'{factor * value:.3g} {unit}'}")
+        value = summary.get(key)
+        lines.append(f"  {label:<36}{'-' if value is None else f'{factor * value:.3g} {unit}'.strip()}")
     return "\n".join(lines)
 
 
@@ -61,7 +67,7 @@ def missions_table(summaries: Sequence[dict[str, Any]]) -> str:
     """Return the table of several missions: the rate of success, quantiles, classes of tumbles, and the failures."""
     lines = [rate_of_success(summaries), f"  {'':<36}{'median':>10}{'least':>10}{'largest':>10}"]
     for label, key, factor, unit in _FIGURES:
-        values = np.array([summary[key] for summary in summaries if summary[key] is not None], dtype=np.float64)
+        values = np.array([summary[key] for summary in summaries if summary.get(key) is not None], dtype=np.float64)
         if len(values):
             shown = "".join(f"{factor * value:>10.3g}" for value in (np.median(values), values.min(), values.max()))
             lines.append(f"  {label:<36}{shown} {unit}")

@@ -15,11 +15,12 @@ from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.coordination.context import Following, MissionContext
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.coordination.departure import departure_velocity
 from safe_inspect.rendezvous.coordination.escape import EscapeOptions, find_escape, remains_clear
-from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time
+from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time, sees_target
 from safe_inspect.rendezvous.planner.certificate import certify
-from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
-from safe_inspect.rendezvous.planner.spline import spline_basis
+from safe_inspect.rendezvous.planner.checks import plan_mistake
+from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
 from safe_inspect.rendezvous.tracking import DesignRequest, reference_of
 
 #: Rounding of references, in metres and metres a second.
@@ -48,7 +49,13 @@ def observe_again(context: MissionContext) -> None:
 
 def return_to_observe(context: MissionContext) -> None:
     """Watch the target again after a retreat."""
-    context.has_retreated = True
+    context.has_retreated, context.cause = True, ""
+    start_observing(context)
+
+
+def resume_observing(context: MissionContext) -> None:
+    """Watch the target again after a departure."""
+    context.has_resumed, context.cause = True, ""
     start_observing(context)
 
 
@@ -117,8 +124,12 @@ def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[fl
         waits=waits,
         mean_motion=mission.mean_motion,
         length=mission.length,
+        step=mission.step,
     )
     plan: Plan = context.config.planner(query)
+    mistake = plan_mistake(query, plan) if plan.solved else ""
+    if mistake:
+        plan = Plan(PlanStatus.REFUSED, plan.t_start, plan.duration, report=replace(plan.report, message=mistake))
     context.plan, context.query = plan, query
     context.plan_failures = 0 if plan.solved else context.plan_failures + 1
     report = plan.report
@@ -257,7 +268,7 @@ def keep_escape(context: MissionContext) -> None:
 def retreat(context: MissionContext) -> None:
     """Leave for a place outside of what the target sweeps."""
     late = f"out of time in {context.phase.value}" if out_of_time(context) else ""
-    context.cause = fault_name(context) or context.cause or late or f"retreat from {context.phase.value}"
+    context.cause = fault_name(context) or late or f"retreat from {context.phase.value}"
     renew_escape(context)
     context.following = None
     context.hold_point = context.estimate.chaser.position.copy()
@@ -268,15 +279,29 @@ def finish(context: MissionContext) -> None:
     context.cause = ""
 
 
-def abort(context: MissionContext) -> None:
-    """End the mission without success."""
-    context.cause = fault_name(context) or context.cause or f"given up in {context.phase.value}"
+def give_up(context: MissionContext) -> None:
+    """Leave the target for good."""
+    context.cause = f"given up in {context.phase.value}"
+    depart(context)
+
+
+def depart(context: MissionContext) -> None:
+    """Push off once, to a small velocity away from the target, and coast.
+
+    What the push must change is known from the last pose and the commands since then. No sensor steers it.
+    """
+    mission, motion = context.config.mission, context.motion
+    away = motion.position - context.estimate.target.position
+    orbit = (mission.mean_motion, context.time)
+    velocity = departure_velocity(away, mission.departure_speed, mission.departure_limit, context.limits.keep_in, orbit)
+    context.following, context.push = None, velocity - motion.velocity
+    context.awaits_poses = not sees_target(context)
+    context.report("departure", {"position": away.tolist(), "velocity": velocity.tolist()})
 
 
 def is_certified(context: MissionContext, plan: Plan, design: TubeDesign) -> bool:
     """Return whether a plan keeps the clearance of its tube, between its samples too."""
     assert context.query is not None, "a plan that was found has a query"
+    assert plan.path is not None, "and a path, or it was refused"
     query = replace(context.query, margin=design.margin_at)
-    points = plan.control_points
-    basis = spline_basis(len(points), len(plan.times), plan.duration)
-    return certify(query, basis, points, plan.t_start - query.t0).certified
+    return certify(query, plan.path, plan.t_start - query.t0).certified

@@ -17,6 +17,7 @@ from safe_inspect.rendezvous.control.design import TubeDesign
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.coordination.departure import CommandedMotion
 from safe_inspect.rendezvous.coordination.escape import Escape
 from safe_inspect.rendezvous.estimate import StateEstimate
 from safe_inspect.rendezvous.models import RendezvousConfig
@@ -77,11 +78,16 @@ class MissionContext:
         nominal: Nominal error of the last step, position [m] and velocity [m/s], shape (3, 2).
         on_approach: Whether the chaser is on its way, so that it cannot wait for another plan.
         has_observed_again: Whether the target was watched a second time.
-        has_retreated: Whether the chaser has retreated.
+        has_retreated: Whether the chaser has come back from a retreat.
+        has_resumed: Whether it has come back from a departure.
+        awaits_poses: Whether it did not see the target when it departed.
         coarse: Whether watching ended without the wanted accuracy.
         settled_since: Since when the chaser is at the mating point [s]; None while it is not.
         camera_time: When the camera last worked [s].
         imu_time: When the inertial unit last worked [s].
+        motion: The chaser's motion since the last pose, by what was commanded.
+        poses: Number of poses since they were missing for longer than is tolerated.
+        push: What is left of the change of velocity of a departure [m/s], shape (3,).
         pointing_error: Angle between the commanded and the true attitude [rad].
         cause: Why the mission ended.
     """
@@ -95,6 +101,7 @@ class MissionContext:
     hold: TrackerRun
     report: Callable[[str, dict[str, Any]], None]
     estimate: StateEstimate
+    motion: CommandedMotion
     step: int = 0
     time: float = 0.0
     phase: Phase = Phase.CHECKOUT
@@ -118,10 +125,14 @@ class MissionContext:
     on_approach: bool = False
     has_observed_again: bool = False
     has_retreated: bool = False
+    has_resumed: bool = False
+    awaits_poses: bool = False
     coarse: bool = False
     settled_since: float | None = None
     camera_time: float = -math.inf
     imu_time: float = -math.inf
+    poses: int = 0
+    push: FloatArray = field(default_factory=lambda: np.zeros(3))
     pointing_error: float = 0.0
     cause: str = ""
 

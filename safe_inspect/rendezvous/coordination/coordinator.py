@@ -24,6 +24,7 @@ class Phase(enum.Enum):
     RETREAT = "RETREAT"
     DONE = "DONE"
     ABORTED = "ABORTED"
+    DEPART = "DEPART"
 
 
 #: States that a mission does not leave.

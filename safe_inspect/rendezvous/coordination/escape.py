@@ -80,8 +80,8 @@ def find_escape(
     tau = 0 it is one in W; otherwise tau' goes from 1 to 0, and the path first turns with the target.
 
     Certified is a path that stays clear of the target's boxes, as they are predicted to turn, between its samples too:
-    the distance changes at most by ``(|v| + |w| |p|) dt``. It keeps the limits of force and the keep-in box; the limit
-    of speed is that of plans and does not count.
+    the distance changes at most by ``(|v| + |w| |p|) dt``. It keeps the limits of force and the keep-in box,
+    from outside of which it leads back; the limit of speed is that of plans and does not count.
 
     Args:
         estimate: Where all things are.
@@ -186,7 +186,8 @@ def _within_limits(position: FloatArray, velocity: FloatArray, duration: float, 
     acceleration = np.diff(velocity, axis=1) / (duration / (_SAMPLES - 1))
     fits: BoolArray = limits.mass * np.abs(acceleration).max(axis=(1, 2)) <= _FORCE_SHARE * limits.force
     if limits.keep_in is not None:
-        allowed = np.maximum(np.asarray(limits.keep_in), np.abs(position[:, :1])) + 1e-9
+        keep_in = np.asarray(limits.keep_in) + 1e-9
+        allowed = np.where(np.abs(position[:, :1]) > keep_in, np.inf, keep_in)  # from outside it must brake first
         fits &= (np.abs(position) <= allowed).all(axis=(1, 2))
     return fits
 

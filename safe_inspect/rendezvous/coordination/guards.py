@@ -15,6 +15,13 @@ _NOMINAL_ERROR = 0.01
 _MOST_REPLANS = 10
 #: Speed below which the chaser is at rest [m/s].
 _REST = 0.01
+#: Clearance of the sphere that the target sweeps beyond which a chaser without poses departs, as a share of the
+#: scenario's length.
+_CLEAR = 0.1
+#: Poses in a row after which the chaser watches the target again, and the age of the last of them in update periods.
+_RESUMED, _NEWEST = 5, 2.0
+#: Change of velocity below which a push is over [m/s].
+_LEAST_PUSH = 1e-9
 #: Rounding of times [s].
 _ROUNDING = 1e-9
 
@@ -47,19 +54,26 @@ def fault_name(context: MissionContext) -> str:
         or not np.isfinite(context.estimate.target.orientation).all()
     ):
         return "estimate not finite"
-    if context.time - context.imu_time > mission.imu_silence + _ROUNDING:
+    is_awaited = context.phase is Phase.CHECKOUT  # it has until `checkout_limit` then
+    if context.time - context.imu_time > mission.imu_silence + _ROUNDING and not is_awaited:
         return "inertial unit silent"
-    near = context.phase in (Phase.TRACK, Phase.MP_HOLD)
-    if near and context.time - context.camera_time > mission.camera_silence + _ROUNDING:
-        return "camera silent"
-    if near and context.time - context.estimate.updated > mission.camera_silence + mission.update_period + _ROUNDING:
-        return "target not seen"
-    decided = near or context.phase in (Phase.PLAN, Phase.WAIT)
+    if unseen(context):
+        return "camera silent" if _camera_is_silent(context) else "target not seen"
+    decided = context.phase in (Phase.PLAN, Phase.WAIT, Phase.TRACK, Phase.MP_HOLD)
     if decided and context.estimate.alarm:
         return context.estimate.alarm
     if context.clearance() < 0.0:
         return "no clearance"
+    if not _is_kept_in(context):
+        return "outside of the keep-in box"
     return ""
+
+
+def unseen(context: MissionContext) -> bool:
+    """Return whether the camera has been silent, or no frame has shown the target, for longer than is tolerated."""
+    mission = context.config.mission
+    longest = mission.camera_silence + mission.update_period + _ROUNDING
+    return _camera_is_silent(context) or bool(context.time - context.estimate.updated > longest)
 
 
 def out_of_time(context: MissionContext) -> bool:
@@ -156,24 +170,65 @@ def hold_too_long(context: MissionContext) -> bool:
 
 
 def escaped(context: MissionContext) -> bool:
-    """Return whether the chaser is at rest outside of what the target sweeps."""
-    chaser, target = context.estimate.chaser, context.estimate.target
-    distance = float(np.linalg.norm(chaser.position - target.position))
+    """Return whether the chaser is at rest outside of what the target sweeps, in the keep-in box."""
     length = context.config.mission.length
-    is_far = distance >= safe_radius(context.target, context.limits, length) - 0.02 * length
-    return is_far and float(np.linalg.norm(chaser.velocity)) <= _REST
+    is_far = _distance(context) >= safe_radius(context.target, context.limits, length) - 0.02 * length
+    return is_far and _is_kept_in(context) and float(np.linalg.norm(context.estimate.chaser.velocity)) <= _REST
+
+
+def unseen_outside(context: MissionContext) -> bool:
+    """Return whether the chaser has no poses, and is outside of what the target sweeps: there it need not steer."""
+    swept = context.target.swept_radius + context.limits.radius + _CLEAR * context.config.mission.length
+    return unseen(context) and _distance(context) >= swept
 
 
 def may_return(context: MissionContext) -> bool:
-    """Return whether the chaser has escaped for the first time, and has time for another approach."""
-    if out_of_time(context):
-        return False
-    return escaped(context) and not context.has_retreated and not context.fails("camera") and not context.fails("imu")
+    """Return whether the chaser has escaped for the first time, sees the target, and has time for another approach."""
+    return escaped(context) and sees_target(context) and not context.has_retreated and not out_of_time(context)
 
 
 def retreat_too_long(context: MissionContext) -> bool:
     """Return whether the chaser does not come to rest outside."""
     return bool(context.elapsed >= context.config.mission.retreat_limit - _ROUNDING)
+
+
+def may_resume(context: MissionContext) -> bool:
+    """Return whether a chaser that waits for poses on its way out sees the target again."""
+    return _may_wait(context) and sees_target(context) and _is_kept_in(context)
+
+
+def departed(context: MissionContext) -> bool:
+    """Return whether the chaser is on its way out, and poses may not come back or have not in time."""
+    is_over = context.elapsed >= context.config.mission.departure_limit - _ROUNDING
+    return float(np.linalg.norm(context.push)) < _LEAST_PUSH and (is_over or not _may_wait(context))
+
+
+def sees_target(context: MissionContext) -> bool:
+    """Return whether the sensors work, and frames show the target again and again."""
+    age = context.time - context.estimate.updated
+    is_fresh = age <= _NEWEST * context.config.mission.update_period + _ROUNDING
+    works = not context.fails("camera") and not context.fails("imu")
+    return bool(works and is_fresh and context.poses >= _RESUMED)
+
+
+def _may_wait(context: MissionContext) -> bool:
+    """Return whether the chaser has departed without seeing the target, for the first time, and has time left."""
+    return context.awaits_poses and not context.has_resumed and not out_of_time(context)
+
+
+def _camera_is_silent(context: MissionContext) -> bool:
+    return bool(context.time - max(context.camera_time, 0.0) > context.config.mission.camera_silence + _ROUNDING)
+
+
+def _is_kept_in(context: MissionContext) -> bool:
+    """Return whether the chaser is estimated to be in the keep-in box."""
+    keep_in = context.limits.keep_in
+    return keep_in is None or bool((np.abs(context.estimate.relative[:3]) <= np.asarray(keep_in)).all())
+
+
+def _distance(context: MissionContext) -> float:
+    """Return the estimated distance of the chaser from the target's centre of mass [m]."""
+    return float(np.linalg.norm(context.estimate.relative[:3]))
 
 
 def _sensors_work(context: MissionContext) -> bool:

@@ -6,21 +6,21 @@ from safe_inspect.rendezvous.coordination import actions, guards
 from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.coordination.coordinator import Phase, TableRow
 
-#: States in which a fault leads to a retreat, with the rows that are looked at before their others.
-_ACTIVE = (Phase.OBSERVE, Phase.PLAN, Phase.WAIT, Phase.TRACK, Phase.MP_HOLD)
-
 #: States in which the chaser may be near the target: a mission that is out of time retreats from them.
 _NEAR = (Phase.PLAN, Phase.BOUND, Phase.WAIT, Phase.TRACK, Phase.MP_HOLD)
 
+#: States in which a fault leads to a retreat, with the rows that are looked at before their others.
+_ACTIVE = (Phase.CHECKOUT, Phase.OBSERVE, Phase.CHARACTERISE, *_NEAR)
+
 TABLE: tuple[TableRow[MissionContext], ...] = (
     *(
-        TableRow(state, guards.out_of_time, actions.abort, Phase.ABORTED)
+        TableRow(state, guards.out_of_time, actions.give_up, Phase.DEPART)
         for state in (Phase.CHECKOUT, Phase.OBSERVE, Phase.CHARACTERISE)
     ),
     *(TableRow(state, guards.out_of_time, actions.retreat, Phase.RETREAT) for state in _NEAR),
     *(TableRow(state, guards.fault, actions.retreat, Phase.RETREAT) for state in _ACTIVE),
     TableRow(Phase.CHECKOUT, guards.checked_out, actions.start_observing, Phase.OBSERVE),
-    TableRow(Phase.CHECKOUT, guards.checkout_too_long, actions.abort, Phase.ABORTED),
+    TableRow(Phase.CHECKOUT, guards.checkout_too_long, actions.give_up, Phase.DEPART),
     TableRow(Phase.OBSERVE, guards.observed, actions.nothing, Phase.CHARACTERISE),
     TableRow(Phase.OBSERVE, guards.observed_at_most, actions.end_observation_coarse, Phase.CHARACTERISE),
     TableRow(Phase.CHARACTERISE, guards.characterised, actions.make_plan, Phase.PLAN),
@@ -41,6 +41,9 @@ TABLE: tuple[TableRow[MissionContext], ...] = (
     TableRow(Phase.MP_HOLD, guards.settled, actions.finish, Phase.DONE),
     TableRow(Phase.MP_HOLD, guards.hold_too_long, actions.retreat, Phase.RETREAT),
     TableRow(Phase.RETREAT, guards.may_return, actions.return_to_observe, Phase.OBSERVE),
-    TableRow(Phase.RETREAT, guards.escaped, actions.abort, Phase.ABORTED),
-    TableRow(Phase.RETREAT, guards.retreat_too_long, actions.abort, Phase.ABORTED),
+    TableRow(Phase.RETREAT, guards.escaped, actions.depart, Phase.DEPART),
+    TableRow(Phase.RETREAT, guards.unseen_outside, actions.depart, Phase.DEPART),
+    TableRow(Phase.RETREAT, guards.retreat_too_long, actions.depart, Phase.DEPART),
+    TableRow(Phase.DEPART, guards.may_resume, actions.resume_observing, Phase.OBSERVE),
+    TableRow(Phase.DEPART, guards.departed, actions.nothing, Phase.ABORTED),
 )

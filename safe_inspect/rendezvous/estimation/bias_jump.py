@@ -1,4 +1,4 @@
-"""Jumps of an inertial unit's biases, found by what the actuators were asked for."""
+"""Jumps of an inertial unit's biases, suspected where it disagrees with what the actuators are expected to give."""
 
 from __future__ import annotations
 
@@ -6,116 +6,122 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, rotate
-from safe_inspect.dynamics.tumble import angular_acceleration
-from safe_inspect.rendezvous.estimate import BodyState
-from safe_inspect.rendezvous.models import ChaserConfig
+from safe_inspect.rendezvous.back_end.inertial import BIAS_JUMP, BiasJump
+from safe_inspect.rendezvous.estimate import ExpectedMotion
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.types import FloatArray
 
-#: Difference of measured and commanded motion that is a jump [m/s^2, rad/s], beside a share of the command; and that
-#: share for gyroscopes whose accelerometers have jumped in the same step.
-_LEAST, _SHARE, _LEAST_SHARE = (5e-3, 3e-4), 0.1, 0.02
-#: Steps over which the size of a jump is averaged: of the accelerometers, of the gyroscopes.
-_AVERAGED = (25, 5)
-#: Share of a measured angular velocity in the one that the next is compared with.
-_GAIN = 0.2
+#: Innovation beyond which a jump is suspected, in standard deviations of one axis.
+_GATE = 6.0
+#: Variance of a motion of which nothing is known.
+_UNKNOWN = 1.0
 
 
-class _Offset:
-    """The jumps of one kind of bias up to now, in B."""
+class _Channel:
+    """A Kalman filter of a motion and of the jump of its bias since the last frame; the axes have one covariance.
 
-    def __init__(self, averaged: int) -> None:
-        self._averaged, self._sum, self._steps = averaged, np.zeros(3), 0
-        self.value = np.zeros(3)
+    Args:
+        opened: Standard deviation that the jump gets where one is suspected.
+    """
+
+    def __init__(self, opened: float) -> None:
+        self._opened = opened
+        self._state, self._covariance = np.zeros((2, 3)), np.diag([_UNKNOWN, 0.0])
 
     @property
-    def is_new(self) -> bool:
-        """Whether the last step was the first of a jump."""
-        return self._steps == 1
+    def jump(self) -> FloatArray:
+        """The jump since the last frame, shape (3,)."""
+        jump: FloatArray = self._state[1]
+        return jump
 
-    def check(self, difference: FloatArray, allowed: float) -> bool:
-        """Take a step's difference of measured and expected values; return whether the jump is being averaged."""
-        if np.linalg.norm(difference - self.value) > allowed:
-            self._sum, self._steps = np.zeros(3), 0
-        elif not 0 < self._steps < self._averaged:
-            return False
-        self._sum, self._steps = self._sum + difference, self._steps + 1
-        self.value = self._sum / self._steps
-        return True
+    @property
+    def variance(self) -> float:
+        """Its variance; 0 where none is suspected."""
+        return float(self._covariance[1, 1])
+
+    def predict(self, kept: float, change: FloatArray, sigma: float) -> None:
+        """Multiply the motion by a factor, and add a change with its standard deviation."""
+        transition = np.diag([kept, 1.0])
+        self._state = transition @ self._state + np.outer([1.0, 0.0], change)
+        self._covariance = transition @ self._covariance @ transition + np.diag([sigma**2, 0.0])
+
+    def measure(self, value: FloatArray, sigma: float) -> None:
+        """Take a measurement of the motion with the jump."""
+        innovation = value - self._state.sum(axis=0)
+        if innovation @ innovation > _GATE**2 * (self._covariance.sum() + sigma**2):
+            self._covariance[1, 1] += self._opened**2
+        cross = self._covariance.sum(axis=1)
+        gain = cross / (cross.sum() + sigma**2)
+        self._state = self._state + np.outer(gain, innovation)
+        self._covariance = self._covariance - np.outer(gain, cross)
+
+    def settle(self) -> None:
+        """Count the jump as part of the bias."""
+        self._state = np.stack([self._state.sum(axis=0), np.zeros(3)])
+        self._covariance = np.diag([self._covariance.sum(), 0.0])
+
+    def interrupt(self) -> None:
+        """Forget the motion; the jump stays."""
+        self._covariance = np.diag([_UNKNOWN, self.variance])
 
 
 class BiasJumps:
-    """Takes jumps of the biases out of the samples of an inertial unit.
+    """Compares samples with the expected motion, and reports a jump of the biases until the next frame.
 
-    Over a step the mean specific force is ``f / m + b_a``, and between the means of two steps the angular velocity
-    changes by ``J^-1 (torque - w x J w)`` times the time between them. A difference beyond what actuators and noise
-    explain is a jump of the bias. Depth frames alone show it seconds later, and not at all where they do not show the
-    target. Samples without a jump stay as they are, to the bit.
+    The mean specific force of a step is ``f / m + b_a``, and the angular velocity changes from the mean time of a
+    step's samples to that of the next by the expected angular acceleration. An innovation beyond `_GATE` opens the
+    bias: from then on its jump is estimated from the samples with a covariance, which depth frames alone could do only
+    seconds later. The factor graph takes jump and covariance at the next frame and estimates the bias further, so that
+    nothing is corrected for longer than that.
 
-    A thruster that fails looks like a jump of the accelerometers. The frames then disagree with what was corrected, and
-    `distrust` is called: nothing is corrected further.
+    Args:
+        noise: Errors of the unit.
     """
 
-    def __init__(self) -> None:
-        self._acceleration, self._rate = (_Offset(averaged) for averaged in _AVERAGED)
-        self._is_trusted = True
-        #: Mean angular velocity with its bias, without jumps, and commanded angular acceleration of the last step.
-        self._before: tuple[FloatArray, FloatArray] | None = None
-
-    def distrust(self) -> None:
-        """Correct no jumps from now on; those that were found stay corrected."""
-        self._is_trusted = False
+    def __init__(self, noise: ImuNoise) -> None:
+        self._noise = noise
+        self._acceleration, self._rate = (_Channel(opened) for opened in BIAS_JUMP)
+        #: Angular acceleration that is expected from the last samples to the end of their step, its sigma, that time.
+        self._rest: tuple[FloatArray, float, float] = (np.zeros(3), 0.0, 0.0)
 
     def interrupt(self) -> None:
         """Note that a step has had no sample."""
-        self._before = None
+        self._rate.interrupt()
 
-    def corrected(
-        self,
-        samples: Sequence[tuple[FloatArray, FloatArray]],
-        commanded: FloatArray,
-        bias: FloatArray,
-        duration: float,
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the samples of a step without the jumps of the biases.
+    def settle(self) -> None:
+        """Note that the graph has taken the jump as part of the bias."""
+        self._acceleration.settle()
+        self._rate.settle()
+
+    def check(
+        self, samples: Sequence[InertialSample], expected: ExpectedMotion, bias: FloatArray, duration: float
+    ) -> BiasJump | None:
+        """Return the jump since the last frame; None where none is suspected, or the step has no sample.
 
         Args:
-            samples: Acceleration [m/s^2] and angular velocity [rad/s] in B, at least one.
-            commanded: Acceleration and angular acceleration in B that were asked for [m/s^2, rad/s^2], shape (6,).
-            bias: The biases as they are estimated [m/s^2, rad/s], shape (6,).
+            samples: The samples of a step.
+            expected: What the actuators are expected to give in the step.
+            bias: Of the accelerometers, as it is estimated [m/s^2], shape (3,).
             duration: Duration of the step [s].
         """
-        acceleration, rate = (np.mean([sample[k] for sample in samples], axis=0) for k in range(2))
-        if self._is_trusted:
-            allowed = _LEAST[0] + _SHARE * float(np.linalg.norm(commanded[:3]))
-            self._acceleration.check(acceleration - commanded[:3] - bias[:3], allowed)
-            middle = 0.5 * (1.0 + 1.0 / len(samples))  # of the times of the samples, each at the end of its period
-            self._check_rate(rate, commanded[3:], duration * np.array([1.0 - middle, middle]))
-        if not (self._acceleration.value.any() or self._rate.value.any()):
-            return list(samples)
-        return [(one - self._acceleration.value, other - self._rate.value) for one, other in samples]
-
-    def _check_rate(self, rate: FloatArray, commanded: FloatArray, durations: FloatArray) -> None:
-        if self._before is None:
-            self._before = rate - self._rate.value, commanded
-            return
-        change = durations[0] * self._before[1] + durations[1] * commanded
-        expected = self._before[0] + change
-        share = _LEAST_SHARE if self._acceleration.is_new else _SHARE
-        if not self._rate.check(rate - expected, _LEAST[1] + share * float(np.linalg.norm(change))):
-            expected = expected + _GAIN * (rate - self._rate.value - expected)
-        self._before = expected, commanded
-
-
-def commanded_motion(config: ChaserConfig, chaser: BodyState, force: FloatArray, torque: FloatArray) -> FloatArray:
-    """Return acceleration and angular acceleration in B as they are asked for [m/s^2, rad/s^2], shape (6,).
-
-    Args:
-        config: The chaser's mass and moments of inertia.
-        chaser: Where it is estimated to be.
-        force: In W [N], shape (3,).
-        torque: In B [N m], shape (3,).
-    """
-    moments: FloatArray = np.array(config.inertia)
-    in_body = rotate(conjugate(chaser.orientation), force) / config.mass
-    return np.concatenate([in_body, angular_acceleration(moments, chaser.angular_velocity) + torque / moments])
+        if not samples:
+            self.interrupt()
+            return None
+        noise, count = self._noise, np.sqrt(len(samples))
+        middle = sum(sample.time for sample in samples) / len(samples)
+        acceleration = np.mean([sample.acceleration for sample in samples], axis=0)
+        rate = np.mean([sample.rate for sample in samples], axis=0)
+        sigma = float(np.hypot(expected.sigma[0], noise.acceleration_bias))
+        self._acceleration.predict(0.0, expected.mean[:3], sigma)
+        self._acceleration.measure(acceleration - bias, noise.acceleration / count)
+        before, before_sigma, remaining = self._rest
+        change = remaining * before + middle * expected.mean[3:]
+        rate_sigma = remaining * before_sigma + middle * expected.sigma[1]
+        self._rate.predict(1.0, change, rate_sigma)
+        self._rate.measure(rate, noise.rate / count)
+        self._rest = expected.mean[3:], float(expected.sigma[1]), duration - middle
+        if not (self._acceleration.variance or self._rate.variance):
+            return None
+        # The errors of the actuators and of the known bias are not independent from step to step.
+        sigmas = np.sqrt([self._acceleration.variance + sigma**2, self._rate.variance + rate_sigma**2])
+        return BiasJump(np.concatenate([self._acceleration.jump, self._rate.jump]), sigmas, duration)

@@ -20,9 +20,15 @@ def attitude_error(estimate: StateEstimate, chaser: BodyState, target: BodyState
         chaser: The chaser's true state.
         target: The target's true state.
     """
-    seen = multiply(conjugate(estimate.chaser.orientation), estimate.target.orientation)
-    true = multiply(conjugate(chaser.orientation), target.orientation)
-    return log(multiply(conjugate(true), seen))
+    return relative_error(
+        (estimate.chaser.orientation, estimate.target.orientation), (chaser.orientation, target.orientation)
+    )
+
+
+def relative_error(estimated: tuple[FloatArray, FloatArray], true: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return the error of `attitude_error` from estimated and true quaternions q_WB and q_WT, shape (..., 4)."""
+    seen, real = (multiply(conjugate(chaser), target) for chaser, target in (estimated, true))
+    return log(multiply(conjugate(real), seen))
 
 
 def normalised_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> float:

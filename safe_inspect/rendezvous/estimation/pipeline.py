@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,10 +14,12 @@ from safe_inspect.rendezvous.back_end.run import BackEndRun
 from safe_inspect.rendezvous.characterise.fit import Motion
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.estimate import ExpectedMotion
 from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
 from safe_inspect.rendezvous.estimation.change import OFF_FRAMES, departs, motion_of
 from safe_inspect.rendezvous.estimation.innovation import centre_innovation
 from safe_inspect.rendezvous.front_end.context import FrontEndRun
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -52,6 +54,7 @@ class PipelineParts:
         characterise: Finds the motion.
         target: The target where it is known.
         T_BC: Pose of the camera in B, shape (4, 4).
+        imu: Errors of the inertial unit.
         fit_period: Time between two fits [s].
     """
 
@@ -60,6 +63,7 @@ class PipelineParts:
     characterise: Characterise
     target: Target | None
     T_BC: FloatArray
+    imu: ImuNoise
     fit_period: float = 2.0
 
 
@@ -86,20 +90,21 @@ class EstimationPipeline:
         self._fitted_at = -np.inf
         self._jumps = self._refused = 0
         self._has_coasted = False
-        self._bias_jumps = BiasJumps()
+        #: None once the frames have disagreed with the commands, by a thruster that fails for instance.
+        self._bias_jumps: BiasJumps | None = BiasJumps(parts.imu)
         self._mismatches: deque[float] = deque([np.inf] * _COMPARED, _COMPARED)
         self.graph: GraphEstimate | None = None
         self.target: TargetEstimate | None = None
         self.updated = 0.0
         self.changed = False
 
-    def corrected(
-        self, samples: list[tuple[FloatArray, FloatArray]], commanded: FloatArray | None, duration: float
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the samples of a step without jumps of the biases; see `BiasJumps.corrected`."""
-        if commanded is None or self.graph is None:
-            return samples
-        return self._bias_jumps.corrected(samples, commanded, self.graph.bias, duration)
+    def check_biases(self, samples: Sequence[InertialSample], expected: ExpectedMotion, duration: float) -> None:
+        """Compare a step's samples with the expected motion, before they are taken; see `BiasJumps.check`."""
+        if self._bias_jumps is None or self._back_end is None or self.graph is None:
+            return
+        jump = self._bias_jumps.check(samples, expected, self.graph.bias[:3], duration)
+        if jump is not None:
+            self._back_end.correct(jump)
 
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
         """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s].
@@ -115,7 +120,8 @@ class EstimationPipeline:
         See `ImuBuffer.coast`.
         """
         self._has_coasted = True
-        self._bias_jumps.interrupt()
+        if self._bias_jumps is not None:
+            self._bias_jumps.interrupt()
         if self._back_end is not None:
             self._back_end.coast(period, np.zeros(6) if commanded is None else commanded)
 
@@ -136,6 +142,8 @@ class EstimationPipeline:
         self._edges += edges
         back_end.update(number, edges, jumped=self._jumps == _JUMP_FRAMES)
         self._has_coasted = False
+        if self._bias_jumps is not None:
+            self._bias_jumps.settle()
         self.graph = back_end.estimate()
         self._mismatches.append(self._mismatch(frame.time, measured))
         self._check_motion(frame.time, edges)
@@ -261,7 +269,7 @@ class EstimationPipeline:
         if self._refused <= _MOST_REFUSED:
             return [edge for edge, value in zip(edges, innovations, strict=True) if value <= _JUMP]
         self._jumps = _JUMP_FRAMES
-        self._bias_jumps.distrust()
+        self._bias_jumps = None
         return edges
 
     def _mismatch(self, time: float, edges: list[Edge]) -> float:

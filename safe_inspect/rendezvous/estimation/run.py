@@ -88,12 +88,12 @@ class PipelineEstimatorRun:
         pipeline, sensors = self.pipeline, self._sensors
         if inertial is not None:
             samples = sensors.samples(inertial)
-            if samples:
-                samples = pipeline.corrected(samples, inertial.commanded, self._context.step)
-            for acceleration, rate in samples:
-                pipeline.measure(acceleration, rate, sensors.period)
+            if inertial.expected is not None and not inertial.silent:
+                pipeline.check_biases(samples, inertial.expected, self._context.step)
+            for sample in samples:
+                pipeline.measure(sample.acceleration, sample.rate, sensors.period)
             if inertial.silent:
-                pipeline.coast(self._context.step, inertial.commanded)
+                pipeline.coast(self._context.step, None if inertial.expected is None else inertial.expected.mean)
         call = round(time / self._context.step)
         is_frame = call % self._options.frame_steps == 0 and call != self._call
         self._call = call

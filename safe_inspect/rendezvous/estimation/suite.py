@@ -9,7 +9,7 @@ from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth
 from safe_inspect.rendezvous.plugins.base import DepthCameraModel
 from safe_inspect.rendezvous.poses import pose
-from safe_inspect.rendezvous.sensors.imu import Imu, ImuNoise
+from safe_inspect.rendezvous.sensors.imu import Imu, ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
@@ -39,8 +39,8 @@ class SensorSuite:
         """Time between two samples of the inertial unit [s]."""
         return self._ticks * self._context.tick
 
-    def samples(self, inertial: InertialTruth) -> list[tuple[FloatArray, FloatArray]]:
-        """Return acceleration and angular velocity in B of each sample of a step; none where the unit is silent."""
+    def samples(self, inertial: InertialTruth) -> list[InertialSample]:
+        """Return the samples of a step; none where the unit is silent."""
         history = inertial.history
         count = history.translation.shape[1]
         measured = []
@@ -51,7 +51,10 @@ class SensorSuite:
             rotation = to_matrix(history.orientation[0, tick])
             acceleration = history.wrench[0, tick, :3] / self._context.mass
             sample = self._imu.sample(rotation, acceleration, history.angular_velocity[0, tick])
-            measured.append((sample.acceleration + inertial.bias[:3], sample.rate + inertial.bias[3:]))
+            time = (tick + 1) * self._context.tick
+            measured.append(
+                InertialSample(time, sample.acceleration + inertial.bias[:3], sample.rate + inertial.bias[3:])
+            )
         return [] if inertial.silent else measured
 
     def pose_in_model(self, chaser: BodyState, target: BodyState) -> FloatArray:

@@ -22,8 +22,8 @@ class FrontEndContext:
         T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
         target: The target where its shape is known, else None.
         streams: The random streams of one mission.
-        truth: Returns the true T_MB at the time of the frame that is being processed; only a simulation has it, and
-            only a simulated front end may ask for it.
+        truth: Returns the true T_MB at the time of the frame that is being processed, for a simulated front end
+            (``needs_frames = False``); None for every other one, and outside of a simulation.
     """
 
     camera: DepthCamera

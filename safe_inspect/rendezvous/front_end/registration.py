@@ -19,7 +19,7 @@ class Registration:
         hessian: Information of its tangent from the right, of the measurement alone, shape (6, 6).
         score: How badly the points fit; what it is depends on the method.
         inliers: Share of the points that lie near the other surface.
-        excess: Mean weighted square of the residuals, positive: 1 where the assumed noise is right.
+        excess: Factor of the inverse Hessian by the residuals, positive: how much larger the errors are than assumed.
         systematic: Covariance of errors that more points do not lower, shape (6, 6); None for none.
     """
 

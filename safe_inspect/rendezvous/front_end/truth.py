@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.poses import inverse, perturbed
@@ -57,7 +58,7 @@ class TruthEdges:
 
     def __init__(self, noise: TruthNoise, context: FrontEndContext) -> None:
         if context.truth is None:
-            raise ValueError("TruthFrontEnd works in simulations only; choose another front end for recorded frames")
+            raise ConfigError("TruthFrontEnd works in simulations only; choose another front end for recorded frames")
         self._noise, self._truth, self._streams = noise, context.truth, context.streams
         self._poses: list[FloatArray] = []
         self._views: list[FloatArray] = []  # the tangent of each frame's view error

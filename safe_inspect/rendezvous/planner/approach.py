@@ -14,7 +14,7 @@ from safe_inspect.rendezvous.planner.cost import Cost, ForceCost
 from safe_inspect.rendezvous.planner.problem import ApproachProblem, approach_problem, sampled_plan
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanReport, PlanStatus
 from safe_inspect.rendezvous.planner.scp import ScpOptions, ScpResult, optimise_scp
-from safe_inspect.rendezvous.planner.starts import bent_starts
+from safe_inspect.rendezvous.planner.spline import SplinePath
 from safe_inspect.rendezvous.planner.units import PlanUnits
 from safe_inspect.rendezvous.planner.waiting import ranked_problems
 from safe_inspect.types import FloatArray
@@ -24,6 +24,8 @@ ApproachOptimiser = Callable[[ApproachProblem, FloatArray, ScpOptions], ScpResul
 #: Gives further starts of a problem, as the table of solved approaches does.
 Starts = Callable[[ApproachProblem], list[FloatArray]]
 _TRIED = 3  # of the ranked waits and durations
+#: How far a start is bent to the side where the cheapest spline leads nowhere [m].
+_BEND = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ def plan_approach(query: PlanQuery, options: PlannerOptions | None = None) -> Pl
         for problem in problems[:_TRIED]:
             starts = [problem.cold()] if some else []
             if options.multi_start or not some:
-                starts += [*(options.starts(problem) if options.starts else []), *bent_starts(problem)]
+                starts += [*(options.starts(problem) if options.starts else []), *_bent_starts(problem)]
             for start in starts:
                 best = _better(best, _plan_from(problem, start, options))
         assert best is not None, "each problem has a start"
@@ -101,7 +103,7 @@ def warm_approach(query: PlanQuery, previous: Plan, options: PlannerOptions | No
 
     Args:
         query: The query.
-        previous: A plan with control points.
+        previous: A plan of this planner.
         options: How plans are made.
     """
     options, began = options or PlannerOptions(), time.perf_counter()
@@ -137,10 +139,11 @@ def _plan_from(problem: ApproachProblem, start: FloatArray, options: PlannerOpti
             if not np.isfinite(result.violation):
                 message = "no spline of this duration keeps the limits of speed, force and keep-in"
             return Plan(PlanStatus.NOT_CONVERGED, query.t0 + wait, duration, report=replace(report, message=message))
-        proof = certify(query, problem.basis, result.points, wait)
+        path = SplinePath(problem.basis, result.points)
+        proof = certify(query, path, wait)
         if proof.certified:
             report = replace(report, clearance=proof.clearance)
-            return sampled_plan(query, problem.basis, result.points, wait, report)
+            return sampled_plan(query, path, wait, report)
         start = result.points
     message = f"the clearance is {proof.clearance:.3f} m below radius and margin {proof.time:.1f} s after the start"
     return Plan(PlanStatus.NOT_CERTIFIED, query.t0 + wait, duration, report=replace(report, message=message))
@@ -160,3 +163,15 @@ def _better(best: Plan | None, other: Plan) -> Plan:
 def _without(status: PlanStatus, query: PlanQuery, message: str, began: float) -> Plan:
     seconds = time.perf_counter() - began
     return Plan(status, query.t0, query.durations[0], report=PlanReport(message=message, seconds=seconds))
+
+
+def _bent_starts(problem: ApproachProblem) -> list[FloatArray]:
+    """Return the cheapest approach bent by 0.5 m sin(pi s) to four sides of its chord, each of shape (n, 3)."""
+    cold = problem.cold()
+    chord = problem.end[0] - problem.start[0]
+    chord = chord / max(float(np.linalg.norm(chord)), 1e-9)
+    side = np.cross(chord, np.eye(3)[np.abs(chord).argmin()])
+    side /= np.linalg.norm(side)
+    bend = _BEND * np.sin(np.pi * np.linspace(0.0, 1.0, len(cold)))[:, None]
+    bend[: problem.basis.free.start] = bend[problem.basis.free.stop :] = 0.0
+    return [cold + sign * bend * axis for axis in (side, np.cross(chord, side)) for sign in (1.0, -1.0)]

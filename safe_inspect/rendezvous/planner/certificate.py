@@ -1,8 +1,8 @@
 """A proof that a plan keeps clear of the target between its samples too.
 
-In T the chaser moves at most at ``L = max |v| + max |w| max |p|``, with the first and last factor bounded by control
-points, and the distance is 1-Lipschitz. So an interval of length h is clear by d(mid) - L h / 2; those that are not
-shown to be clear are halved.
+In T the chaser moves at most at ``L = max |v| + max |w| max |p|``, with the first and last factor bounded by the path
+(`ApproachPath`), and the distance is 1-Lipschitz. So an interval of length h is clear by d(mid) - L h / 2; those that
+are not shown to be clear are halved.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import largest_rate, tumble
+from safe_inspect.rendezvous.planner.path import ApproachPath
 from safe_inspect.rendezvous.planner.query import ALLOWANCE, PlanQuery
-from safe_inspect.rendezvous.planner.spline import SplineBasis
-from safe_inspect.types import FloatArray
 
 _INTERVALS = 60
 
@@ -36,31 +35,26 @@ class Certificate(NamedTuple):
     evaluations: int
 
 
-def certify(
-    query: PlanQuery, basis: SplineBasis, points: FloatArray, wait: float = 0.0, resolution: float = 1e-3
-) -> Certificate:
-    """Return whether ``distance >= radius + margin - 1 cm`` at all times of a plan, 1 cm for a length of 1 m.
+def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution: float = 1e-3) -> Certificate:
+    """Return whether ``distance >= radius + margin - 1 cm`` at all times of a path, 1 cm for a length of 1 m.
 
     The margin over an interval is taken as the largest of its values at the two ends and in the middle.
 
     Args:
         query: The query.
-        basis: The spline.
-        points: Control points [m], shape (n, 3).
+        path: The path of a plan.
         wait: Time before the approach starts [s].
         resolution: Uncertainty of the distance below which an interval counts as not clear [length].
     """
     allowance, resolution = ALLOWANCE * query.length, resolution * query.length
-    hull = np.sqrt(((basis.velocity_hull @ points) ** 2).sum(axis=1)).max()
-    reach = np.sqrt((points**2).sum(axis=1)).max()
     rate = largest_rate(query.inertia, query.angular_velocity[None])[0]
-    speed = float(hull + rate * reach)
-    edges = np.linspace(0.0, basis.duration, _INTERVALS + 1)
+    speed = float(path.largest_speed + rate * path.largest_distance)
+    edges = np.linspace(0.0, path.duration, _INTERVALS + 1)
     left, right = edges[:-1], edges[1:]
     least, evaluations = np.inf, 0
     while len(left):
         middle = 0.5 * (left + right)
-        p, _, _ = basis.at(points, middle)
+        p, _, _ = path.at(middle)
         q, _ = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], wait + middle)
         in_target = np.einsum("kji,kj->ki", to_matrix(q[0]), p)
         margin = np.max([query.margin(left), query.margin(middle), query.margin(right)], axis=0)

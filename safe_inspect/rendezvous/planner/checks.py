@@ -7,12 +7,15 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.rendezvous.planner.problem import ApproachProblem
-from safe_inspect.rendezvous.planner.query import PlanQuery
+from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
 from safe_inspect.rendezvous.planner.spline import FIXED
 from safe_inspect.types import FloatArray
 
 _CLEAR_FOR = 2.0  # s: the chaser must not touch the target that soon, whatever it does
 _AT_REST = 5e-3  # m/s: the chaser holds its position during a wait
+#: What a plan's ends may differ from those that were asked for [length, length/s], and what its samples may exceed a
+#: limit by, as a share of it.
+_END_ERROR, _EXCESS = 1e-3, 0.01
 
 
 def start_problem(query: PlanQuery) -> str:
@@ -33,6 +36,60 @@ def start_problem(query: PlanQuery) -> str:
     drift = hover_clearance(query, np.linspace(0.0, _CLEAR_FOR, 21), coasting=True).min()
     if drift < 0.0:
         return f"the chaser would touch the target within {_CLEAR_FOR:.0f} s"
+    return ""
+
+
+def plan_mistake(query: PlanQuery, plan: Plan) -> str:
+    """Return why a plan that its planner calls solved is not what was asked for; empty where it is.
+
+    A planner may come from another package. What follows relies on the samples, on the path that the certificate
+    evaluates, and on the limits, so they are compared with the query. The clearance is the certificate's.
+
+    Args:
+        query: What the planner was asked.
+        plan: Its answer.
+    """
+    path, limits = plan.path, query.limits
+    if path is None:
+        return "the plan has no path; return `sampled_plan(query, path)`"
+    count = round(plan.duration / query.step) + 1
+    since = query.step * np.arange(count, dtype=np.float64)
+    if abs(since[-1] - plan.duration) > 1e-6 * query.step or abs(path.duration - plan.duration) > 1e-6 * query.step:
+        return f"the duration of {path.duration:g} s is no multiple of the step of control, {query.step:g} s"
+    if min(abs(plan.t_start - query.t0 - wait) for wait in query.waits) > 1e-6:
+        return f"it starts after {plan.t_start - query.t0:g} s, which is none of the waits asked for"
+    if plan.times.shape != since.shape or not np.allclose(plan.times, plan.t_start + since, rtol=0.0, atol=1e-6):
+        return f"its samples are not {query.step:g} s apart from its start to its end"
+    position, velocity, _ = path.at(since)
+    for name, value, expected in (("position", plan.position, position), ("velocity", plan.velocity, velocity)):
+        if value.shape != expected.shape or not np.allclose(value, expected, rtol=0.0, atol=1e-6 * query.length):
+            return f"its samples of the {name} are not those of its path"
+    if not all(np.isfinite(value).all() for value in (plan.force, plan.position_target, plan.acceleration_target)):
+        return "its samples are not finite"
+    fastest, farthest = (float(np.linalg.norm(value, axis=1).max()) for value in (velocity, position))
+    if fastest > path.largest_speed * (1.0 + 1e-9) or farthest > path.largest_distance * (1.0 + 1e-9):
+        return (
+            f"its path states bounds of {path.largest_speed:.4g} m/s and {path.largest_distance:.4g} m, and reaches "
+            f"{fastest:.4g} m/s and {farthest:.4g} m"
+        )
+    ends = (
+        ("starts", "m from the chaser", plan.position[0] - query.state[:3]),
+        ("starts", "m/s off the chaser's velocity", plan.velocity[0] - query.state[3:]),
+        ("ends", "m from the mating point", plan.position_target[-1] - query.mating_point),
+        ("ends", "m/s off the mating point's velocity", plan.velocity_target[-1]),
+    )
+    for verb, what, error in ends:
+        if float(np.linalg.norm(error)) > _END_ERROR * query.length:
+            return f"it {verb} {float(np.linalg.norm(error)):.3g} {what}"
+    for name, unit, value, most in (
+        ("force", "N", np.abs(plan.force).max(), limits.planned_force),
+        ("speed", "m/s", np.abs(velocity).max(), limits.speed),
+    ):
+        if value > most * (1.0 + _EXCESS):
+            return f"its {name} is {value:.3g} {unit} along an axis; the limit is {most:.3g} {unit}"
+    box = np.full(3, np.inf) if limits.keep_in is None else np.asarray(limits.keep_in)
+    if (np.abs(position) > box * (1.0 + _EXCESS)).any():
+        return f"it leaves the keep-in box of half sizes {_text(box)} m"
     return ""
 
 

@@ -10,11 +10,10 @@ from safe_inspect.dynamics.quaternion import conjugate, rotate, to_matrix
 from safe_inspect.dynamics.tide import tidal_acceleration
 from safe_inspect.dynamics.tumble import angular_acceleration, tumble
 from safe_inspect.rendezvous.planner.cost import Cost, ForceCost
+from safe_inspect.rendezvous.planner.path import ApproachPath
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
 from safe_inspect.rendezvous.planner.spline import SplineBasis, spline_basis
 from safe_inspect.types import FloatArray
-
-_OUTPUT_STEP = 0.2  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,21 +126,20 @@ def mating_state(query: PlanQuery, q: FloatArray, w: FloatArray) -> FloatArray:
     return rotate(q[None], np.stack((m, turning, acceleration)))
 
 
-def sampled_plan(query: PlanQuery, basis: SplineBasis, points: FloatArray, wait: float, report: PlanReport) -> Plan:
-    """Return a solved plan with samples every 0.2 s, or a little less.
+def sampled_plan(query: PlanQuery, path: ApproachPath, wait: float = 0.0, report: PlanReport | None = None) -> Plan:
+    """Return the solved plan of a path, with samples at the query's step, or a little less.
 
     ``p_T = R^T p, v_T = R^T v - w x p_T, a_T = R^T a - 2 w x v_T - w' x p_T - w x (w x p_T)``.
 
     Args:
         query: The query.
-        basis: The spline.
-        points: Control points [m], shape (n, 3).
-        wait: Time before the approach starts [s].
+        path: The path.
+        wait: Time before the approach starts [s], one of the query's.
         report: How the plan was found.
     """
-    count = int(np.ceil(basis.duration / _OUTPUT_STEP - 1e-9)) + 1
-    times = np.linspace(0.0, basis.duration, count)
-    p, v, a = basis.at(points, times)
+    count = int(np.ceil(path.duration / query.step - 1e-9)) + 1
+    times = np.linspace(0.0, path.duration, count)
+    p, v, a = path.at(times)
     q, w = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], wait + times)
     q, w = q[0], w[0]
     turn, back = angular_acceleration(query.inertia, w), conjugate(q)
@@ -152,8 +150,8 @@ def sampled_plan(query: PlanQuery, basis: SplineBasis, points: FloatArray, wait:
     return Plan(
         status=PlanStatus.SOLVED,
         t_start=query.t0 + wait,
-        duration=basis.duration,
-        control_points=points,
+        duration=path.duration,
+        path=path,
         times=query.t0 + wait + times,
         position=p,
         velocity=v,
@@ -164,6 +162,6 @@ def sampled_plan(query: PlanQuery, basis: SplineBasis, points: FloatArray, wait:
         acceleration_target=a_t,
         orientation=q,
         angular_velocity=w,
-        report=report,
+        report=report or PlanReport(),
         tide=tide,
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from safe_inspect.dynamics.tide import largest_tide
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.rendezvous.planner.path import ApproachPath
 from safe_inspect.types import FloatArray
 
 #: What the clearance may be below the margin between samples, as a share of the scenario's length.
@@ -80,6 +81,7 @@ class PlanQuery:
         field_of_view: Half angle within which the camera shall see the target's centre of mass [rad].
         mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. W does not turn, see `dynamics.tide`.
         length: Length of the scenario [m], about the radius that the target sweeps: unit of the optimiser.
+        step: Step of control [s], at which plans are sampled; durations are multiples of it.
     """
 
     t0: float
@@ -98,6 +100,7 @@ class PlanQuery:
     field_of_view: float = float(np.deg2rad(24.0))
     mean_motion: float = 0.0
     length: float = 1.0
+    step: float = 0.2
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -139,6 +142,7 @@ class PlanStatus(enum.Enum):
     START_INFEASIBLE = "start infeasible"  # the start breaks a limit, or is about to
     NOT_CONVERGED = "not converged"  # no start of the optimiser led to a feasible plan
     NOT_CERTIFIED = "not certified"  # feasible at the samples, but not shown to be clear between them
+    REFUSED = "refused"  # called solved by its planner, but it is not what was asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,13 +174,15 @@ def _no_rows() -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """An approach. Without status SOLVED the arrays may be empty.
+    """An approach. Without status SOLVED it has no path, and the arrays are empty.
+
+    A planner returns a path; `planner.problem.sampled_plan` makes the plan of it.
 
     Attributes:
         status: How planning ended.
         t_start: When the approach starts, with the wait [s].
         duration: How long it takes [s].
-        control_points: Control points of the clamped uniform B-spline of degree 5, in W [m], shape (n, 3).
+        path: Where the chaser is at every time, which the certificate of clearance needs; None without a plan.
         times: Times of the samples [s], t_start to t_start + duration, shape (K,).
         position: Position in W [m], shape (K, 3).
         velocity: Velocity in W [m/s], shape (K, 3).
@@ -194,7 +200,7 @@ class Plan:
     status: PlanStatus
     t_start: float
     duration: float
-    control_points: FloatArray = field(default_factory=_no_rows)
+    path: ApproachPath | None = None
     times: FloatArray = field(default_factory=lambda: np.empty(0))
     position: FloatArray = field(default_factory=_no_rows)
     velocity: FloatArray = field(default_factory=_no_rows)
@@ -207,6 +213,12 @@ class Plan:
     angular_velocity: FloatArray = field(default_factory=_no_rows)
     report: PlanReport = field(default_factory=PlanReport)
     tide: FloatArray | None = None
+
+    @property
+    def control_points(self) -> FloatArray:
+        """Control points of a plan that is a B-spline of degree 5, in W [m], shape (n, 3); no rows for other paths."""
+        points: FloatArray = getattr(self.path, "points", _no_rows())
+        return points
 
     @property
     def solved(self) -> bool:

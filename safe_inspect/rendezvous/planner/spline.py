@@ -87,6 +87,38 @@ class SplineBasis:
         return spline(times), spline(times, 1), spline(times, 2)
 
 
+@dataclass(frozen=True, eq=False)
+class SplinePath:
+    """A spline with its control points, as an `ApproachPath`.
+
+    Attributes:
+        basis: The basis.
+        points: Control points, in W [m], shape (n, 3).
+    """
+
+    basis: SplineBasis
+    points: FloatArray
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return self.basis.duration
+
+    @property
+    def largest_speed(self) -> float:
+        """Upper bound of the speed [m/s]."""
+        return float(np.sqrt(((self.basis.velocity_hull @ self.points) ** 2).sum(axis=1)).max())
+
+    @property
+    def largest_distance(self) -> float:
+        """Upper bound of the distance from the target's centre of mass [m]."""
+        return float(np.sqrt((self.points**2).sum(axis=1)).max())
+
+    def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since its start [s], (K, 3) each."""
+        return self.basis.at(self.points, times)
+
+
 @functools.lru_cache(maxsize=8)
 def _unit_basis(count: int, samples: int) -> SplineBasis:
     """Return the basis over [0, 1]."""

@@ -13,7 +13,7 @@ import numpy as np
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.planner.problem import sampled_plan
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
-from safe_inspect.rendezvous.planner.spline import spline_basis
+from safe_inspect.rendezvous.planner.spline import SplinePath, spline_basis
 
 _ROOM = Limits()
 
@@ -69,16 +69,20 @@ class PlanUnits:
             camera_axis=None if axis is None else lambda times: axis(time * times),
             mean_motion=query.mean_motion * time,
             length=1.0,
+            step=query.step / time,
         )
         return cls(query, scaled, length, mass, time)
 
     def scaled(self, plan: Plan) -> Plan:
         """Return a plan's control points and times in these units."""
+        points, path = plan.control_points / self.length, None
+        if len(points):
+            path = SplinePath(spline_basis(len(points), len(plan.times), plan.duration / self.time), points)
         return replace(
             plan,
             t_start=plan.t_start / self.time,
             duration=plan.duration / self.time,
-            control_points=plan.control_points / self.length,
+            path=path,
         )
 
     def restored(self, plan: Plan, seconds: float) -> Plan:
@@ -102,7 +106,7 @@ class PlanUnits:
         if not plan.solved:
             return Plan(plan.status, self.original.t0 + wait, duration, report=report)
         basis = spline_basis(len(plan.control_points), len(plan.times), float(duration))
-        return sampled_plan(self.original, basis, plan.control_points * self.length, wait, report)
+        return sampled_plan(self.original, SplinePath(basis, plan.control_points * self.length), wait, report)
 
 
 def _nearest(values: tuple[float, ...], wanted: float) -> float:

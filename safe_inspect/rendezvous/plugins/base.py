@@ -7,7 +7,10 @@ work is loaded when it is called: an experiment is checked without SciPy and wit
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, ClassVar, Protocol
+
+from pydantic import Field
 
 from safe_inspect.plugins.plugin import Plugin
 
@@ -24,12 +27,17 @@ if TYPE_CHECKING:
     from safe_inspect.rendezvous.control.tightening import TrackedReference
     from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
     from safe_inspect.rendezvous.front_end.context import FrontEndContext, FrontEndRun
+    from safe_inspect.rendezvous.models import MissionConfig
     from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
     from safe_inspect.rendezvous.sensors.imu import ImuNoise
     from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthRenderer
     from safe_inspect.rendezvous.target.model import Target
     from safe_inspect.rendezvous.tracking import DesignRequest
     from safe_inspect.types import FloatArray
+
+
+#: The name of a file that a plugin reads, as a configuration gives it; see `experiment.load_rendezvous`.
+DataFile = Annotated[str, Field(min_length=1, json_schema_extra={"file": True})]
 
 
 class EstimatorRun(Protocol):
@@ -101,7 +109,7 @@ class FrontEnd(Plugin):
     """Base of front ends: from depth frames to relative poses of the target.
 
     Attributes:
-        needs_frames: Whether it looks at the points of a frame; without, none are rendered.
+        needs_frames: Whether it looks at the points of a frame; without, none are rendered, and it is given the truth.
     """
 
     kind: ClassVar[str] = "front_end"
@@ -149,6 +157,10 @@ class StateEstimator(Plugin):
     @abstractmethod
     def __call__(self, context: EstimatorContext) -> EstimatorRun:
         """Return the estimator of a mission."""
+
+    def misfits(self, mission: MissionConfig) -> Iterator[tuple[str, str]]:
+        """Yield the name of each field that does not fit the rates of a mission, and why."""
+        yield from ()
 
 
 class ApproachPlanner(Plugin):

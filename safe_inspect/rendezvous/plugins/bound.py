@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from safe_inspect.plugins.functor import misplaced
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.bound.query import least_trials
 from safe_inspect.rendezvous.plugins.base import UncertaintyBound
 
 if TYPE_CHECKING:
@@ -25,6 +27,14 @@ class JointConformalBound(UncertaintyBound, name="ConformalBound"):
 
     epsilon: float = Field(default=0.05, gt=0.0, lt=1.0)
     trials: int = Field(default=200, ge=1)
+
+    @model_validator(mode="after")
+    def _has_trials(self) -> JointConformalBound:
+        needed = least_trials(self.epsilon)
+        if self.trials < needed:
+            message = f"{self.epsilon:g} needs {needed} trials, and `trials` is {self.trials}; raise one of the two"
+            raise misplaced([(("epsilon",), message)])
+        return self
 
     def __call__(self, query: BoundQuery, streams: Streams) -> Bound:
         """Return bounds at the samples of the plan."""

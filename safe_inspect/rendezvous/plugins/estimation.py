@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rendezvous.plugins.base import BackEnd, Characteriser, FrontEnd, StateEstimator
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
 from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLength, quantity
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from safe_inspect.rendezvous.estimation.run import PipelineEstimatorRun
     from safe_inspect.rendezvous.front_end.context import FrontEndContext
     from safe_inspect.rendezvous.front_end.truth import TruthEdges
+    from safe_inspect.rendezvous.models import MissionConfig
     from safe_inspect.rendezvous.target.model import Target
     from safe_inspect.types import FloatArray
 
@@ -183,6 +185,23 @@ class PipelineEstimator(StateEstimator):
     correlation: float = Field(default=0.9, ge=0.0, lt=1.0)
     known_target: bool = True
 
+    _check_imu = field_validator("imu")(checked_noise)
+
+    def misfits(self, mission: MissionConfig) -> Iterator[tuple[str, str]]:
+        """Yield the name of each field that does not fit the rates of a mission, and why."""
+        steps = round(self.frame_period / mission.step)
+        if steps < 1 or abs(steps * mission.step - self.frame_period) > 1e-9:
+            yield (
+                "frame_period",
+                f"{self.frame_period:g} s is no multiple of the step of control, {mission.step:g} s; round it",
+            )
+        if self.imu_ticks > mission.control_ticks:
+            yield (
+                "imu_ticks",
+                f"{self.imu_ticks} ticks between two inertial samples are more than a step of control has, "
+                f"{mission.control_ticks}; lower it",
+            )
+
     def __call__(self, context: EstimatorContext) -> PipelineEstimatorRun:
         """Return the estimator of a mission."""
         from safe_inspect.rendezvous.estimation.pipeline import PipelineParts
@@ -191,21 +210,18 @@ class PipelineEstimator(StateEstimator):
         from safe_inspect.rendezvous.front_end.context import FrontEndContext
 
         steps = round(self.frame_period / context.step)
-        if steps < 1 or abs(steps * context.step - self.frame_period) > 1e-9:
-            raise ValueError(
-                f"estimator.frame_period: {self.frame_period:g} s is no multiple of the step of control, "
-                f"{context.step:g} s"
-            )
         sensors = SensorSuite(context, self.camera, self.imu, self.imu_ticks, render=self.front_end.needs_frames)
         target = context.target if self.known_target else None
         pose = TruePose()
-        seen = FrontEndContext(self.camera.geometry, sensors.T_BC, target, context.streams, pose)
+        truth = None if self.front_end.needs_frames else pose
+        seen = FrontEndContext(self.camera.geometry, sensors.T_BC, target, context.streams, truth)
         parts = PipelineParts(
             front_end=self.front_end(seen),
             back_end=lambda start, centre: self.back_end(self.imu, sensors.period, start, centre),
             characterise=self.characteriser,
             target=target,
             T_BC=sensors.T_BC,
+            imu=self.imu,
             fit_period=self.fit_period,
         )
         return PipelineEstimatorRun(context, sensors, parts, RunOptions(steps, self.correlation), pose)

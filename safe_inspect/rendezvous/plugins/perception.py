@@ -50,7 +50,7 @@ class ModelFrontEnd(FrontEnd):
     edge: PositiveLength | None = None  # type: ignore[valid-type]
     least_points: int = Field(default=150, ge=10)
     margin: PositiveLength = 3e-3  # type: ignore[valid-type]
-    covariance_scale: float = Field(default=3.0, gt=0.0)
+    covariance_scale: float = Field(default=1.0, gt=0.0)
 
     def __call__(self, context: FrontEndContext) -> ModelFrontEndRun:
         """Return the front end of a mission.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from safe_inspect.rendezvous.plugins.base import ApproachPlanner
+from safe_inspect.rendezvous.plugins.base import ApproachPlanner, DataFile
 
 if TYPE_CHECKING:
     from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
@@ -27,7 +27,7 @@ class SplineSCPPlanner(ApproachPlanner):
     control_points: int = Field(default=20, ge=8)
     samples: int = Field(default=121, ge=11)
     multi_start: bool = False
-    table: str | None = Field(default=None, min_length=1)
+    table: DataFile | None = None
 
     def __call__(self, query: PlanQuery) -> Plan:
         """Return a plan, whose status says if it may be flown."""

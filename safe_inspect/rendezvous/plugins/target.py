@@ -11,7 +11,8 @@ from safe_inspect.dynamics.inertia import principal_axes
 from safe_inspect.dynamics.quaternion import exp, normalise, to_matrix
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.plugins.base import TargetModel, Tumble
+from safe_inspect.rendezvous.plugins.base import DataFile, TargetModel, Tumble
+from safe_inspect.rendezvous.poses import check_unit
 from safe_inspect.rendezvous.target.box import inertia_of_boxes, mesh_of_boxes
 from safe_inspect.rendezvous.target.envisat import envisat
 from safe_inspect.rendezvous.target.mesh import mesh_target, read_mesh
@@ -100,14 +101,14 @@ class MeshTarget(TargetModel):
     """A target from a closed mesh file (STL, PLY or OBJ), covered by boxes.
 
     Attributes:
-        path: The file.
+        path: The file; a relative name is looked for beside the configuration that names it.
         scale: What its lengths are multiplied by to get metres.
         inertia: Inertia about the mesh's origin [kg m^2], which is the centre of mass; null for one density inside.
         mating_point: Where the chaser's centre shall be, in the principal axes [m].
         boxes: Largest number of boxes that cover it.
     """
 
-    path: str = Field(min_length=1)
+    path: DataFile
     scale: float = Field(default=1.0, gt=0.0)
     inertia: InertiaMatrix | None = None
     mating_point: _Point = (0.0, 0.0, 0.5)
@@ -140,6 +141,13 @@ class TriAxialTumble(Tumble):
     def _has_length(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if value is not None and not (all(map(math.isfinite, value)) and any(value)):
             raise ValueError(f"{list(value)} is no direction and no attitude: give finite components, not all 0")
+        return value
+
+    @field_validator("attitude")
+    @classmethod
+    def _is_rotation(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if value is not None:
+            check_unit("the attitude", value)
         return value
 
     def __call__(self, streams: Streams) -> tuple[FloatArray, FloatArray]:

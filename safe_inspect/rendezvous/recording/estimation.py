@@ -137,6 +137,7 @@ def _estimate(
         characterise=estimators.characteriser,
         target=target,
         T_BC=T_BC,
+        imu=log_.description.imu,
     )
     pipeline = EstimationPipeline(parts, ChaserStart(*log_.start))
     online, positions, before = [], [], float(log_.times[0])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from safe_inspect.config.models.experiment import Model
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
+from safe_inspect.plugins.functor import misplaced
+from safe_inspect.rendezvous.poses import check_unit
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.units import Length, PositiveLength, Speed
 
@@ -32,12 +33,6 @@ DEPTH = "depth"
 _Point = tuple[Length, Length, Length]  # type: ignore[valid-type]
 _Velocity = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
 _Quaternion = tuple[float, float, float, float]
-
-
-def _unit(name: str, quaternion: tuple[float, ...]) -> None:
-    length = float(np.linalg.norm(quaternion))
-    if abs(length - 1.0) > 1e-3:
-        raise ValueError(f"{name} is no unit quaternion [x, y, z, w]: its length is {length:.6g}")
 
 
 class CameraDescription(Model):
@@ -74,7 +69,14 @@ class CameraDescription(Model):
 
     @model_validator(mode="after")
     def _check(self) -> CameraDescription:
-        _unit("orientation", self.orientation)
+        check_unit("orientation", self.orientation)
+        problems = [
+            ((name,), f"{value:g} px is outside of the image, which has {count} pixels along it")
+            for name, value, count in (("cx", self.cx, self.width), ("cy", self.cy, self.height))
+            if not -0.5 <= value <= count - 0.5
+        ]
+        if problems:
+            raise misplaced(problems)
         if self.least_range >= self.largest_range:
             raise ValueError(f"least_range ({self.least_range} m) must be below largest_range ({self.largest_range} m)")
         return self
@@ -103,7 +105,7 @@ class StartDescription(Model):
 
     @model_validator(mode="after")
     def _check(self) -> StartDescription:
-        _unit("orientation", self.orientation)
+        check_unit("orientation", self.orientation)
         return self
 
 
@@ -119,3 +121,5 @@ class SensorDescription(Model):
     camera: CameraDescription
     imu: Annotated[ImuNoise, Field(default_factory=ImuNoise)]
     start: StartDescription = StartDescription()
+
+    _check_imu = field_validator("imu")(checked_noise)

@@ -89,6 +89,20 @@ class SensorLog:
         Raises:
             ConfigError: Its file is missing, damaged or of another size.
         """
+        camera, depth = self.description.camera, self.depth(index)
+        directions = camera.geometry.directions
+        ranges = depth / directions[..., 2]
+        valid = (ranges >= camera.least_range) & (ranges <= camera.largest_range)
+        points = directions[valid] * ranges[valid][:, None]
+        flags = ("out_of_view",) if not len(points) else ()
+        return DepthFrame(float(self.times[index]), np.where(valid, depth, 0.0), points, valid, flags)
+
+    def depth(self, index: int) -> FloatArray:
+        """Return the depths of a frame as its file has them, 0 where nothing is seen [m], shape (height, width).
+
+        Raises:
+            ConfigError: Its file is missing, damaged or of another size.
+        """
         camera, name = self.description.camera, self.files[index]
         depth = _depth(self.folder / name, camera.depth_unit)
         if depth.shape != (camera.height, camera.width):
@@ -97,13 +111,7 @@ class SensorLog:
                 f"the image has {depth.shape[1] if depth.ndim == 2 else '?'} x {depth.shape[0]} pixels",
                 f"{DESCRIPTION} says {camera.width} x {camera.height}; correct one of them",
             )
-        depth = np.where(np.isfinite(depth), depth, 0.0)
-        directions = camera.geometry.directions
-        ranges = depth / directions[..., 2]
-        valid = (ranges >= camera.least_range) & (ranges <= camera.largest_range)
-        points = directions[valid] * ranges[valid][:, None]
-        flags = ("out_of_view",) if not len(points) else ()
-        return DepthFrame(float(self.times[index]), np.where(valid, depth, 0.0), points, valid, flags)
+        return np.where(np.isfinite(depth), depth, 0.0)
 
 
 def read_sensor_log(folder: str | os.PathLike[str]) -> SensorLog:

@@ -11,6 +11,7 @@ from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.messages.report import problems_of
 from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.experiment import with_absolute_files
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.plugins import MeshTarget
 from safe_inspect.rendezvous.target.model import Target
@@ -25,11 +26,13 @@ def read_target(path: str | os.PathLike[str]) -> Target:
         ConfigError: The file cannot be read, or has no target.
     """
     if Path(path).suffix.lower() in _MESHES:
-        return MeshTarget(path=os.fspath(path))()
+        return MeshTarget(path=os.path.abspath(Path(path).expanduser()))()
     tree = load(path)
     if not isinstance(tree, LocatedDict) or "target" not in tree:
         raise ConfigError(f"{os.fspath(path)}: it has no key `target`; give such a file, an experiment, or a mesh")
-    part = LocatedDict({"target": tree["target"]})
+    part = with_absolute_files(
+        LocatedDict({key: tree[key] for key in ("plugin_paths", "target") if key in tree}, tree.marks)
+    )
     try:
         return RendezvousConfig.model_validate(part).target()  # type: ignore[no-any-return]
     except ValidationError as error:

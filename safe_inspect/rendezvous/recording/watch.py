@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.lqr import LQRTracker
@@ -17,6 +16,7 @@ from safe_inspect.rendezvous.estimation.suite import SensorSuite
 from safe_inspect.rendezvous.mission import dynamics_of
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.plugins.base import DepthCameraModel
+from safe_inspect.rendezvous.scenario import mission_streams
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.truth import MissionTruth
@@ -68,7 +68,7 @@ def watch(config: RendezvousConfig, sensors: WatchSensors, number: int, seconds:
         number: Number of the mission, whose tumble and noise are drawn.
         seconds: How long it lasts.
     """
-    streams = Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
+    streams = mission_streams(config, number)
     mission, chaser, target = config.mission, config.chaser, config.target()
     position = np.array(chaser.position)
     level = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
@@ -101,6 +101,6 @@ def watch(config: RendezvousConfig, sensors: WatchSensors, number: int, seconds:
         command = pointing.step(now.position, np.zeros(3), mission.step)
         torque = controller(now.orientation, now.angular_velocity, command)
         history = truth.advance(force, torque).chaser
-        for acceleration, rate in suite.samples(InertialTruth(history, False, np.zeros(6))):
+        for _, acceleration, rate in suite.samples(InertialTruth(history, False, np.zeros(6))):
             count += 1
             samples.append(np.concatenate([[count * suite.period], acceleration, rate]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,6 +33,18 @@ class ImuNoise:
     rate_walk: float = 1e-6
 
 
+def checked_noise(noise: ImuNoise) -> ImuNoise:
+    """Return the errors of a unit that an estimator may assume: each a positive number, as it weighs by them.
+
+    Raises:
+        ValueError: One is not.
+    """
+    for name, value in vars(noise).items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name} is {value:g}; an estimator needs a positive standard deviation, however small")
+    return noise
+
+
 class ImuSample(NamedTuple):
     """One sample in the chaser's frame B.
 
@@ -46,6 +59,20 @@ class ImuSample(NamedTuple):
     rate: FloatArray
     acceleration_bias: FloatArray
     rate_bias: FloatArray
+
+
+class InertialSample(NamedTuple):
+    """What is measured at one time.
+
+    Attributes:
+        time: Since the step of control has started [s].
+        acceleration: Specific force in B [m/s^2], shape (3,).
+        rate: Angular velocity in B [rad/s], shape (3,).
+    """
+
+    time: float
+    acceleration: FloatArray
+    rate: FloatArray
 
 
 class Imu:

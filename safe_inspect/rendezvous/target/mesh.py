@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.inertia import principal_axes
-from safe_inspect.errors import ConfigError
+from safe_inspect.errors import ConfigError, MissingLibraryError
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.target.box import aligned_boxes
@@ -30,8 +30,11 @@ def read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
     name = os.fspath(path)
     try:
         mesh = require("trimesh").load(name, force="mesh")
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{name}: the mesh cannot be read ({error}); give an STL, PLY or OBJ file") from None
+    except MissingLibraryError:
+        raise
+    except Exception as error:  # of the library, which raises what its many formats come across
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise ConfigError(f"{name}: the mesh cannot be read ({reason}); give an STL, PLY or OBJ file") from None
     if not mesh.is_volume:
         raise ConfigError(
             f"{name}: the mesh is no closed surface with outward faces (watertight: {mesh.is_watertight}, consistent "

@@ -1,68 +1,127 @@
-"""Jumps of the biases are taken out of the samples, and nothing else is."""
+"""Jumps of the biases are found by the expected motion, with a covariance, and nothing else is taken for one."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
+import pytest
 
+from safe_inspect.rendezvous.back_end.graph import PoseGraph
+from safe_inspect.rendezvous.back_end.inertial import BiasJump, ImuBuffer
+from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
+from safe_inspect.rendezvous.estimate import BodyState, ExpectedMotion
 from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
+from safe_inspect.rendezvous.estimation.response import ActuatorResponse
+from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 
-_STEP, _SAMPLES, _BIAS = 0.2, 12, np.array([1e-3, -1e-3, 0.0, 5e-5, 0.0, -5e-5])
+_STEP, _TICK = 0.2, 0.008
+_BIAS = np.array([1e-3, -1e-3, 0.0, 5e-5, 0.0, -5e-5])
 _JUMP = np.repeat([0.02, 5e-4], 3)
 
 
-def _steps(count: int, jumped: range, gain: float = 1.0, seed: int = 0):
-    """Return samples and commands of a chaser that thrusts and turns, with an error of 3 mN of 10 kg."""
+def _steps(count: int, jumped: range, seed: int = 0) -> Iterator[tuple[list[InertialSample], ExpectedMotion]]:
+    """Give samples and expected motion of a chaser that thrusts and turns, with an error of 3 mN of 10 kg.
+
+    A sample falls on every second tick, and a step has 25 of them: their mean time is the middle of a step plus half a
+    tick, with 12 samples or with 13.
+    """
     generator, rate = np.random.default_rng(seed), np.zeros(3)
-    times = (np.arange(_SAMPLES) + 1.0) / _SAMPLES * _STEP
     for k in range(count):
-        commanded = generator.uniform(-1.0, 1.0, 6) * np.repeat([0.02, 0.05], 3)
-        acceleration = gain * commanded[:3] + generator.uniform(-3e-4, 3e-4, 3)
-        noise = generator.standard_normal((_SAMPLES, 6)) * np.repeat([2e-3, 1.5e-4], 3)
-        true = np.hstack([np.tile(acceleration, (_SAMPLES, 1)), rate + times[:, None] * commanded[3:]])
+        commanded = generator.uniform(-1.0, 1.0, 6) * np.repeat([0.02, 0.15], 3)
+        acceleration = commanded[:3] + generator.uniform(-3e-4, 3e-4, 3)
+        samples = []
+        for tick in range(1 + (k % 2 == 0), 26, 2):
+            noise = generator.standard_normal(6) * np.repeat([2e-3, 1.5e-4], 3)
+            motion = np.concatenate([acceleration, rate + tick * _TICK * commanded[3:]])
+            value = motion + _BIAS + noise + _JUMP * (k in jumped)
+            samples.append(InertialSample(tick * _TICK, value[:3], value[3:]))
         rate = rate + _STEP * commanded[3:]
-        measured = true + _BIAS + noise + _JUMP * (k in jumped)
-        yield [(row[:3], row[3:]) for row in measured], true + _BIAS + noise, commanded
+        yield samples, ExpectedMotion(commanded, np.array([2e-4, 1e-4]))
 
 
-def test_samples_without_a_jump_stay_as_they_are():
-    jumps = BiasJumps()
-    for samples, _, commanded in _steps(2_000, range(0)):
-        corrected = jumps.corrected(samples, commanded, _BIAS, _STEP)
-        assert all(one is other for one, other in zip(corrected, samples, strict=True))
+def test_without_a_jump_none_is_suspected():
+    """With torques at their limit, and samples whose mean time is not the middle of a step."""
+    jumps = BiasJumps(ImuNoise())
+    assert all(jumps.check(*step, np.zeros(3), _STEP) is None for step in _steps(2_000, range(0)))
 
 
-def test_a_jump_and_its_end_are_taken_out():
-    for seed in range(5):
-        jumps, errors = BiasJumps(), []
-        for samples, without, commanded in _steps(120, range(20, 60), seed=seed):
-            corrected = jumps.corrected(samples, commanded, _BIAS, _STEP)
-            errors.append(np.mean([np.hstack(row) for row in corrected], axis=0) - without.mean(axis=0))
-        errors = np.abs(errors)
-        assert errors[:20].max() == 0.0
-        assert errors[20:, :3].max() < 3e-3  # at the first step, by one mean of twelve samples
-        assert errors[[59, 119], :3].max() < 5e-4
-        assert errors[20:, 3:].max() < 3e-4
-        assert errors[[59, 119], 3:].max() < 1.5e-4
+def test_a_jump_and_its_end_are_found_with_their_covariance():
+    normalised = []
+    for seed in range(20):
+        jumps = BiasJumps(ImuNoise())
+        for k, step in enumerate(_steps(60, range(20, 40), seed)):
+            found = jumps.check(*step, np.zeros(3), _STEP)
+            assert (found is None) == (k < 20)
+            if found is not None:
+                error = (found.offset - _JUMP * (k < 40)).reshape(2, 3) / found.sigma[:, None]
+                assert (np.abs(error) < 4.5).all()
+                normalised.append(error.ravel())
+    assert 0.1 < np.mean(np.square(normalised)) < 1.5
 
 
-def test_after_frames_have_disagreed_nothing_is_corrected_further():
-    """Thrusters that give nothing look like a jump at every command."""
-    jumps, offsets = BiasJumps(), []
-    for k, (samples, _, commanded) in enumerate(_steps(40, range(0), gain=0.0)):
-        if k == 20:
-            jumps.distrust()
-        offsets.append(samples[0][0] - jumps.corrected(samples, commanded, _BIAS, _STEP)[0][0])
-    assert np.ptp(offsets[:20], axis=0).min() > 5e-3
-    np.testing.assert_allclose(offsets[20:], np.tile(offsets[20], (20, 1)), atol=1e-15)
+def test_after_a_frame_nothing_is_corrected_further():
+    """The graph has the jump as part of the bias then, and an end of the jump is one of its own."""
+    jumps, bias = BiasJumps(ImuNoise()), np.zeros(3)
+    for k, step in enumerate(_steps(60, range(20, 40))):
+        found = jumps.check(*step, bias, _STEP)
+        assert (found is None) == (k not in (*range(20, 25), *range(40, 45)))
+        if k % 5 == 4:
+            jumps.settle()
+            bias = bias if found is None else bias + found.offset[:3]
 
 
 def test_a_silent_unit_is_no_jump_of_the_gyroscopes():
     """It has turned meanwhile, as nobody has measured."""
-    jumps = BiasJumps()
-    silent = np.concatenate([np.zeros(3), [0.01, 0.0, 0.0]])
-    for k, (samples, _, commanded) in enumerate(_steps(30, range(0))):
+    jumps = BiasJumps(ImuNoise())
+    for k, (samples, expected) in enumerate(_steps(30, range(0))):
         if k == 10:
             jumps.interrupt()
-        moved = [(one + silent[:3], other + silent[3:] * (k >= 10)) for one, other in samples]
-        corrected = jumps.corrected(moved, commanded, _BIAS, _STEP)
-        np.testing.assert_array_equal(corrected[0][1], moved[0][1])
+        turned = [one._replace(rate=one.rate + np.array([0.01, 0.0, 0.0]) * (k >= 10)) for one in samples]
+        assert jumps.check(turned, expected, np.zeros(3), _STEP) is None
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.4])
+def test_the_expected_motion_is_that_of_the_actuators(lag: float):
+    """A force and a torque that are reversed are followed by the lag, and the uncertainty covers the scale error."""
+    config = ChaserConfig(actuator=ActuatorConfig(lag=lag, scale_error=0.05))
+    response, acts, moments = ActuatorResponse(config, _STEP), np.zeros(6), np.array(config.inertia)
+    at_rest = BodyState(np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))
+    for sign in (1.0, 1.0, -1.0, -1.0):
+        command = sign * np.repeat([0.1, 0.02], 3)
+        times = (np.arange(1000) + 0.5) / 1000.0 * _STEP
+        left = np.exp(-times / lag)[:, None] if lag else np.zeros((1000, 1))
+        true = 1.05 * (command + left * (acts - command)).mean(axis=0)
+        acts = command + (np.exp(-_STEP / lag) * (acts - command) if lag else 0.0)
+        expected = response.step(at_rest, command[:3], command[3:])
+        error = expected.mean - true / np.concatenate([np.full(3, config.mass), moments])
+        assert np.linalg.norm(error[:3]) < expected.sigma[0]
+        assert np.linalg.norm(error[3:]) < expected.sigma[1]
+
+
+def _watched(jump: np.ndarray, corrected: BiasJump | None) -> GraphEstimate:
+    """Return the graph of a chaser whose biases jump between two frames, one second apart, that show nothing."""
+    graph = PoseGraph(GraphOptions(), ChaserStart(np.eye(4), np.zeros(3)), CentrePrior(np.array([1.5, 0.0, 0.0]), 0.1))
+    imu = ImuBuffer(ImuNoise(), 0.1)
+    for frame in range(1, 21):
+        for _ in range(10):
+            if frame == 5 and corrected is not None:
+                imu.correct(corrected)
+            imu.add(jump[:3] * (frame >= 5), jump[3:] * (frame >= 5), 0.1)
+        graph.update(frame, [], imu)
+    return graph.estimate()
+
+
+def test_the_graph_takes_a_jump_with_its_covariance():
+    sigma = np.array([1e-3, 1e-4])
+    usual, found = _watched(np.zeros(6), None), _watched(_JUMP, BiasJump(_JUMP, sigma, 0.2))
+    np.testing.assert_allclose(found.bias, _JUMP, atol=1e-9)
+    np.testing.assert_allclose(found.chaser[:3, :3], np.eye(3), atol=1e-4)
+    np.testing.assert_allclose(found.chaser[:3, 3], 0.0, atol=0.02)  # half a period passes until the first sample
+    # A jump that is not there turns the chaser, and the covariance covers it.
+    wrong = _watched(np.zeros(6), BiasJump(np.repeat([2e-3, 2e-4], 3), sigma, 0.2))
+    turned = np.sqrt(np.trace(wrong.chaser_covariance[:3, :3] - usual.chaser_covariance[:3, :3]) / 3.0)
+    assert turned == pytest.approx(sigma[1] * 15.5, rel=0.1)
+    angle = np.arccos((np.trace(wrong.chaser[:3, :3]) - 1.0) / 2.0)
+    assert 1.5 * turned < angle < 4.0 * turned

@@ -14,6 +14,7 @@ from safe_inspect.rendezvous.front_end.model.alignment import ObservedView, alig
 from safe_inspect.rendezvous.front_end.model.faces import faces_of, surface_points
 from safe_inspect.rendezvous.front_end.model.kernel import nearest_face
 from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
+from safe_inspect.rendezvous.front_end.model.run import ModelTracking
 from safe_inspect.rendezvous.front_end.motion import RelativeMotion
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, inverse, perturbed, pose, rotation_exp, rotation_log
@@ -22,6 +23,7 @@ from safe_inspect.rendezvous.target.model import Target
 
 from .conftest import CAMERA, T_BC, Shoot, spin
 
+_SCALE = ModelTracking().scale
 _PRIOR = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
 
 
@@ -67,7 +69,7 @@ def test_registration_to_the_model_recovers_a_pose(target: Target, shoot: Shoot,
     assert _degrees(truth, found.pose) < 0.6
     assert found.inliers > 0.9
     error = difference(truth, found.pose)
-    assert error @ np.linalg.solve(found.covariance(3.0), error) / 6.0 < 6.0
+    assert error @ np.linalg.solve(found.covariance(_SCALE), error) / 6.0 < 6.0
 
 
 def test_a_search_finds_the_pose_without_a_prediction(target: Target, shoot: Shoot) -> None:
@@ -184,7 +186,7 @@ def test_close_to_the_target_the_shape_does_not_slide(target: Target, shoot: Sho
         offset = difference(truth, found.pose)
         assert np.linalg.norm(offset[3:]) < 0.015
         assert np.rad2deg(np.linalg.norm(offset[:3])) < 1.0
-        assert offset @ np.linalg.solve(found.covariance(3.0), offset) / 6.0 < 8.0
+        assert offset @ np.linalg.solve(found.covariance(_SCALE), offset) / 6.0 < 8.0
 
 
 def test_the_errors_of_attitude_hold_at_the_mating_point(target: Target, shoot: Shoot) -> None:
@@ -198,7 +200,7 @@ def test_the_errors_of_attitude_hold_at_the_mating_point(target: Target, shoot: 
         truth = pose(camera @ T_BC[:3, :3].T, position)
         found = registration(cleaning(shoot(truth, number), T_BC), truth, Prior(truth, _PRIOR))
         turn = difference(truth, found.pose)[:3]
-        nees.append(turn @ np.linalg.solve(found.covariance(3.0)[:3, :3], turn) / 3.0)
+        nees.append(turn @ np.linalg.solve(found.covariance(_SCALE)[:3, :3], turn) / 3.0)
     assert 0.1 < np.mean(nees) < 2.0
 
 
@@ -227,7 +229,7 @@ def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Targ
         truth = pose(rotation, np.array([along, 0.0, 0.35]) - rotation @ T_BC[:3, 3])
         start = perturbed(truth, random.normal(size=6) * np.repeat([np.deg2rad(0.2), 3e-3], 3))
         found = registration(cleaning(shoot(truth, number), T_BC), start, Prior(start, tight))
-        offset, covariance = difference(truth, found.pose), found.covariance(3.0)
+        offset, covariance = difference(truth, found.pose), found.covariance(_SCALE)
         assert np.linalg.norm(offset[3:]) < 0.012
         assert offset @ np.linalg.solve(covariance, offset) / 6.0 < 4.0
         x = rotation.T @ np.array([1.0, 0.0, 0.0])  # the strip leads along x of M

@@ -12,7 +12,7 @@ from safe_inspect.rendezvous.planner.cost import ForceCost, PowerCost
 from safe_inspect.rendezvous.planner.problem import approach_problem
 from safe_inspect.rendezvous.planner.query import Limits, PlanStatus
 from safe_inspect.rendezvous.planner.slsqp import optimise_slsqp
-from safe_inspect.rendezvous.planner.spline import spline_basis
+from safe_inspect.rendezvous.planner.spline import SplinePath, spline_basis
 from safe_inspect.rendezvous.plugins import SLSQPPlanner
 
 pytest.importorskip("piqp")
@@ -21,7 +21,7 @@ pytest.importorskip("piqp")
 def _clearance(query, plan):
     """Return distance less radius and margin at 3,001 times of a plan."""
     times = np.linspace(0.0, plan.duration, 3001)
-    p, _, _ = spline_basis(len(plan.control_points), 121, plan.duration).at(plan.control_points, times)
+    p, _, _ = plan.path.at(times)
     q, _ = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], plan.t_start - query.t0 + times)
     in_target = rotate(conjugate(q[0]), p)
     return query.boxes.distance(in_target @ query.R_MT.T) - query.limits.radius - query.margin(times)
@@ -213,16 +213,16 @@ def test_the_certificate_refuses_a_plan_that_touches_between_samples(query):
     problem = approach_problem(asked, 0.0, 60.0, 20, 121)
     through = problem.cold()
     through[8:12] = 0.0  # through the bus
-    proof = certify(asked, problem.basis, through)
+    proof = certify(asked, SplinePath(problem.basis, through))
     assert not proof.certified
     assert proof.clearance < -0.01
     assert 0.0 < proof.time < 60.0
     plan = plan_approach(asked)
-    good = certify(asked, problem.basis, plan.control_points)
+    good = certify(asked, plan.path)
     assert good.certified
     assert good.clearance == plan.report.clearance
     assert np.isnan(good.time)
-    assert not certify(replace(asked, margin=lambda t: 0.08 + 0.0015 * t), problem.basis, plan.control_points).certified
+    assert not certify(replace(asked, margin=lambda t: 0.08 + 0.0015 * t), plan.path).certified
 
 
 def test_least_squares_programming_finds_no_cheaper_plan(query):

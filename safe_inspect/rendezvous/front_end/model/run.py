@@ -61,7 +61,7 @@ class ModelTracking:
     margin: float = 0.003
     views: int = 15
     view_angle: float = np.deg2rad(10.0)
-    scale: float = 3.0
+    scale: float = 1.0
 
 
 #: Share of a frame that the pose of G in M takes, and how far [rad, m] it may be from it.

@@ -1,0 +1,57 @@
+"""The motion that the actuators are expected to give."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import conjugate, rotate
+from safe_inspect.dynamics.tumble import angular_acceleration
+from safe_inspect.rendezvous.estimate import BodyState, ExpectedMotion
+from safe_inspect.rendezvous.models import ChaserConfig
+from safe_inspect.types import FloatArray
+
+#: Share of a force or torque that is uncertain whatever the actuators are, since the chaser turns within a step, and
+#: the least standard deviation of the angular acceleration [rad/s^2].
+_SHARE, _LEAST = 0.02, 1e-4
+#: Largest distance of an exponential response from its chord, as a share of its change, over the time of the step.
+_CURVATURE = 0.125
+
+
+class ActuatorResponse:
+    """Predicts a step's motion from commands and the documented errors of the actuators.
+
+    Args:
+        config: The chaser; of its actuators the lag shapes the prediction, scale error and noise are its uncertainty.
+        step: The step of control [s].
+    """
+
+    def __init__(self, config: ChaserConfig, step: float) -> None:
+        self._config, self._wrench = config, np.zeros(6)
+        lag = config.actuator.lag
+        #: Shares of the difference to the command that are left at the end of a step, and in its mean.
+        self._left = float(np.exp(-step / lag)) if lag > 0.0 else 0.0
+        self._mean = lag / step * (1.0 - self._left)
+
+    def step(self, chaser: BodyState, force: FloatArray, torque: FloatArray) -> ExpectedMotion:
+        """Return the motion that a command gives, which is held for a step.
+
+        Args:
+            chaser: The chaser as it is estimated.
+            force: In W [N], shape (3,).
+            torque: In B [N m], shape (3,).
+        """
+        config, own = self._config, self._config.actuator
+        moments: FloatArray = np.array(config.inertia)
+        command = np.concatenate([force, torque])
+        difference = self._wrench - command
+        mean, self._wrench = command + self._mean * difference, command + self._left * difference
+        bent = _CURVATURE * (1.0 - self._left) * difference if own.lag > 0.0 else np.zeros(6)
+        sizes = np.linalg.norm(np.reshape([mean, bent], (2, 2, 3)), axis=2)
+        sigma = (_SHARE + abs(own.scale_error)) * sizes[0] + sizes[1]
+        sigma = np.hypot(sigma, np.array([own.force_noise, own.torque_noise]) / np.sqrt(3.0))
+        free = angular_acceleration(moments, chaser.angular_velocity)
+        acceleration = rotate(conjugate(chaser.orientation), mean[:3]) / config.mass
+        return ExpectedMotion(
+            np.concatenate([acceleration, free + mean[3:] / moments]),
+            np.array([sigma[0] / config.mass, np.hypot(sigma[1] / moments.min(), _LEAST)]),
+        )

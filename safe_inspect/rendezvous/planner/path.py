@@ -1,0 +1,110 @@
+"""Paths of an approach: what a planner gives, and what the certificate and the sampling of a plan need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from safe_inspect.types import FloatArray
+
+
+class ApproachPath(Protocol):
+    """A path of the chaser relative to the target's centre of mass, along the axes of W, over [0, duration].
+
+    Its velocity is continuous. The two bounds must hold at all times: the certificate of clearance uses them between
+    the times at which it evaluates the path.
+    """
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+
+    @property
+    def largest_speed(self) -> float:
+        """Upper bound of the speed [m/s]."""
+
+    @property
+    def largest_distance(self) -> float:
+        """Upper bound of the distance from the target's centre of mass [m]."""
+
+    def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since its start [s], (K, 3) each."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledPath:
+    """The path through samples of position and velocity, a cubic polynomial between each two of them.
+
+    On a segment of length h the polynomial has the Bezier points ``p0, p0 + h v0 / 3, p1 - h v1 / 3, p1``; it and its
+    derivative stay in the convex hulls of these points and of three times their differences over h, which gives the
+    bounds. Source: Farin, "Curves and Surfaces for CAGD", 2002.
+
+    Attributes:
+        times: Times of the samples since the start, ascending from 0 [s], shape (K,).
+        position: Relative to the target's centre of mass, along the axes of W [m], shape (K, 3).
+        velocity: Its derivative [m/s], shape (K, 3).
+    """
+
+    times: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the samples.
+
+        Raises:
+            ValueError: The times do not ascend from 0, or the arrays are not finite or of other shapes.
+        """
+        for name in ("times", "position", "velocity"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+        count = len(self.times)
+        if self.times.shape != (count,) or count < 2 or self.times[0] != 0.0 or not (np.diff(self.times) > 0.0).all():
+            raise ValueError("path: the times of the samples must ascend from 0 s, at least two of them")
+        for name in ("position", "velocity"):
+            value = getattr(self, name)
+            if value.shape != (count, 3) or not np.isfinite(value).all():
+                raise ValueError(f"path: {name} must be finite, of shape {(count, 3)}, got the shape {value.shape}")
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return float(self.times[-1])
+
+    @cached_property
+    def largest_speed(self) -> float:
+        """Upper bound of the speed [m/s]."""
+        step = np.diff(self.times)[:, None, None]
+        return float(np.linalg.norm(3.0 * np.diff(self._points, axis=1) / step, axis=2).max())
+
+    @cached_property
+    def largest_distance(self) -> float:
+        """Upper bound of the distance from the target's centre of mass [m]."""
+        return float(np.linalg.norm(self._points, axis=2).max())
+
+    @cached_property
+    def _points(self) -> FloatArray:
+        """The Bezier points of each segment [m], shape (K - 1, 4, 3)."""
+        p, reach = self.position, np.diff(self.times)[:, None] * self.velocity[:-1] / 3.0
+        back = np.diff(self.times)[:, None] * self.velocity[1:] / 3.0
+        return np.stack((p[:-1], p[:-1] + reach, p[1:] - back, p[1:]), axis=1)
+
+    def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since its start [s], (K, 3) each."""
+        times = np.asarray(times, dtype=np.float64)
+        index = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
+        step = np.diff(self.times)[index, None]
+        points = self._points[index]
+        slopes = 3.0 * np.diff(points, axis=1) / step[..., None]
+        curves = 2.0 * np.diff(slopes, axis=1) / step[..., None]
+        share = (times - self.times[index])[:, None] / step
+        return tuple(_bezier(values, share) for values in (points, slopes, curves))  # type: ignore[return-value]
+
+
+def _bezier(points: FloatArray, share: FloatArray) -> FloatArray:
+    """Return the values of Bezier curves of points (K, n, 3) at shares (K, 1) of their lengths, by de Casteljau."""
+    while points.shape[1] > 1:
+        points = points[:, :-1] + share[:, None] * np.diff(points, axis=1)
+    return np.asarray(points[:, 0])
