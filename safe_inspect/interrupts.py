@@ -36,6 +36,21 @@ class Interrupted(KeyboardInterrupt):
         self.number = number
 
 
+def stop_quietly_until_handled() -> None:
+    """Let Ctrl-C end a command without a traceback while Python still imports, before `handled` is entered.
+
+    It changes nothing in a program that imports the package.
+    """
+    words = getattr(sys, "orig_argv", [])
+    module = words[words.index("-m") + 1 :][:1] if "-m" in words else []
+    first = os.path.basename(sys.argv[0]) if sys.argv else ""
+    started = first.removesuffix(".exe") == "safe-inspect" or (
+        first == "-m" and module and module[0].partition(".")[0] == "safe_inspect"
+    )
+    if started and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def interrupt(number: int) -> NoReturn:
     """Stop what runs.
 

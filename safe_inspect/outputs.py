@@ -1,17 +1,20 @@
-"""Files and folders that a user names: written beside their place, and moved there when they are complete.
+"""Files and folders that a user names: written next to their place, and moved there when they are complete.
 
-A command that is stopped, fails or finds the disk full leaves what stood there before, and nothing half-written.
+A command that is stopped, fails or finds the disk full leaves what was there before, and nothing half-written. A folder
+that exists is refused, unless the same command wrote it and may replace it; nothing else is ever removed.
 """
 
 from __future__ import annotations
 
 import errno
+import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from safe_inspect.errors import OutputError
 
@@ -19,6 +22,8 @@ from safe_inspect.errors import OutputError
 NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 #: Name of the file by which a folder is locked.
 LOCK = ".lock"
+#: Name of the file that says which command wrote a folder, and which files in it.
+MARKER = ".safe_inspect.json"
 #: Size of a small file [bytes].
 _SMALL = 2**20
 
@@ -58,23 +63,37 @@ def new_file(path: str | os.PathLike[str], hint: str = "give another file") -> I
 
 
 @contextmanager
-def new_folder(path: str | os.PathLike[str], hint: str = "give another with --output") -> Iterator[Path]:
-    """Give a folder to write into, which takes the place of `path` when the block ends well, and is removed otherwise.
+def new_folder(
+    path: str | os.PathLike[str], command: str, *, force: bool = False, hint: str = "give another folder"
+) -> Iterator[Path]:
+    """Give a folder to write into, which is moved to `path` when the block ends well, and is removed otherwise.
+
+    The folder gets the file `MARKER`, which names the command and lists the files that it wrote. Nothing else is ever
+    replaced or removed.
 
     Args:
-        path: Where it will be; a folder that stands there is replaced.
+        path: Where it will be; nothing may exist there.
+        command: What writes the folder, such as ``evaluate``.
+        force: Whether `path` may be a folder that the same command wrote; it is replaced when the new one is complete.
         hint: What to do when it cannot be written.
 
     Raises:
-        OutputError: It cannot be written.
+        OutputError: Something exists at `path` that may not be replaced, or the folder cannot be written.
     """
     target = Path(path).expanduser().absolute()
     work = None
     try:
+        check_new_folder(path, command, force=force, hint=hint)
         _make_parent(target)
         work = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".new", dir=target.parent))
         os.chmod(work, 0o777 & ~_umask())
         yield work
+        mark_folder(work, command, _files(work))
+        try:
+            check_new_folder(path, command, force=force, hint=hint)
+        except OutputError as error:
+            kept, work = work, None
+            raise OutputError(f"{error}; what was written is in {kept}") from None
         _put(work, target)
     except OutputError:
         raise
@@ -83,6 +102,76 @@ def new_folder(path: str | os.PathLike[str], hint: str = "give another with --ou
     finally:
         if work is not None:
             shutil.rmtree(work, ignore_errors=True)
+
+
+def check_new_folder(
+    path: str | os.PathLike[str], command: str, *, force: bool = False, hint: str = "give another folder"
+) -> None:
+    """Check that `new_folder` may write a folder, before there is anything to write; see there for the arguments.
+
+    Raises:
+        OutputError: Something exists at `path` that may not be replaced.
+    """
+    target = Path(path).expanduser().absolute()
+    if not os.path.lexists(target):
+        return
+    if target.is_symlink() or not target.is_dir():
+        raise OutputError(f"{path}: this is a file or a link, so no folder can be written there; {hint}")
+    if Path.cwd().is_relative_to(target.resolve()):
+        raise OutputError(f"{path}: the working directory is in this folder, so it is not replaced; {hint}")
+    if not force:
+        raise OutputError(f"{path}: the folder exists already; {hint}, or replace what this command wrote: --force")
+    marker = read_marker(target)
+    if marker["command"] != command:
+        raise OutputError(
+            f"{path}: nothing in this folder says that `{command}` wrote it, so it is not replaced; {hint}"
+        )
+    foreign = next((name for name in _files(target) if name not in marker["files"] | {MARKER}), None)
+    if foreign is not None:
+        raise OutputError(f"{path}: {foreign!r} in it is of another origin, so the folder is not replaced; {hint}")
+
+
+def mark_folder(folder: Path, command: str, files: Iterable[str], **about: Any) -> None:
+    """Write the file that says which command wrote a folder, and which files.
+
+    Args:
+        folder: The folder.
+        command: The command.
+        files: Their paths in the folder.
+        about: What else is noted, as JSON knows it.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    work = folder / f"{MARKER}.new"
+    work.write_text(json.dumps({"command": command, "files": sorted(files), **about}, default=str) + "\n", "utf-8")
+    os.replace(work, folder / MARKER)
+
+
+def read_marker(folder: Path) -> Mapping[str, Any]:
+    """Return what `mark_folder` wrote; the command is empty where there is no such file."""
+    try:
+        content = json.loads((folder / MARKER).read_text(encoding="utf-8"))
+        return {**content, "command": str(content["command"]), "files": {str(name) for name in content["files"]}}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {"command": "", "files": set()}
+
+
+def remove_written(folder: Path, leave: Iterable[str] = ()) -> None:
+    """Remove the files of a folder that its marker lists, and the folder unless something else is in it.
+
+    Args:
+        folder: The folder.
+        leave: Files that are not removed.
+    """
+    written = (read_marker(folder)["files"] | {MARKER, f"{MARKER}.new", LOCK}) - set(leave)
+    for name in _files(folder):
+        if name in written:
+            with suppress(OSError):
+                (folder / name).unlink()
+    for place, _, _ in os.walk(folder, topdown=False):
+        with suppress(OSError):
+            os.rmdir(place)
 
 
 @contextmanager
@@ -109,12 +198,21 @@ def exclusive(folder: Path, use: str) -> Iterator[None]:
         yield
 
 
-def check_writable(path: Path) -> None:
-    """Check that `new_file` will be able to write a file, before there is anything to write.
+def check_writable(path: Path, endings: Collection[str] = ()) -> None:
+    """Check that `new_file` will be able to write a file that a user names, before there is anything to write.
+
+    Args:
+        path: The file.
+        endings: Those of the format that is written: an existing file with another ending is not replaced.
 
     Raises:
-        OutputError: It cannot.
+        OutputError: It cannot be written, or is not replaced.
     """
+    if endings and path.is_file() and path.suffix.lower() not in endings:
+        raise OutputError(
+            f"{path}: the file exists already, and only a file that ends in {' or '.join(endings)} is replaced; give "
+            "another file"
+        )
     if path.is_dir():
         raise OutputError(f"{path}: the file cannot be written (it is a folder); give a file")
     try:
@@ -125,6 +223,22 @@ def check_writable(path: Path) -> None:
                 pass
     except OSError as error:
         raise cannot_write(path, error) from None
+
+
+def check_parent(folder: Path, hint: str = "give another with --output") -> None:
+    """Check that a folder can be made, or written into, before there is anything to write; nothing is left.
+
+    Raises:
+        OutputError: It cannot.
+    """
+    place = folder.expanduser().absolute()
+    while not os.path.lexists(place):
+        place = place.parent
+    try:
+        with tempfile.TemporaryDirectory(dir=place, prefix=".safe_inspect."):
+            pass
+    except OSError as error:
+        raise cannot_write(folder, error, hint, "output folder") from None
 
 
 def cannot_write(
@@ -161,8 +275,19 @@ def _check_access(target: Path) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
 
+def _files(folder: Path) -> list[str]:
+    """Return the paths in a folder of all that is no folder, and of all empty folders."""
+    found = []
+    for place, folders, files in os.walk(folder):
+        names = files + [name for name in folders if os.path.islink(os.path.join(place, name))]
+        if not folders and not files and place != str(folder):
+            names = ["."]
+        found += [os.path.relpath(os.path.join(place, name), folder) for name in names]
+    return sorted(found)
+
+
 def _put(work: Path, target: Path) -> None:
-    """Move a complete folder to its place; what stands there goes when the new one is in it."""
+    """Move a complete folder to its place; what the command wrote there before goes when the new one is in it."""
     old = work.with_suffix(".old")
     try:
         if os.path.lexists(target):
@@ -171,7 +296,8 @@ def _put(work: Path, target: Path) -> None:
     finally:
         if not os.path.lexists(target) and old.exists():
             os.replace(old, target)
-        shutil.rmtree(old, ignore_errors=True)
+        if old.exists():
+            remove_written(old)
 
 
 def _umask() -> int:

@@ -4,6 +4,21 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
+
+
+def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: bool = False) -> None:
+    """Add ``--output`` of a folder, which is written by `safe_inspect.outputs.new_folder`, and ``--force``.
+
+    Args:
+        parser: The command's.
+        about: What is written into the folder.
+        required: Whether the command line is refused without it.
+    """
+    parser.add_argument(
+        "--output", type=Path, required=required, metavar="FOLDER", help=f"write {about} into this new folder"
+    )
+    parser.add_argument("--force", action="store_true", help="replace the folder if this command wrote all of it")
 
 
 def positive(text: str) -> int:
@@ -19,7 +34,7 @@ def positive(text: str) -> int:
 
 def seed(text: str) -> int:
     """Return a seed."""
-    if not text.isdecimal() or int(text) >= 2**64:
+    if not text.isdecimal() or len(text) > 20 or int(text) >= 2**64:
         raise argparse.ArgumentTypeError(f"a whole number from 0 to 2**64 - 1 is wanted, not {text!r}")
     return int(text)
 

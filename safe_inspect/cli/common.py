@@ -9,14 +9,14 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn
 
-from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.errors import Problem, SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
-from safe_inspect.outputs import NO_SPACE, cannot_write
+from safe_inspect.outputs import NO_SPACE, cannot_write, new_folder
 
 USER_ERROR = 2
 #: Names of parsed arguments that are no options.
@@ -26,23 +26,44 @@ _HIDDEN = {"--overrides", "--words", "--run", "--command", "--experiment-needed"
 class Parser(argparse.ArgumentParser):
     """A parser whose mistakes are one line; subcommands get it too."""
 
+    @property
+    def has_commands(self) -> bool:
+        """Whether it has subcommands."""
+        return self._subparsers is not None
+
+    def check_option(self, word: str) -> None:
+        """Refuse an option in place of a command that is not one of the parser's own."""
+        known = list(self._option_string_actions)
+        if word != "--" and not any(option.startswith(word.partition("=")[0]) for option in known):
+            near = did_you_mean(word, known) if word.startswith("--") else "known: --help, --version"
+            self.error(f"unrecognized arguments: {word}; {near}")
+
     def error(self, message: str) -> NoReturn:
         """Print the mistake and where help is, and exit."""
         mistyped = re.fullmatch(r"argument command: invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if mistyped:
             commands = [name.strip(" '") for name in mistyped[2].split(",")]
             message = f"there is no command {mistyped[1]!r}; {did_you_mean(mistyped[1], commands)}"
-        self.exit(USER_ERROR, f"error: {message}; see `{self.prog} --help`\n")
+        self.exit(USER_ERROR, f"error: {_shortened(message)}; see `{self.prog} --help`\n")
 
 
-def parse_arguments(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
+def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:
     """Parse a command line.
 
     Overrides may stand anywhere; argparse alone takes them before the options only. An experiment, see
     `add_experiment_file`, is given by ``--cfg`` or as the one word that is no override.
     """
-    arguments, rest = parser.parse_known_args(argv)
-    unknown = [text for text in rest if text.startswith("-") or not hasattr(arguments, "overrides")]
+    words = list(sys.argv[1:] if argv is None else argv)
+    words = [*words[1:2], "--help"] if words[:1] == ["help"] and parser.has_commands else words
+    if parser.has_commands and words and words[0].startswith("-"):
+        parser.check_option(words[0])
+    arguments, rest = parser.parse_known_args(words)
+    verbatim = words[words.index("--") + 1 :] if "--" in words else []
+
+    def is_option(word: str) -> bool:
+        return word.startswith("-") and word not in verbatim
+
+    unknown = [text for text in rest if is_option(text) or not hasattr(arguments, "overrides")]
     if not unknown and hasattr(arguments, "words"):
         arguments.words = [*arguments.words, *rest]
     elif not unknown and hasattr(arguments, "overrides"):
@@ -50,23 +71,33 @@ def parse_arguments(parser: argparse.ArgumentParser, argv: Sequence[str] | None)
         arguments.overrides = [word for word in words if is_override(word)]
         unknown = [word for word in words if not is_override(word)]
     if hasattr(arguments, "experiment_needed"):
-        if arguments.cfg is None and unknown and not unknown[0].startswith("-"):
+        if arguments.cfg is None and unknown and not is_option(unknown[0]):
             arguments.cfg = unknown.pop(0)
         if arguments.cfg is None and not unknown and arguments.experiment_needed:
             parser.error("no experiment: give its file")
+    if getattr(arguments, "force", False) and getattr(arguments, "output", None) is None:
+        parser.error("--force replaces what --output names; give --output, or leave --force out")
     if unknown:
         options = {f"--{name.replace('_', '-')}" for name in vars(arguments)}
         near = did_you_mean(unknown[0], options - _HIDDEN) if unknown[0].startswith("--") else ""
         hint = f"; {near}" if near.startswith("did you mean") else ""
         if unknown[0].startswith("--override"):
             hint = "; write KEY=VALUE alone"
+        elif not is_option(unknown[0]):
+            hint = f"; {equals_hint(unknown[0])}"
         parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
     return arguments
 
 
+def equals_hint(word: str) -> str:
+    """Return how to write a word as an override."""
+    key, colon, value = word.partition(":")
+    return f"did you mean `{key}={value}`?" if colon and value else "values are replaced by KEY=VALUE"
+
+
 def is_override(word: str) -> bool:
     """Return whether a word of a command line is ``KEY=VALUE`` or ``~KEY``, and no file."""
-    return word.startswith("~") or ("=" in word and not Path(word).exists())
+    return word.startswith("~") or ("=" in word and not os.path.exists(word))
 
 
 def add_experiment_file(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
@@ -100,10 +131,19 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = 
     )
 
 
-def command_of(module: str, function: str) -> Callable[[argparse.Namespace], int]:
-    """Return a function of a module of `cli.commands`, which loads all that the command needs when it runs."""
+def command_of(module: str, function: str, starting: str = "") -> Callable[[argparse.Namespace], int]:
+    """Return a function of a module of `cli.commands`, which loads all that the command needs when it runs.
+
+    Args:
+        module: The module.
+        function: Its function.
+        starting: What is printed on the standard error before that, as loading takes seconds; empty for nothing.
+    """
 
     def run(arguments: argparse.Namespace) -> int:
+        if starting:
+            with suppress(OSError):
+                print(starting, file=sys.stderr, flush=True)
         command: Callable[[argparse.Namespace], int] = getattr(
             importlib.import_module(f"safe_inspect.cli.commands.{module}"), function
         )
@@ -112,14 +152,34 @@ def command_of(module: str, function: str) -> Callable[[argparse.Namespace], int
     return run
 
 
+@contextmanager
+def output_folder(arguments: argparse.Namespace) -> Iterator[Path | None]:
+    """Give the folder of ``--output`` to write into, see `new_folder`; None without that option.
+
+    Args:
+        arguments: Those of a command with `add_output_folder`.
+    """
+    if arguments.output is None:
+        yield None
+        return
+    with new_folder(arguments.output, arguments.command, force=arguments.force) as folder:
+        yield folder
+
+
 def run_command(command: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
     """Run a command; return its exit code, which is 128 and the number of the signal that has stopped it.
 
     A mistake of the user's, a full disk and an interruption are printed without a traceback.
     """
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal and a name with an umlaut
             stream.reconfigure(errors="backslashreplace")
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        _print_error("error: the working directory has been removed; change to one that exists")
+        return USER_ERROR
     try:
         with handled():
             code = command(arguments)
@@ -142,9 +202,27 @@ def run_command(command: Callable[[argparse.Namespace], int], arguments: argpars
         return USER_ERROR
 
 
+def print_doubts(doubts: Iterable[Problem]) -> None:
+    """Print what is allowed and may be a mistake, a line each, on the standard error."""
+    for doubt in doubts:
+        _print_error(f"warning: {doubt}")
+
+
+def _open_closed_streams() -> None:
+    """Let what is printed to a closed standard output or error go nowhere; no file may take its descriptor."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+
+
 def _print_error(text: str) -> None:
     with suppress(OSError):  # nobody may be there to read it
-        print(text, file=sys.stderr)
+        print(_shortened(text), file=sys.stderr)
+
+
+def _shortened(text: str) -> str:
+    """Return a message without words of a thousand letters or more, such as the digits of a number."""
+    return re.sub(r"\S{1000,}", lambda word: f"{word[0][:57]}...", text)
 
 
 def _discard_output() -> None:

@@ -22,6 +22,9 @@ class EpisodeBar:
     Args:
         label: Printed before the bar.
         stream: Where it goes.
+
+    Attributes:
+        done: How much was done when it was last shown.
     """
 
     def __init__(self, label: str, stream: TextIO) -> None:
@@ -29,9 +32,11 @@ class EpisodeBar:
         self._terminal = stream.isatty()
         self._begun = self._told = time.monotonic()
         self._compiled = compiling_seconds()
+        self.done = 0
 
     def show(self, done: int, wanted: int, width: int = 40) -> None:
-        """Draw the bar anew."""
+        """Draw the bar again."""
+        self.done = done
         now = time.monotonic()
         if not self._terminal and now - self._told < _SILENCE:
             return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.arguments import add_output_folder, positive, seed
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,8 +17,7 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a policy that the package ships")
     _add_flight_arguments(parser)
-    parser.add_argument("--output", type=Path, metavar="FOLDER", help="write the results into this new folder")
-    parser.add_argument("--force", action="store_true", help="replace the evaluation that is in the folder")
+    add_output_folder(parser, "the results")
     parser.add_argument("--record", type=positive, metavar="K", help="write the trajectories of the first K episodes")
     parser.set_defaults(overrides=[])
 
@@ -31,6 +30,7 @@ def add_compare_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a policy that the package ships")
     _add_flight_arguments(parser)
+    add_output_folder(parser, "the evaluations that are flown")
     parser.set_defaults(overrides=[], record=None)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from safe_inspect.cli.baseline import add_baseline_arguments
@@ -32,7 +33,14 @@ _ABOUT = "Train, evaluate and draw policies, check experiments and safety filter
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, or 2 for a mistake of the user's."""
-    sys.path.insert(0, os.getcwd())  # as `python -m` does, so that a module beside the configuration can hold plugins
+    with suppress(FileNotFoundError):  # as `python -m` does: a module next to the configuration can hold plugins
+        sys.path.insert(0, os.getcwd())
+    arguments = parse_arguments(command_parser(), argv)
+    return run_command(arguments.run, arguments)
+
+
+def command_parser() -> Parser:
+    """Return the parser of all commands."""
     parser = Parser(prog="safe-inspect", description=_ABOUT)
     parser.add_argument("--version", action="version", version=f"safe_inspect {__version__}")
     commands = parser.add_subparsers(dest="command", required=True)
@@ -65,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_acceptance_arguments(acceptance)
     acceptance.set_defaults(run=command_of("safety", "run_acceptance"))
 
+    starting = "loading; compiling takes a minute where this machine has not done it yet"
     for name, module, about, add in (
         ("evaluate", "evaluate", "fly policies or baselines and print what they achieve", add_evaluate_arguments),
         ("compare", "evaluate", "put evaluations of the same episodes side by side", add_compare_arguments),
@@ -106,10 +115,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     ):
         command = commands.add_parser(name, help=about)
         add(command)
-        command.set_defaults(run=command_of(module, f"run_{name.replace('-', '_')}"))
-
-    arguments = parse_arguments(parser, argv)
-    return run_command(arguments.run, arguments)
+        flies = module in ("rendezvous", "recording")
+        command.set_defaults(run=command_of(module, f"run_{name.replace('-', '_')}", starting if flies else ""))
+    return parser
 
 
 if __name__ == "__main__":

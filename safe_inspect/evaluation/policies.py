@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import PydanticCustomError
 
+from safe_inspect.config.messages.messages import functor_mistakes
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.finite_checks import all_finite
 from safe_inspect.environments.layout import Layout
-from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean, not_named
 from safe_inspect.plugins.functor import build
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.base import ScriptedPolicy
@@ -55,6 +57,23 @@ class Flight:
     deputies: IntArray
 
 
+def require_finite_rows(observation: ObservationRows) -> None:
+    """Refuse observations for which a policy has no meaningful action.
+
+    Args:
+        observation: Observations, shape (R, O).
+
+    Raises:
+        ArgumentError: A value is NaN or infinite.
+    """
+    if not all_finite(observation):
+        row, element = np.argwhere(~np.isfinite(observation))[0].tolist()
+        raise ArgumentError(
+            f"the observations contain NaN or infinity: element {element} of row {row} is {observation[row, element]}; "
+            "a policy takes finite numbers only"
+        )
+
+
 def baseline(name: str) -> ScriptedPolicy:
     """Return a baseline, or any scripted policy with its defaults, by its name.
 
@@ -67,8 +86,7 @@ def baseline(name: str) -> ScriptedPolicy:
         known = {*BASELINES, *(registered for registered, _ in registry.items("policy"))}
         if name not in known and "." not in name:
             raise SafeInspectError(f"no scripted policy {name!r}; {did_you_mean(name, known)}") from None
-        mistakes = "; ".join(str(problem["msg"]) for problem in (error.context or {})["errors"])
-        raise SafeInspectError(f"scripted policy {name!r}: {mistakes}") from None
+        raise SafeInspectError(f"scripted policy {name!r}: {functor_mistakes(error)}") from None
     assert isinstance(plugin, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
     return plugin
 
@@ -100,9 +118,6 @@ def with_scripted(
     for field, kind in plugin.references().items():
         value = getattr(plugin, field)
         if value is not None and value not in known.get(kind, {value}):
-            raise SafeInspectError(
-                f"the `{field}` of {plugin.registered_name}: no {kind} is named {value!r}; "
-                f"{did_you_mean(value, known[kind])}"
-            )
+            raise SafeInspectError(f"the `{field}` of {plugin.registered_name}: {not_named(kind, value, known[kind])}")
     flown = tuple(replace(agent, scripted_policy=plugin) if agent.name in chosen else agent for agent in spec.agents)
     return replace(spec, agents=flown)

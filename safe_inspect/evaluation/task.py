@@ -10,6 +10,7 @@ from typing import Any
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.loading.loader import parse
+from safe_inspect.config.messages.messages import functor_mistakes
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import Location, SafeInspectError
@@ -117,11 +118,7 @@ def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
             value = parse(text, Location("--metric", 0, text=text)) if text.lstrip().startswith("{") else text
             plugin = build("metric", value)
         except PydanticCustomError as error:
-            problems = (error.context or {})["errors"]
-            mistakes = "; ".join(
-                f"{'.'.join(map(str, item['loc']))}: {item['msg']}".removeprefix(": ") for item in problems
-            )
-            raise SafeInspectError(f"--metric {text}: {mistakes}") from None
+            raise SafeInspectError(f"--metric {text}: {functor_mistakes(error)}") from None
         assert isinstance(plugin, BaseMetric), "the registry gives a plugin of the kind that is asked for"
         if plugin.label in FIGURES and not type(plugin).__module__.startswith("safe_inspect."):
             raise SafeInspectError(f"--metric {text}: every table has a figure {plugin.label!r}; give it another label")
@@ -140,12 +137,10 @@ def _constraints(filtering: Any) -> list[SmallestPhi]:
     if not isinstance(names, tuple):
         return []
     given = {name: value for name, value in fields.items() if name in ConstraintParameters.model_fields}
-    made = []
-    for constraint in constraint_set(given, names).values():
-        if constraint.pair and "deputy_radius" in type(constraint).model_fields and "deputy_radius" in fields:
-            constraint = constraint.model_copy(update={"deputy_radius": fields["deputy_radius"]})
-        made.append(SmallestPhi(constraint=constraint, about="deputies" if constraint.pair else "chief"))
-    return made
+    return [
+        SmallestPhi(constraint=constraint, about="deputies" if constraint.pair else "chief")
+        for constraint in constraint_set(given, names, fields.get("deputy_radius")).values()
+    ]
 
 
 def _described(items: Iterable[Any]) -> list[Mapping[str, Any]]:

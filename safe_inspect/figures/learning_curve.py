@@ -29,10 +29,10 @@ PANELS = (
 
 
 def read_learning_curve(path: str | os.PathLike[str]) -> dict[str, FloatArray]:
-    """Return the columns of a ``progress.csv`` by name; a cell without a number is NaN.
+    """Return the columns of a ``progress.csv`` by name; an empty cell is NaN.
 
     Raises:
-        SafeInspectError: The file is missing, has no rows, or lacks a column that is drawn.
+        SafeInspectError: The file is missing or damaged, has no rows, or lacks a column that is drawn.
     """
     try:
         with Path(path).open(newline="", encoding="utf-8") as file:
@@ -42,20 +42,32 @@ def read_learning_curve(path: str | os.PathLike[str]) -> dict[str, FloatArray]:
         raise SafeInspectError(f"cannot read {os.fspath(path)!r}: {error}") from None
     missing = [name for name in (STEPS, *(column for column, _, _ in PANELS)) if name not in names]
     if missing:
+        near = did_you_mean(missing[0], names)
+        hint = f"; {near}" if near.startswith("did you mean") else ""
         raise SafeInspectError(
-            f"{os.fspath(path)!r} has no column `{missing[0]}`; {did_you_mean(missing[0], names)} "
-            "Give the progress.csv of a training."
+            f"{os.fspath(path)!r} is not the progress.csv of a training: it has no column `{missing[0]}`{hint}"
         )
     if not rows:
         raise SafeInspectError(f"{os.fspath(path)!r} has no rows yet; wait for the first iteration")
-    return {name: np.array([_number(row.get(name)) for row in rows]) for name in names}
+    columns = {
+        name: np.array([_number(path, line, name, row.get(name)) for line, row in enumerate(rows, 2)]) for name in names
+    }
+    steps = columns[STEPS]
+    back = np.flatnonzero(~(np.diff(steps) >= 0.0))
+    if not np.isfinite(steps[0]) or len(back):
+        line = int(back[0]) + 3 if np.isfinite(steps[0]) else 2
+        raise SafeInspectError(
+            f"{os.fspath(path)}:{line}: the file is damaged: `{STEPS}` does not grow from row to row"
+        )
+    return columns
 
 
-def _number(cell: str | None) -> float:
+def _number(path: str | os.PathLike[str], line: int, name: str, cell: str | None) -> float:
     try:
         return float(cell or "nan")
     except ValueError:
-        return float("nan")
+        message = f"{os.fspath(path)}:{line}: the file is damaged: `{name}` is {cell!r:.40}, not a number"
+        raise SafeInspectError(message) from None
 
 
 def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:

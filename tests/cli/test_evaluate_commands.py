@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from safe_inspect.evaluation import baseline, rollout
 from safe_inspect.evaluation.results.folder import read_evaluation
 from safe_inspect.evaluation.results.statistics import interquartile_mean
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories
+from safe_inspect.outputs import MARKER
 from safe_inspect.version import __version__
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
@@ -26,7 +28,7 @@ if str(EXPERIMENTS) not in sys.path:
 
 SHORT = ("--episodes", "6", "--num-envs", "4", "horizon=25")
 SEE_OTHERS = "multiagent-translational-inspection/experiment-see-others.yml"
-TEAM = "safe_inspect/MultiagentTranslationalInspection-v0"
+TEAM = "safe_inspect/MultiagentTranslationalInspectionSeed-v0"
 METRICS = '''
 from typing import ClassVar
 import numpy as np
@@ -209,16 +211,16 @@ def test_nothing_is_overwritten_unless_asked(typed, here):
     before = (here / "out" / "evaluation.json").read_bytes()
     code, out, err = typed(*words)
     assert (code, out) == (2, "")
-    assert "out: the folder is there already; give another with --output, or replace it: --force" in err
+    assert "out: the folder exists already; give another folder, or replace what this command wrote: --force" in err
     assert (here / "out" / "evaluation.json").read_bytes() == before
     assert typed(*words, "--force", "--seed", "5")[0] == 0
     assert read_evaluation("out").record["seed"] == 5
     assert typed("evaluate", "zero-thrust", "random", *SHORT, "--output", "out", "--force")[0] == 0
-    assert sorted(path.name for path in (here / "out").iterdir()) == ["random", "zero-thrust"]
+    assert sorted(path.name for path in (here / "out").iterdir()) == [MARKER, "random", "zero-thrust"]
     (here / "out" / "precious.txt").write_text("mine")
     code, _, err = typed(*words, "--force")
     assert code == 2
-    assert "holds something else than evaluations, so it is not replaced" in err
+    assert "out: 'precious.txt' in it is of another origin, so the folder is not replaced" in err
     assert (here / "out" / "precious.txt").read_text() == "mine"
     assert sorted(path.name for path in here.iterdir()) == ["out"]  # nothing half-written is left
 
@@ -229,7 +231,8 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
 
     monkeypatch.setattr("safe_inspect.cli.commands.evaluate.rollout", fail)
     code, out, err = typed("evaluate", "zero-thrust", *SHORT, "--output", "out")
-    assert (code, out, err) == (130, "", "interrupted; nothing is written\n")
+    told = "nothing is kept, as the first batch of 4 episodes was not complete"
+    assert (code, out, err) == (130, "", f"interrupted; {told}\n")
     assert list(here.iterdir()) == []
 
 
@@ -251,7 +254,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
             ("random", "--metric", "{functor: SmallestRange, config: {entity_name: sol}}"),
             "this task has no entity 'sol'",
         ),
-        (("random", "--output", "file.txt"), "file.txt: this is no folder"),
+        (("random", "--output", "file.txt"), "file.txt: this is a file or a link"),
         (("random", "--output", "file.txt/out"), "the folder cannot be written"),
         (("random", "--json", "file.txt/figures.json"), "file.txt/figures.json: the file cannot be written"),
         (("random", "--json", "folder"), "folder: the file cannot be written (it is a folder)"),
@@ -329,6 +332,25 @@ def test_an_onnx_file_and_a_shipped_policy_fly_as_their_checkpoint(typed, runs, 
     assert "of another task" in err
 
 
+def loaded_by(*words):
+    """Return the exit code of a command in a process of its own, and whether it loaded Ray or Torch."""
+    code = (
+        "import sys; from safe_inspect.cli.main import main; code = main(sys.argv[1:])\n"
+        "print(code, bool({'ray', 'torch'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True, timeout=120)
+    number, loaded = done.stdout.split()
+    return int(number), loaded == "True"
+
+
+@pytest.mark.parametrize("source", ["policy.onnx", "inspector", "out", "docking"])
+def test_what_cannot_be_exported_is_refused_before_ray_is_loaded(here, source):
+    (here / "policy.onnx").write_bytes(b"x")
+    (here / "out").mkdir()
+    (here / "out" / "evaluation.json").write_text("{}")
+    assert loaded_by("export", source) == (2, False)
+
+
 def test_a_checkpoint_of_another_task_or_damaged_is_refused(typed, runs, here):
     scale = "agent_config.0.config.config.glues.1.config.normalization.config.sigma=[7, 7, 7]"
     code, out, err = typed("evaluate", runs / "plain", "--episodes", "2", scale)
@@ -341,6 +363,8 @@ def test_a_checkpoint_of_another_task_or_damaged_is_refused(typed, runs, here):
     )
     assert (code, out) == (2, "")
     assert "of another task" in err
+    words = ("evaluate", str(runs / "discrete"), "--cfg", str(runs / "plain" / "experiment.resolved.yml"))
+    assert loaded_by(*words) == (2, False)
     shutil.copytree(runs / "plain", here / "copy")
     (weights,) = (here / "copy").rglob("policy.safetensors")
     weights.write_bytes(weights.read_bytes()[:-8])
@@ -436,7 +460,7 @@ def test_damaged_trajectories_are_told(evaluations, here):
     with pytest.raises(EvaluationError, match="there are no recorded episodes; evaluate with --record"):
         read_trajectories(here)
     (here / "bad" / "trajectories.parquet").write_bytes(b"PAR1")
-    with pytest.raises(EvaluationError, match="are damaged"):
+    with pytest.raises(EvaluationError, match="the file is damaged"):
         read_trajectories(here / "bad")
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from safe_inspect.cli.main import main
 
-CFG = "safe_inspect/TranslationalInspection-v0"
+CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 
 #: Runs the command line, with the inspector's search made long and announced.
 _LONG_SEARCH = """
@@ -61,7 +61,8 @@ def test_a_search_in_compiled_code_is_stopped_and_leaves_nothing(here, number, w
     os.killpg(process.pid, number)
     _, told = process.communicate(timeout=120)
     assert process.returncode == 128 + number, told
-    assert told == ("interrupted; nothing is written\n" if words[0] == "evaluate" else "interrupted\n")
+    kept = "; nothing is kept, as the first batch of 3 episodes was not complete"
+    assert told == f"interrupted{kept if words[0] == 'evaluate' else ''}\n"
     assert not list(here.iterdir())
 
 
@@ -119,16 +120,19 @@ def small_files():
 )
 def test_a_full_disk_leaves_the_former_file_and_is_one_message(here, capsys, words, name):
     assert main([*words, "--output", name]) == 0  # compiles what has to be
-    (here / name).write_text("old")
+    again = ["--seed", "1", "--force"] if words[0] == "baseline" else []  # it replaces only what it wrote
+    if not again:
+        (here / name).write_text("old")
+    before = (here / name).read_bytes()
     capsys.readouterr()
     with small_files():
-        code = main([*words, "--output", name, *(["--force"] if words[0] == "baseline" else [])])
+        code = main([*words, "--output", name, *again])
     told = capsys.readouterr().err.splitlines()
     assert code == 2
     assert len(told) == 1
     assert told[0].startswith(f"error: {name}")
     assert "the file cannot be written (File too large); free some space" in told[0]
-    assert (here / name).read_text() == "old"
+    assert (here / name).read_bytes() == before
     assert [path.name for path in here.iterdir()] == [name]
 
 
@@ -194,3 +198,22 @@ def test_a_training_that_the_user_stops_has_another_exit_code(here, capsys, monk
     monkeypatch.setattr(train, "train", lambda run: result)
     assert main(["train", CFG]) == code
     assert ("go on:" in capsys.readouterr().out) == interrupted
+
+
+@pytest.mark.parametrize("command", [("-m", "safe_inspect"), ("-m", "safe_inspect.train_rl"), ("safe-inspect",)])
+def test_a_command_that_is_stopped_while_python_imports_says_nothing(here, command):
+    (here / "gymnasium.py").write_text("print('importing', flush=True)\nimport time\ntime.sleep(60)\n")
+    words = [sys.executable, *command] if command[0] == "-m" else [Path(sys.executable).with_name("safe-inspect")]
+    environment = {**os.environ, "PYTHONPATH": str(here)}
+    process = subprocess.Popen(
+        [*map(str, words), "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
+    assert process.stdout.readline() == "importing\n"
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=60) == ("", "")
+    assert process.returncode == -signal.SIGINT
+
+
+def test_a_program_that_imports_the_package_keeps_its_interrupts():
+    code = "import signal, safe_inspect; assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -8,7 +8,7 @@ from safe_inspect.environments import load_spec
 
 @pytest.fixture(scope="session")
 def spec():
-    return load_spec("safe_inspect/TranslationalInspection-v0")
+    return load_spec("safe_inspect/TranslationalInspectionSeed-v0")
 
 
 @pytest.fixture(scope="session")

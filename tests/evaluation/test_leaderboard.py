@@ -98,7 +98,7 @@ def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypa
     assert "| `mine` |" in page
     assert "| 12 | 3 min |" in page
     assert json.loads((tmp_path / "kept/small/mine/evaluation.json").read_text())["episodes"] == 4
-    monkeypatch.setattr(command, "fly_candidate", lambda *_: pytest.fail("a known row is flown again"))
+    monkeypatch.setattr(command, "fly_candidates", lambda *_: pytest.fail("a known row is flown again"))
     code, out, _ = typed("boards.yml", "more.yml", "--results", "kept")
     assert code == 0
     assert out.splitlines()[5:] == [*page.splitlines()[5:], ""]
@@ -107,8 +107,8 @@ def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypa
 def test_a_row_of_other_episodes_is_flown_anew(typed, monkeypatch):
     assert typed("boards.yml", "--results", "kept")[0] == 0
     flown = []
-    whole = command.fly_candidate
-    monkeypatch.setattr(command, "fly_candidate", lambda *given: flown.append(given) or whole(*given))
+    whole = command.fly_candidates
+    monkeypatch.setattr(command, "fly_candidates", lambda *given: flown.append(given) or whole(*given))
     assert typed("boards.yml", "--results", "kept", "--episodes", "5")[0] == 0
     assert len(flown) == 1
 

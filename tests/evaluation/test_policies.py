@@ -41,7 +41,7 @@ def test_a_wrong_agent_or_body_is_one_message(team):
     with pytest.raises(SafeInspectError, match=r"no agent is named 'blue1'; did you mean `blue\d_ctrl`"):
         with_scripted(team, "random", ["blue1"])
     inspector = NaturalMotionInspector(inspection_entity_name="cheif")
-    with pytest.raises(SafeInspectError, match=r"inspection_entity_name.*no points is named 'cheif'; did you mean"):
+    with pytest.raises(SafeInspectError, match=r"no body with inspection points is named 'cheif'; did you mean"):
         with_scripted(team, inspector)
 
 

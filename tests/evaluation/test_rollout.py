@@ -5,6 +5,7 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.environments import BatchedEnvironment, load_spec
+from safe_inspect.errors import ArgumentError
 from safe_inspect.evaluation import Flight, rollout
 from safe_inspect.policies import RandomThrust, ZeroThrust
 
@@ -83,12 +84,12 @@ def test_the_sums_of_the_terms_are_the_return(spec):
 
 
 def test_statuses_tell_losses_from_draws():
-    spec = load_spec("safe_inspect/TranslationalInspection-v0", ["config.config.env_config.horizon=3"])
+    spec = load_spec("safe_inspect/TranslationalInspectionSeed-v0", ["config.config.env_config.horizon=3"])
     drawn = rollout(spec, ZeroThrust(), episodes=5, seed=0)
     assert drawn.status.tolist() == [DoneStatus.DRAW] * 5
     assert drawn.length.tolist() == [3] * 5
     assert not drawn.success.any()
-    spec = load_spec("safe_inspect/TranslationalInspection-v0")
+    spec = load_spec("safe_inspect/TranslationalInspectionSeed-v0")
     lost = rollout(spec, lambda observation: np.ones((len(observation), 3)), episodes=5, seed=0)
     assert lost.status.tolist() == [DoneStatus.LOSE] * 5
 
@@ -128,3 +129,23 @@ def test_numbers_out_of_range_are_refused(spec, wrong):
 def test_actions_of_another_shape_are_refused(spec):
     with pytest.raises(ValueError, match=r"shape \(2, 4\); \(2, 3\) is wanted"):
         rollout(spec, lambda observation: np.zeros((2, 4)), episodes=2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("safe_inspect/Docking-v0", ZeroThrust()), "a task is an EnvironmentSpec, not 'safe_inspect/Docking-v0'"),
+        ((None, ZeroThrust), r"the policy .*ZeroThrust'> cannot be called .*; give an object, ZeroThrust\(...\)"),
+        ((None, "inspector"), "the policy 'inspector' cannot be called with observations"),
+        ((None, {"blue0_ctrl": None}), "the policy None cannot be called with observations"),
+    ],
+)
+def test_a_task_and_a_policy_are_objects(spec, arguments, message):
+    task, policy = arguments
+    with pytest.raises(ArgumentError, match=message):
+        rollout(spec if task is None else task, policy, episodes=1)
+
+
+def test_a_metric_is_an_object(spec):
+    with pytest.raises(ArgumentError, match=r"a metric is an object, .* not 'SmallestRange'"):
+        rollout(spec, ZeroThrust(), episodes=1, metrics=["SmallestRange"])

@@ -20,7 +20,7 @@ from safe_inspect.rendezvous.record import MissionRecord, read_mission
 
 @pytest.fixture(scope="session")
 def spec():
-    return load_spec("safe_inspect/TranslationalInspection-v0")
+    return load_spec("safe_inspect/TranslationalInspectionSeed-v0")
 
 
 @pytest.fixture(scope="session")
@@ -83,7 +83,7 @@ def mission_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     zeros = np.zeros((STEPS - FIRST, 3))
     log.plans.append(
         Plan(
-            PlanStatus.SOLVED, time[FIRST], time[-1] - time[FIRST], zeros, time[FIRST:], x[FIRST:], zeros, zeros, zeros,
+            PlanStatus.SOLVED, time[FIRST], time[-1] - time[FIRST], None, time[FIRST:], x[FIRST:], zeros, zeros, zeros,
             in_target,
         )
     )  # fmt: skip

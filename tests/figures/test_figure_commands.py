@@ -5,7 +5,7 @@ import pytest
 
 from safe_inspect.cli.main import main
 
-CFG = "safe_inspect/TranslationalInspection-v0"
+CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 PNG = b"\x89PNG"
 SHORT = ["random", "--cfg", CFG, "--seed", "3"]
 
@@ -37,6 +37,18 @@ def test_the_episode_of_a_number_is_that_of_a_rollout(spec):
     for name in ("time", "position", "velocity", "control", "delta_v", "sun_angle", "inspected_at", "inspector"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(among, name))
     assert (alone.slot, alone.status) == (2, among.status)
+
+
+def test_a_damaged_recording_is_not_drawn(tmp_path, capsys):
+    words = ["--episodes", "1", "--record", "1", "horizon=20", "--output", str(tmp_path / "out")]
+    assert main(["evaluate", *SHORT, *words]) == 0
+    table = tmp_path / "out" / "trajectories.parquet"
+    whole = table.read_bytes()
+    for place in (4, len(whole) // 3, len(whole) // 2):
+        table.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        for source in (table, table.parent):
+            assert main(["draw", str(source), "--output", str(tmp_path / "damaged.png")]) == 2
+            assert "trajectories.parquet: the file is damaged, it is not what was written" in capsys.readouterr().err
 
 
 def test_a_recorded_episode_is_drawn_as_it_was_flown(spec, tmp_path, capsys):

@@ -12,7 +12,7 @@ import pytest
 
 from safe_inspect.cli.main import main
 
-_TEAM = "safe_inspect/MultiagentTranslationalInspection-v0"
+_TEAM = "safe_inspect/MultiagentTranslationalInspectionSeed-v0"
 _SHOW = """
 import sys
 from PyQt6.QtCore import QTimer, QUrl

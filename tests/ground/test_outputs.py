@@ -6,11 +6,12 @@ import errno
 import os
 import stat
 import threading
+from pathlib import Path
 
 import pytest
 
 from safe_inspect.errors import OutputError
-from safe_inspect.outputs import check_writable, is_full, new_file, new_folder
+from safe_inspect.outputs import MARKER, check_parent, check_writable, is_full, new_file, new_folder, remove_written
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
@@ -75,36 +76,124 @@ def test_the_device_that_is_always_full():
     assert stat.S_ISCHR(os.stat("/dev/full").st_mode)
 
 
+def written(path, *names):
+    with new_folder(path, "record", force=path.exists()) as work:
+        for name in names:
+            (work / name).parent.mkdir(exist_ok=True)
+            (work / name).touch()
+
+
+def content(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_a_folder_that_is_not_finished_leaves_the_former_one_alone(tmp_path, error):
     target = tmp_path / "a"
-    target.mkdir()
-    (target / "old").touch()
-    with pytest.raises(error), new_folder(target) as work:  # noqa: PT012
+    written(target, "old", "deep/old")
+    with pytest.raises(error), new_folder(target, "record", force=True) as work:  # noqa: PT012
         (work / "new").touch()
         raise error
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "old"]
-    with new_folder(target) as work:
-        (work / "new").touch()
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "new"]
+    assert content(tmp_path) == ["a", f"a/{MARKER}", "a/deep", "a/deep/old", "a/old"]
+    written(target, "new")
+    assert content(tmp_path) == ["a", f"a/{MARKER}", "a/new"]
 
 
 def test_a_folder_that_cannot_be_moved_to_its_place_leaves_the_former_one(tmp_path, monkeypatch):
     target = tmp_path / "a"
-    target.mkdir()
-    (target / "old").touch()
+    written(target, "old")
     replace, calls = os.replace, []
 
     def stopped(source, place):
         calls.append(place)
-        if len(calls) == 2:  # the former folder has left its place, the new one is not there yet
+        if len(calls) == 3:  # the marker is written, the former folder has left its place, the new one is not there yet
             raise KeyboardInterrupt
         replace(source, place)
 
     monkeypatch.setattr(os, "replace", stopped)
-    with pytest.raises(KeyboardInterrupt), new_folder(target) as work:
+    with pytest.raises(KeyboardInterrupt), new_folder(target, "record", force=True) as work:
         (work / "new").touch()
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "old"]
+    assert content(tmp_path) == ["a", f"a/{MARKER}", "a/old"]
+
+
+def test_what_exists_is_no_new_folder(tmp_path, monkeypatch):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("empty")
+    (tmp_path / "dangling").symlink_to("nowhere")
+    (tmp_path / "loop").symlink_to("loop")
+    monkeypatch.chdir(tmp_path)
+    before = content(tmp_path)
+    for name in ("empty", "file", "link", "dangling", "loop", ".", "..", "/", "empty/..", str(tmp_path)):
+        for force in (False, True):
+            with pytest.raises(OutputError), new_folder(name, "record", force=force):
+                pytest.fail("there is something already")
+    assert content(tmp_path) == before
+
+
+FOREIGN = {
+    "a file": lambda folder: (folder / "thesis.tex").write_text("mine"),
+    "a file in a folder": lambda folder: (folder / "deep" / "thesis.tex").write_text("mine"),
+    "a folder": lambda folder: (folder / "mine").mkdir(),
+    "a link": lambda folder: (folder / "mine").symlink_to("/"),
+    "a folder in place of a file": lambda folder: (
+        (folder / "old").unlink(),
+        (folder / "old" / "x").mkdir(parents=True),
+    ),
+    "no marker": lambda folder: (folder / MARKER).unlink(),
+    "a damaged marker": lambda folder: (folder / MARKER).write_text("{"),
+    "a marker that lists nothing": lambda folder: (folder / MARKER).write_text('{"command": "record", "files": []}'),
+}
+
+
+@pytest.mark.parametrize("change", FOREIGN.values(), ids=FOREIGN)
+def test_a_folder_with_anything_of_another_origin_is_not_replaced(tmp_path, change):
+    target = tmp_path / "a"
+    written(target, "old", "deep/old")
+    change(target)
+    before = content(tmp_path)
+    with (
+        pytest.raises(OutputError, match="is not replaced"),
+        new_folder(target, "record", force=True),
+    ):
+        pytest.fail("it is refused before anything is done")
+    assert content(tmp_path) == before
+
+
+def test_a_folder_of_another_command_is_not_replaced(tmp_path):
+    written(tmp_path / "a", "old")
+    message = "nothing in this folder says that `fly` wrote it, so it is not replaced"
+    with pytest.raises(OutputError, match=message), new_folder(tmp_path / "a", "fly", force=True):
+        pytest.fail("it is refused before anything is done")
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_what_appears_while_a_folder_is_written_is_kept_and_so_is_the_new_folder(tmp_path, force):
+    target = tmp_path / "a"
+    if force:
+        written(target, "old")
+    with pytest.raises(OutputError) as caught, new_folder(target, "record", force=force) as work:  # noqa: PT012
+        (work / "new").touch()
+        target.mkdir(exist_ok=True)
+        (target / "thesis.tex").write_text("mine")
+    assert (target / "thesis.tex").read_text() == "mine"
+    assert (Path(str(caught.value).rpartition("; what was written is in ")[2]) / "new").exists()
+
+
+def test_only_what_is_listed_is_removed(tmp_path):
+    written(tmp_path / "a", "old", "deep/old", "kept")
+    (tmp_path / "a" / "deep" / "thesis.tex").touch()
+    remove_written(tmp_path / "a", leave=["kept"])
+    assert content(tmp_path) == ["a", "a/deep", "a/deep/thesis.tex", "a/kept"]
+
+
+def test_a_file_of_another_format_is_not_replaced(tmp_path):
+    for name in ("thesis.tex", "a.json"):
+        (tmp_path / name).touch()
+    with pytest.raises(OutputError, match=r"thesis.tex: the file exists already, and only a file that ends in .json"):
+        check_writable(tmp_path / "thesis.tex", [".json"])
+    check_writable(tmp_path / "a.json", [".json"])
+    check_writable(tmp_path / "new", [".json"])
 
 
 def test_what_cannot_be_written_is_found_before(tmp_path):
@@ -127,3 +216,13 @@ def test_a_folder_without_room(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_made_is_found_before(tmp_path):
+    check_parent(tmp_path / "new" / "runs")
+    assert not list(tmp_path.iterdir())
+    file = tmp_path / "file"
+    file.touch()
+    for place in (Path("/proc/nowhere"), file / "runs", file):
+        with pytest.raises(OutputError, match="the output folder cannot be written"):
+            check_parent(place)

@@ -12,17 +12,19 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
+from safe_inspect.cli.common import print_doubts
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.messages.file_schemas import FILES, model_schema
 from safe_inspect.errors import ConfigError, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.outputs import new_file
+from safe_inspect.outputs import check_writable, new_file
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.experiment import is_rendezvous, load_rendezvous
 from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.scenario import check_scenario
 from safe_inspect.task_ids import ALL_TASKS, TEAM_TASKS
 
 #: The model of every kind of file that has a schema.
@@ -71,7 +73,9 @@ def _policies() -> str:
 def run_validate(arguments: argparse.Namespace) -> int:
     """Check an experiment, or one of a rendezvous."""
     if is_rendezvous(arguments.cfg):
-        config = load_rendezvous(arguments.cfg, arguments.overrides).config
+        rendezvous = load_rendezvous(arguments.cfg, arguments.overrides)
+        print_doubts(check_scenario(rendezvous))
+        config = rendezvous.config
         parts = (config.target, config.tumble, config.planner, config.tracker)
         print(f"{arguments.cfg} is valid: rendezvous, {', '.join(type(part).__name__ for part in parts)}")
         return 0
@@ -90,6 +94,7 @@ def run_schema(arguments: argparse.Namespace) -> int:
     if arguments.output is None:
         print(text)
         return 0
+    check_writable(arguments.output, [".json"])
     with new_file(arguments.output) as work:
         work.write_text(text + "\n", encoding="utf-8")
     return 0

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
-from safe_inspect.cli.common import is_override
+from safe_inspect.cli.common import equals_hint, is_override
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.results.comparison import compare
 from safe_inspect.evaluation.results.folder import (
     is_evaluation,
-    new_evaluation,
     read_evaluation,
-    sha256,
     write_evaluation,
     write_json,
 )
+from safe_inspect.evaluation.results.hashes import sha256
+from safe_inspect.evaluation.results.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.results.reference import read_reference
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import evaluation_table, pooled_table
@@ -33,10 +34,13 @@ from safe_inspect.evaluation.task import default_metrics, price_of, read_metrics
 from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
 from safe_inspect.experiments.runs.run_folder import git_commit
 from safe_inspect.metrics import BaseMetric
-from safe_inspect.outputs import check_writable
+from safe_inspect.outputs import check_new_folder, check_writable, new_folder
 from safe_inspect.plugins.functor import describe
 from safe_inspect.types import FloatArray
 from safe_inspect.version import __version__
+
+#: What may differ between an evaluation that was stopped and the one that continues it.
+_VOLATILE = {"date", "command"}
 
 
 def run_evaluate(arguments: argparse.Namespace) -> int:
@@ -50,25 +54,12 @@ def run_evaluate(arguments: argparse.Namespace) -> int:
     if arguments.record and arguments.output is None:
         raise OutputError("--record writes trajectories into the folder of the results; give it with --output")
     arguments.episodes, arguments.seed = arguments.episodes or 100, arguments.seed or 0
+    if (arguments.record or 0) > arguments.episodes:
+        raise OutputError(f"--record {arguments.record}: there are only {arguments.episodes} episodes; give --episodes")
     if arguments.json is not None:
-        check_writable(arguments.json)
+        check_writable(arguments.json, [".json"])
     candidates, metrics, reference = _prepared(arguments, sources, None)
-    found: list[Evaluation] = []
-    try:
-        with ExitStack() as stack:
-            folder = None
-            if arguments.output is not None:
-                folder = stack.enter_context(new_evaluation(arguments.output, force=arguments.force))
-            try:
-                found += [fly_candidate(arguments, candidate, metrics, reference) for candidate in candidates]
-            except KeyboardInterrupt as stop:
-                stop.add_note("nothing is written")
-                raise
-            for item in found if folder is not None else ():
-                assert folder is not None
-                write_evaluation(item, folder if len(found) == 1 else folder / _file_name(item.label))
-    finally:  # a full disk does not lose what was flown
-        _print_tables(found)
+    found = fly_candidates(arguments, candidates, metrics, reference, show=_print_tables)
     if arguments.json is not None:
         content = [{**item.record, "label": item.label, **item.as_dict()} for item in found]
         write_json(arguments.json, content[0] if len(content) == 1 else content)
@@ -90,9 +81,11 @@ def run_compare(arguments: argparse.Namespace) -> int:
     """Print evaluations of the same episodes side by side."""
     sources = _sources(arguments)
     if len(sources) < 2:
-        raise SafeInspectError("two or more are compared; give folders of evaluations, or what `evaluate` takes")
+        twice = len(arguments.words) + len(arguments.policy) - len(arguments.overrides) > 1
+        what = f"{sources[0]} is given twice; another is needed" if twice else "two or more are compared"
+        raise SafeInspectError(f"{what}; give folders of evaluations, or what `evaluate` takes")
     if arguments.json is not None:
-        check_writable(arguments.json)
+        check_writable(arguments.json, [".json"])
     found = {text: read_evaluation(text) for text in sources if is_evaluation(text)}
     first = next(iter(found.values()), None)
     given = first.record if first is not None else {}
@@ -100,9 +93,10 @@ def run_compare(arguments: argparse.Namespace) -> int:
     arguments.seed = given.get("seed", 0) if arguments.seed is None else arguments.seed
     flown = [text for text in sources if text not in found]
     if flown:
-        candidates, metrics, reference = _prepared(arguments, flown, first)
-        for text, candidate in zip(flown, candidates, strict=True):
-            found[text] = fly_candidate(arguments, candidate, metrics, reference)
+        prepared = _prepared(arguments, flown, first)
+        found |= dict(zip(flown, fly_candidates(arguments, *prepared), strict=True))
+    elif arguments.output is not None:
+        raise OutputError("--output keeps what `compare` flies, and all are evaluations already; leave it out")
     labels = [item.label for item in found.values()]
     chosen = [
         found[text] if labels.count(found[text].label) == 1 else replace(found[text], label=text) for text in sources
@@ -119,6 +113,9 @@ def _sources(arguments: argparse.Namespace) -> list[str]:
     words = [*arguments.words]
     texts = [word for word in words if not is_override(word)]
     arguments.overrides = [*(word for word in words if word not in texts), *arguments.overrides]
+    for text in texts:
+        if ":" in text and not os.path.exists(text):
+            raise SafeInspectError(f"no policy {text!r}; {equals_hint(text)}")
     texts += [f"{SHIPPED}{name}" for name in arguments.policy]
     return list(dict.fromkeys(texts))
 
@@ -142,31 +139,80 @@ def _prepared(
     return candidates, metrics, reference
 
 
-def fly_candidate(
+def fly_candidates(
     arguments: argparse.Namespace,
-    candidate: Candidate,
+    candidates: Sequence[Candidate],
     metrics: Sequence[BaseMetric],
     reference: FloatArray | None,
-) -> Evaluation:
-    """Fly the episodes of a candidate."""
-    task = candidate.experiment.spec
+    show: Callable[[Sequence[Evaluation]], None] | None = None,
+) -> list[Evaluation]:
+    """Fly the episodes of candidates, and write their evaluations into the folder of ``--output``.
+
+    Where an earlier call with the same arguments was stopped, it continues from what that has kept.
+
+    Args:
+        arguments: Those of `evaluate`.
+        candidates: Who flies.
+        metrics: What is measured besides the usual.
+        reference: Delta-v of the open-loop optimum of every episode [m/s].
+        show: Called with the evaluations before they are written, so that a full disk does not lose them.
+    """
+    output = arguments.output
+    if output is not None:
+        check_new_folder(output, arguments.command, force=arguments.force)
     own = {metric.label for metric in metrics}
-    measured = [*metrics, *(metric for metric in default_metrics(task) if metric.label not in own)]
-    bar = EpisodeBar(candidate.label, sys.stderr)
-    try:
-        episodes = rollout(
-            candidate.spec,
-            candidate.policies,
-            arguments.episodes,
-            arguments.seed,
-            arguments.num_envs,
-            record=arguments.record or 0,
-            metrics=measured,
-            progress=bar.show,
-        )
-    finally:
-        bar.close()
-    return Evaluation.of(candidate.label, episodes, _record(arguments, candidate, measured), reference=reference)
+    flights: dict[str, tuple[Candidate, list[BaseMetric], Mapping[str, Any]]] = {}
+    for candidate in candidates:
+        usual = default_metrics(candidate.experiment.spec)
+        measured = [*metrics, *(metric for metric in usual if metric.label not in own)]
+        flights[_new_name(candidate.label, flights)] = candidate, measured, _record(arguments, candidate, measured)
+    count = arguments.episodes * len(flights)
+    found: list[Evaluation] = []
+    with ExitStack() as stack:
+        kept = [KeptEpisodes(None, name) for name in flights]
+        if output is not None:
+            records = {
+                name: {key: value for key, value in record.items() if key not in _VOLATILE}
+                for name, (_, _, record) in flights.items()
+            }
+            kept = stack.enter_context(
+                kept_episodes(output, arguments.command, records, num_envs=arguments.num_envs, force=arguments.force)
+            )
+        for (candidate, measured, record), own_kept in zip(flights.values(), kept, strict=True):
+            bar = EpisodeBar(candidate.label, sys.stderr)
+            try:
+                episodes = rollout(
+                    candidate.spec,
+                    candidate.policies,
+                    arguments.episodes,
+                    arguments.seed,
+                    arguments.num_envs,
+                    record=arguments.record or 0,
+                    metrics=measured,
+                    progress=bar.show,
+                    kept=own_kept,
+                )
+            except KeyboardInterrupt as stop:
+                if output is None:
+                    done = arguments.episodes * len(found) + bar.done
+                    stop.add_note(f"{done:,} of {count:,} episodes were flown and are lost; --output FOLDER keeps them")
+                raise
+            finally:
+                bar.close()
+            found.append(Evaluation.of(candidate.label, episodes, record, reference=reference))
+        if show is not None:
+            show(found)
+        if output is not None:
+            with new_folder(output, arguments.command, force=arguments.force) as folder:
+                for name, item in zip(flights, found, strict=True):
+                    write_evaluation(item, folder if len(found) == 1 else folder / name)
+    return found
+
+
+def _new_name(label: str, taken: Collection[str]) -> str:
+    """Return a label as the name of a folder that is not taken."""
+    name = re.sub(r"[^\w.-]+", "-", label).strip(".-") or "evaluation"
+    return next(text for text in (name, *(f"{name}-{k}" for k in range(2, len(taken) + 3))) if text not in taken)
 
 
 def _record(arguments: argparse.Namespace, candidate: Candidate, metrics: Sequence[BaseMetric]) -> Mapping[str, Any]:
@@ -190,7 +236,3 @@ def _record(arguments: argparse.Namespace, candidate: Candidate, metrics: Sequen
         "overrides": list(arguments.overrides),
         "configuration": candidate.experiment.resolved,
     }
-
-
-def _file_name(label: str) -> str:
-    return re.sub(r"[^\w.-]+", "-", label).strip(".-") or "evaluation"

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import argparse
 import os
+from importlib import import_module
+from pathlib import Path
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.export.export import export_policy, policies_in
 from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
 from safe_inspect.experiments.runs.checkpoints import SINGLE
+from safe_inspect.outputs import check_writable
 
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Write the file and print how far it is from the checkpoint."""
+    if arguments.output is not None:
+        check_writable(arguments.output, [".onnx"])
     if arguments.overrides and arguments.cfg is None:
         raise CheckpointError("values are replaced in an experiment that is named with --cfg; give it, or no values")
     experiment = None if arguments.cfg is None else load_experiment(arguments.cfg, arguments.overrides)
@@ -22,7 +26,8 @@ def run_export(arguments: argparse.Namespace) -> int:
         files = ", ".join(sorted({str(path) for path in shipped_policy(str(arguments.checkpoint)).onnx.values()}))
         raise CheckpointError(f"{arguments.checkpoint} is shipped as ONNX already; copy {files}")
     checkpoint = newest_checkpoint(arguments.checkpoint)
-    names = policies_in(checkpoint)
+    exporting = import_module("safe_inspect.experiments.export.export")  # loads Ray and Torch
+    names = exporting.policies_in(checkpoint)
     policy = arguments.policy
     if policy is None:
         if len(names) > 1:
@@ -30,8 +35,8 @@ def run_export(arguments: argparse.Namespace) -> int:
                 f"{checkpoint}: the checkpoint has the policies {', '.join(names)}; name one with --policy"
             )
         policy = names[0]
-    output = arguments.output or ("policy.onnx" if policy == SINGLE else f"{policy}.onnx")
-    done = export_policy(checkpoint, output, policy, experiment)
+    output = arguments.output or Path("policy.onnx" if policy == SINGLE else f"{policy}.onnx")
+    done = exporting.export_policy(checkpoint, output, policy, experiment)
     info, found = done.info, done.difference
     kind = {"gaussian": "means", "categorical": "most likely levels", "greedy": "best levels"}.get(
         info.distribution, "most likely actions"

@@ -14,33 +14,27 @@ from safe_inspect.cli.commands.mission_figures import (
     view_mission,
 )
 from safe_inspect.cli.episode_bar import EpisodeBar
-from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories
 from safe_inspect.evaluation.rollouts.recording import record_episode
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
 from safe_inspect.figures.curves import curves_figure
-from safe_inspect.figures.drawing import require_matplotlib, save
+from safe_inspect.figures.drawing import FIGURE_ENDINGS, check_ending, require_matplotlib, save
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.film_files import find_ffmpeg, save_film
 from safe_inspect.figures.page import episode_page, save_page
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.trajectory_figure import trajectory_figure
-from safe_inspect.outputs import check_writable
-
-_FIGURES = (".png", ".pdf", ".svg")
-
 
 _FILMS = (".gif", ".mp4")
-
-
 _PAGES = (".html", ".htm")
 
 
 def run_draw(arguments: argparse.Namespace) -> int:
     """Draw one episode, or one mission."""
-    is_mission = _prepare(arguments, "png", _FIGURES, "figure")
+    is_mission = _prepare(arguments, "png", FIGURE_ENDINGS, "figure")
     require_matplotlib()
     if is_mission:
         return draw_mission(arguments)
@@ -87,7 +81,7 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 def run_curves(arguments: argparse.Namespace) -> int:
     """Draw the learning curves of runs."""
-    _check_output(arguments.output, _FIGURES, "figure")
+    check_ending(arguments.output, FIGURE_ENDINGS, "figure")
     recipes = recipes_of(arguments.runs, arguments.label) if arguments.runs else {}
     if arguments.label and not arguments.runs:
         raise SafeInspectError("--label names the RUNs; give them, or use --recipe LABEL RUN...")
@@ -145,19 +139,10 @@ def _report(path: Path, episode: Trajectory) -> int:
     return 0
 
 
-def _check_output(path: Path, endings: tuple[str, ...], what: str) -> None:
-    """Refuse a file that cannot be written, before there is anything to write."""
-    if path.suffix.lower() not in endings:
-        raise OutputError(
-            f"{path}: the name of the {what} ends in {', '.join(endings)}; give such a file with --output"
-        )
-    check_writable(path)
-
-
 def _prepare(arguments: argparse.Namespace, ending: str, endings: tuple[str, ...], what: str) -> bool:
     """Return whether the source is a mission's folder; refuse an output that cannot be written."""
     flown = is_mission_source(arguments)
     if arguments.output is None:
         arguments.output = Path(f"{'mission' if flown else 'episode'}.{ending}")
-    _check_output(arguments.output, endings, what)
+    check_ending(arguments.output, endings, what)
     return flown

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.cli.commands.evaluate import fly_candidate
+from safe_inspect.cli.commands.evaluate import fly_candidates
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments.registration import load_spec
@@ -23,10 +23,8 @@ from safe_inspect.evaluation.leaderboard.standings import Standing, leaderboard_
 from safe_inspect.evaluation.policy_files.shipped import shipped_policy
 from safe_inspect.evaluation.results.folder import (
     is_evaluation,
-    new_evaluation,
     read_evaluation,
     read_evaluation_record,
-    write_evaluation,
 )
 from safe_inspect.evaluation.results.results import EvaluationError
 from safe_inspect.evaluation.task import default_metrics, differing_keys, task_of
@@ -61,7 +59,7 @@ def run_leaderboard(arguments: argparse.Namespace) -> int:
         update={"boards": tuple(chosen), "episodes": arguments.episodes or leaderboard.episodes}
     )
     if arguments.output is not None:
-        check_writable(arguments.output)
+        check_writable(arguments.output, [".md"])
     entries = [_entries(board, leaderboard) for board in chosen]  # what is wrong is said before anything flies
     total = sum(map(len, entries))
     standings: list[list[Standing]] = []
@@ -73,7 +71,7 @@ def run_leaderboard(arguments: argparse.Namespace) -> int:
                 print(f"[{number}/{total}] {entry.board.title}: {entry.row.title}", file=sys.stderr, flush=True)
                 standings[-1].append(_standing(arguments, entry, leaderboard))
     except KeyboardInterrupt as stop:
-        stop.add_note(f"the rows that are done are in {arguments.results}; the same command goes on from there")
+        stop.add_note(f"the finished rows are in {arguments.results}, and the same command continues")
         raise
     page = leaderboard_page(leaderboard, standings, _command(arguments))
     if arguments.output is None:
@@ -128,15 +126,11 @@ def _standing(arguments: argparse.Namespace, entry: _Entry, leaderboard: Leaderb
     if entry.candidate is None:
         return _plans(entry, folder.with_suffix(".json"), leaderboard)
     if not _is_known(folder, entry, leaderboard):
-        folder.parent.mkdir(parents=True, exist_ok=True)
         wanted = argparse.Namespace(
-            episodes=leaderboard.episodes, seed=leaderboard.seed, num_envs=arguments.num_envs, record=0, reference=None,
-            sampled=None, overrides=list(entry.overrides),
+            command=arguments.command, output=folder, force=True, episodes=leaderboard.episodes, seed=leaderboard.seed,
+            num_envs=arguments.num_envs, record=0, reference=None, sampled=None, overrides=list(entry.overrides),
         )  # fmt: skip
-        metrics = default_metrics(entry.candidate.experiment.spec)
-        flown = fly_candidate(wanted, entry.candidate, metrics, None)
-        with new_evaluation(folder, force=True) as work:
-            write_evaluation(flown, work)
+        fly_candidates(wanted, [entry.candidate], default_metrics(entry.candidate.experiment.spec), None)
     return Standing.of_evaluation(entry.row, read_evaluation(folder), _training(entry.candidate.source))
 
 

@@ -11,7 +11,7 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety.acceptance import acceptance
 from safe_inspect.evaluation.safety.audit import Audit, audit
 from safe_inspect.evaluation.safety.report import safety_report
-from safe_inspect.figures.drawing import save
+from safe_inspect.figures.drawing import FIGURE_ENDINGS, check_ending, require_matplotlib, save
 from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
@@ -21,6 +21,7 @@ def run_safety(arguments: argparse.Namespace) -> int:
     """Print the safety report; return 1 when a constraint was violated."""
     if arguments.audit is not None:
         return _run_audit(arguments)
+    _check_plot(arguments)
     experiment = _load(arguments, enable=not arguments.off)
     bar = EpisodeBar("steps", sys.stderr)
     try:
@@ -51,11 +52,18 @@ def _run_audit(arguments: argparse.Namespace) -> int:
 
 def run_acceptance(arguments: argparse.Namespace) -> int:
     """Print the acceptance rates."""
+    _check_plot(arguments)
     found = acceptance(_load(arguments, enable=False).spec, arguments.draws, arguments.seed)
     print(found)
     if arguments.plot is not None:
         save(acceptance_figure(found), arguments.plot)
     return 0
+
+
+def _check_plot(arguments: argparse.Namespace) -> None:
+    if arguments.plot is not None:
+        check_ending(arguments.plot, FIGURE_ENDINGS, "figure", "--plot")
+        require_matplotlib()
 
 
 def _load(arguments: argparse.Namespace, *, enable: bool) -> Experiment:

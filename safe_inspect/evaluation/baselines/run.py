@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.baselines.flight import fly_slots
 from safe_inspect.evaluation.baselines.optimiser import EFFORTS, optimise
 from safe_inspect.evaluation.baselines.task import coverage_task
@@ -55,14 +55,14 @@ def complete(
         record: What is asked for; its entries are empty.
         episodes: Number of episodes.
         path: The file; None: nothing is written.
-        force: Whether a file of another run is replaced.
+        force: Whether a file of another baseline is replaced; one of another origin never is.
         batch: Episodes at a time.
         progress: Told how far it is.
 
     Raises:
         OutputError: The file cannot be written, or is of another run.
         UnwrittenRecordError: It cannot be written after episodes were flown.
-        SafeInspectError: No plans can be made for the task, or the baseline is unknown.
+        SafeInspectError: No plans can be made for the task, the baseline is unknown, or the file is of another origin.
     """
     if record.kind == OPTIMISER:
         coverage_task(spec)  # a mistake is reported before anything is written
@@ -118,13 +118,8 @@ def _known(record: Record, path: Path, force: bool) -> tuple[Entry, ...]:
     for file in (path, _part(path)):
         if not file.exists():
             continue
-        try:
-            found = read_record(file)
-            why = record.difference(found)
-        except SafeInspectError:
-            if force:
-                continue
-            raise
+        found = read_record(file)
+        why = record.difference(found)
         if not why:
             known = max(known, found.entries, key=len)
         elif not force:

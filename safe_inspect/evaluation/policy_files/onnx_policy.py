@@ -14,7 +14,7 @@ from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.loading.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.evaluation.policies import Flight
+from safe_inspect.evaluation.policies import Flight, require_finite_rows
 from safe_inspect.evaluation.policy_files.policy_file import (
     NEXT_STATE,
     POLICY_FORMAT,
@@ -177,12 +177,13 @@ class OnnxPolicy:
         The state of a recurrent policy advances by a step.
 
         Raises:
-            ValueError: The observations have another shape.
+            ValueError: The observations have another shape, or contain NaN or infinity.
         """
         observation = np.ascontiguousarray(observation, dtype=np.float32)
         size = len(self.info.observation)
         if observation.ndim != 2 or observation.shape[1] != size:
             raise ValueError(f"the observations have the shape {observation.shape}; (R, {size}) is wanted")
+        require_finite_rows(observation)
         rows = len(observation)
         missing = -rows % _ROWS if rows else _ROWS
         given = {"observation": observation}

@@ -2,59 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from safe_inspect.errors import OutputError
+from safe_inspect.evaluation.results.hashes import sha256
 from safe_inspect.evaluation.results.results import Evaluation, EvaluationError
-from safe_inspect.evaluation.results.trajectory_table import trajectory_table
-from safe_inspect.outputs import new_file, new_folder
+from safe_inspect.evaluation.results.trajectory_table import RECORD, TRAJECTORIES, trajectory_table
+from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
 
 EVALUATION_FORMAT = 1
-RECORD, EPISODES, TRAJECTORIES = "evaluation.json", "episodes.parquet", "trajectories.parquet"
+EPISODES = "episodes.parquet"
 
 
 def is_evaluation(path: str | os.PathLike[str]) -> bool:
     """Return whether a folder holds an evaluation."""
     return (Path(path) / RECORD).is_file()
-
-
-@contextmanager
-def new_evaluation(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
-    """Give a folder to write into, which takes the place of `path` when the block ends well, and is removed otherwise.
-
-    Args:
-        path: Where it will be.
-        force: Whether it may replace an earlier evaluation, or several in one folder.
-
-    Raises:
-        OutputError: Something stands there that may not be replaced, or it cannot be written.
-    """
-    target = Path(path).expanduser().absolute()
-    if os.path.lexists(target):
-        _check_replaceable(target, force)
-    with new_folder(path) as work:
-        yield work
-
-
-def _check_replaceable(target: Path, force: bool) -> None:
-    if not target.is_dir() or target.is_symlink():
-        raise OutputError(f"{target}: this is no folder; give another with --output")
-    if not force:
-        raise OutputError(f"{target}: the folder is there already; give another with --output, or replace it: --force")
-    inside = list(target.iterdir())
-    theirs = {RECORD, EPISODES, TRAJECTORIES}
-    whole = is_evaluation(target) and all(item.name in theirs for item in inside)
-    if not whole and not all(item.is_dir() and is_evaluation(item) for item in inside):
-        raise OutputError(f"{target}: the folder holds something else than evaluations, so it is not replaced")
 
 
 def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
@@ -131,11 +99,6 @@ def _read_table(folder: Path, record: Mapping[str, Any]) -> dict[str, AnyArray]:
     except (OSError, ArrowException, AttributeError) as error:
         raise EvaluationError(f"{path}: the file cannot be read ({error}); evaluate again") from None
     return {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
-
-
-def sha256(path: Path) -> str:
-    """Return the hash of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def write_json(path: Path, content: Any) -> None:

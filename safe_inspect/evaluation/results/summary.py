@@ -152,8 +152,8 @@ def _ends(success_rate: float, statuses: Mapping[str, int]) -> str:
 def _rows(statistics: Mapping[str, Statistic]) -> list[tuple[str, str, str, str]]:
     rows = [("", "mean", "std", "unit")]
     for name, item in statistics.items():
-        spread = "-" if math.isnan(item.standard_deviation) else f"{item.standard_deviation:.4f}"
-        rows.append((name, f"{item.mean:.4f}", spread, item.unit))
+        spread = "-" if math.isnan(item.standard_deviation) else f"{item.standard_deviation:z.4f}"
+        rows.append((name, f"{item.mean:z.4f}", spread, item.unit))
     return rows
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import shutil
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,6 +13,9 @@ from safe_inspect.evaluation.results.results import Block, Evaluation
 from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate
 
 Row = Sequence[str]
+
+#: The columns that are left out where there is no room, the first of them first; files have them all.
+_OPTIONAL = ("max", "min", "std", "higher in", "lower in", "95 % interval of the IQM", "95 % interval")
 
 
 def evaluation_table(evaluation: Evaluation) -> str:
@@ -45,9 +50,19 @@ def ends(block: Block) -> str:
 
 
 def aligned(blocks: Sequence[Sequence[Row]]) -> list[list[str]]:
-    """Return the lines of every block; all have the same columns, the first and the last to the left."""
+    """Return the lines of every block; all have the same columns, the first and the last to the left.
+
+    Where a line would be longer than the terminal, or than the environment variable ``COLUMNS`` says, columns of
+    `_OPTIONAL` are left out, the first of them first.
+    """
+    room = shutil.get_terminal_size((sys.maxsize, 0)).columns
     count = len(blocks[0][0])
     widths = [max(len(row[column]) for rows in blocks for row in rows) for column in range(count)]
+    if 2 * count + sum(widths) > room:
+        left_out = next((name for name in _OPTIONAL if name in blocks[0][0]), None)
+        if left_out is not None:
+            gone = list(blocks[0][0]).index(left_out)
+            return aligned([[[*row[:gone], *row[gone + 1 :]] for row in rows] for rows in blocks])
     return [
         [
             (
@@ -67,7 +82,7 @@ def number(value: float) -> str:
     """Return a number with four digits behind the point, more of a small one; ``-`` for none."""
     if not math.isfinite(value):
         return "-"
-    return f"{value:.4f}" if value == 0.0 or abs(value) >= 0.001 else f"{value:.3g}"
+    return f"{value:z.4f}" if value == 0.0 or abs(value) >= 0.001 else f"{value:.3g}"
 
 
 def span(interval: Interval) -> str:

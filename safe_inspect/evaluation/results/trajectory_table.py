@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
+from safe_inspect.evaluation.results.hashes import sha256
 from safe_inspect.evaluation.results.results import EvaluationError
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.types import AnyArray
 
+RECORD, TRAJECTORIES = "evaluation.json", "trajectories.parquet"
 _KEY = b"safe_inspect"
 _AXES = ("x", "y", "z")
 
@@ -62,10 +64,14 @@ def read_trajectories(path: str | os.PathLike[str]) -> tuple[Trajectory, ...]:
     from pyarrow import ArrowException, parquet
 
     file = Path(path).expanduser()
-    file = file / "trajectories.parquet" if file.is_dir() else file
+    file = file / TRAJECTORIES if file.is_dir() else file
     if not file.is_file():
         raise EvaluationError(f"{file}: there are no recorded episodes; evaluate with --record and --output")
     try:
+        record = file.with_name(RECORD)
+        known = json.loads(record.read_text(encoding="utf-8"))["files"] if record.is_file() else {}
+        if known.get(file.name, sha256(file)) != sha256(file):
+            raise EvaluationError(f"{file}: the file is damaged, it is not what was written; evaluate again")
         table = parquet.read_table(file)
         records = json.loads(table.schema.metadata[_KEY])
         columns = {name: np.asarray(table[name].to_numpy()) for name in table.column_names}

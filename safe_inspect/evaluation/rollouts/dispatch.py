@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.errors import SafeInspectError, did_you_mean
+from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import Flight, Policy, with_scripted
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.types import AnyArray, BoolArray
@@ -22,8 +22,13 @@ def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, 
     """Return the task with the scripted policies inside it, and who flies each agent that acts from outside.
 
     Raises:
+        ArgumentError: A task or a policy is of another type.
         SafeInspectError: An agent has no policy, or a policy has no agent.
     """
+    if not isinstance(spec, EnvironmentSpec):
+        raise ArgumentError(
+            f"a task is an EnvironmentSpec, not {spec!r:.60}; `load_spec` gives that of a file or an id"
+        )
     outside = [agent.name for agent in spec.agents if agent.scripted_policy is None]
     if not isinstance(policies, Mapping):
         policies = dict.fromkeys(outside, policies)
@@ -38,6 +43,13 @@ def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, 
         raise SafeInspectError(f"no policy is given for {', '.join(missing)}")
     flying: dict[str, Policy] = {}
     for name, policy in policies.items():
+        if isinstance(policy, type) or not callable(policy):
+            hint = (
+                f"give an object, {policy.__name__}(...)"
+                if isinstance(policy, type)
+                else "`baseline` makes scripted ones"
+            )
+            raise ArgumentError(f"the policy {policy!r:.60} cannot be called with observations; {hint}")
         if isinstance(policy, ScriptedPolicy):
             spec = with_scripted(spec, policy, [name])
         else:

@@ -10,7 +10,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.environments.writers import names_writers
-from safe_inspect.errors import PluginValueError, SafeInspectError, did_you_mean
+from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError, did_you_mean
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -27,8 +27,12 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
     """Check that metrics can be measured in a task.
 
     Raises:
+        ArgumentError: One is no metric.
         SafeInspectError: One names something that the task does not have, or two have one label.
     """
+    for metric in metrics:
+        if not isinstance(metric, BaseMetric):
+            raise ArgumentError(f"a metric is an object, such as InspectedPoints(), not {metric!r:.60}")
     labels = [metric.label for metric in metrics]
     for label in labels:
         if "/" in label:

@@ -9,6 +9,7 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.policies import Policy
 from safe_inspect.evaluation.results.episodes import Episodes, join
+from safe_inspect.evaluation.results.kept import KeptEpisodes
 from safe_inspect.evaluation.rollouts.collector import EpisodeCollector
 from safe_inspect.evaluation.rollouts.dispatch import Policies, PolicyDispatcher, assign
 from safe_inspect.evaluation.rollouts.measuring import check_metrics
@@ -30,6 +31,7 @@ def rollout(
     record: int = 0,
     metrics: Sequence[BaseMetric] = (),
     progress: EpisodeProgress | None = None,
+    kept: KeptEpisodes | None = None,
 ) -> Episodes:
     """Fly policies for `episodes` episodes: the first episode of the environment slots 0, 1, 2, ...
 
@@ -48,6 +50,7 @@ def rollout(
         record: How many of the first episodes are recorded in `Episodes.trajectories`.
         metrics: What is measured of every episode besides its usual figures.
         progress: Called with (finished episodes, `episodes`).
+        kept: The batches of an earlier call with the same arguments, which are not flown again; new ones are added.
 
     Raises:
         SafeInspectError: An agent has no policy, a policy no agent, or one policy flies agents that differ; a metric
@@ -61,7 +64,12 @@ def rollout(
     check_metrics(spec, metrics)
     parts: list[Episodes] = []
     for first in range(0, episodes, num_envs):
-        environment = TeamEnvironment(spec, min(num_envs, episodes - first), seed=seed, first_slot=first)
+        count = min(num_envs, episodes - first)
+        known = None if kept is None else kept.get(first, count)
+        if known is not None:
+            parts.append(known)
+            continue
+        environment = TeamEnvironment(spec, count, seed=seed, first_slot=first)
         _check_labels(environment, metrics)
         recorded = min(max(record - first, 0), environment.num_envs)
 
@@ -71,6 +79,8 @@ def rollout(
 
         collector, trajectories = fly_batch(environment, flying, metrics, first, recorded, finished)
         parts.append(collector.episodes(seed, trajectories))
+        if kept is not None:
+            kept.add(first, parts[-1])
     return join(parts)
 
 
