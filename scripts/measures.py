@@ -61,6 +61,22 @@ def circles(trees: dict[str, ast.Module]) -> list[list[str]]:
     return [group for group in members.values() if len(group) > 1]
 
 
+def importers(module: str, trees: dict[str, ast.Module]) -> set[str]:
+    """Return the modules that import a module, directly or not, and the module itself."""
+    direct = defaultdict(set)
+    for name, tree in trees.items():
+        for node in ast.walk(tree):
+            for other in _imported(node, trees):
+                direct[other].add(name)
+    found, waiting = set(), [module]
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += direct[name]
+    return found
+
+
 def imports_in_functions(trees: dict[str, ast.Module]) -> dict[str, int]:
     """Return how many imports of the package's own modules stand inside functions, by module."""
     count: Counter[str] = Counter()

@@ -30,7 +30,7 @@ def main() -> int:
     parser.add_argument("--seed-line", action="append", default=[], help="what another seed reached; any number")
     parser.add_argument("--limit", action="append", default=[], help="a limit of use of this policy; any number")
     parser.add_argument("--root", type=Path, default=_ROOT, help="where the folder is made (default: the package)")
-    parser.add_argument("--replace", action="store_true", help="replace a folder of that name")
+    parser.add_argument("--force", action="store_true", help="replace the folder if this script wrote all of it")
     arguments = parser.parse_args()
     pairs = [text.rpartition("=") for text in arguments.evaluation]
     if any(not equals for _, equals, _ in pairs):
@@ -49,7 +49,7 @@ def main() -> int:
             machine=arguments.machine,
             seeds=arguments.seed_line,
             limits=arguments.limit,
-            replace_old=arguments.replace,
+            replace_old=arguments.force,
         )
     except SafeInspectError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -25,7 +25,7 @@ def loaded_by(statement: str) -> set[str]:
         "import safe_inspect.config.experiment",
         "import safe_inspect.cli.main",
         "from safe_inspect.plugins.registry import registry; assert registry.kinds()",
-        "import safe_inspect.environments.registration as r; r.load_spec('safe_inspect/TranslationalInspection-v0')",
+        "import safe_inspect.environments.registration as r; r.load_spec('safe_inspect/TranslationalInspection-v1')",
     ],
 )
 def test_reading_a_configuration_loads_nothing_heavy(statement: str) -> None:
@@ -36,7 +36,7 @@ def test_reading_a_configuration_loads_nothing_heavy(statement: str) -> None:
     "statement",
     [
         "import safe_inspect.testing",
-        "import safe_inspect; safe_inspect.make('safe_inspect/TranslationalInspection-v0').reset()",
+        "import safe_inspect; safe_inspect.make('safe_inspect/TranslationalInspectionSeed-v0').reset()",
         "import safe_inspect.train_rl",
     ],
 )

@@ -94,7 +94,7 @@ def test_one_name_may_stand_for_two_kinds() -> None:
         ("reward", "safe_inspect.rewards.ObservedPointReward", "did you mean `ObservedPointsReward`?"),
         ("reward", "safe_inspect.reward.ObservedPointsReward", "no module 'safe_inspect.reward'"),
         ("reward", "no_such_package.plugins.MyReward", "no module 'no_such_package.plugins'"),
-        ("reward", "math.sqrt", "'math.sqrt' is no plugin"),
+        ("reward", "math.sqrt", "'math.sqrt' is not a plugin; a reward is a subclass of safe_inspect.rewards.Reward"),
         ("reward", "safe_autonomy_sims.rewards.cwh.docking.DockingReward", "a path of the peer's"),
         ("reward", "corl.dones.episode_length_done.EpisodeLengthDone", "is a done; a reward is wanted here|unknown"),
         ("no kind", "anything", "unknown no kind 'anything'"),

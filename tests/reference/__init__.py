@@ -1,0 +1,1 @@
+"""Figures computed a second time, by other means than those of the package."""
