@@ -31,7 +31,7 @@ from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.config.spec import EnvironmentSpec  # noqa: E402
 from safe_inspect.environments import TeamEnvironment, load_spec  # noqa: E402
 
-TASK = "safe_inspect/TranslationalInspection-v0"
+TASK = "safe_inspect/TranslationalInspectionSeed-v0"
 TASK_FILE = configs_root() / "translational-inspection" / "experiment-seed.yml"
 #: Tasks that are measured when they are asked for, by the name of their case.
 FURTHER_TASKS = {

@@ -26,7 +26,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor  # noqa: E4
 
 from safe_inspect.integrations.stable_baselines3 import BatchedVecEnv  # noqa: E402
 
-TASK = "safe_inspect/TranslationalInspection-v0"
+TASK = "safe_inspect/TranslationalInspectionSeed-v0"
 
 
 def rate(envs: Any, seconds: float) -> float:

@@ -2,7 +2,7 @@
 
 The picture of the README, three deputies on their way, is drawn by
 
-    TASK=safe_inspect/MultiagentTranslationalInspection-v0
+    TASK=safe_inspect/MultiagentTranslationalInspectionSeed-v0
     python examples/draw_trajectory.py --cfg $TASK --seed 4 --until 2500 --out docs/images/trajectory.png
 """
 
@@ -23,7 +23,9 @@ def main() -> int:
     """Draw the episode that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", default="trajectory.png", help="file of the picture (png, pdf, svg)")
-    parser.add_argument("--cfg", default="safe_inspect/TranslationalInspection-v0", help="experiment file or task id")
+    parser.add_argument(
+        "--cfg", default="safe_inspect/TranslationalInspectionSeed-v0", help="experiment file or task id"
+    )
     parser.add_argument("--seed", type=int, default=1, help="seed of the run")
     parser.add_argument("--until", type=float, default=math.inf, help="draw the episode up to this time [s]")
     arguments = parser.parse_args()

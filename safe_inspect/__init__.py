@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from safe_inspect.task_ids import register_tasks
+from safe_inspect.interrupts import stop_quietly_until_handled
 from safe_inspect.version import __version__
 
 __all__ = ["__version__", "load_experiment", "load_policy", "make", "make_parallel", "make_parallel_vec", "make_vec"]
@@ -24,7 +24,8 @@ _HOMES = {
     "make_vec": "safe_inspect.environments.registration",
 }
 
-register_tasks()
+stop_quietly_until_handled()
+importlib.import_module("safe_inspect.task_ids").register_tasks()  # loads Gymnasium
 
 
 def __getattr__(name: str) -> Any:

@@ -87,6 +87,10 @@ class UnsafeInitialStateWarning(UserWarning):
     """A safety filter is enabled, and promises nothing from an initial state."""
 
 
+class SafetyFilterWarning(UserWarning):
+    """A safety filter is enabled where it promises less than elsewhere."""
+
+
 class InitialStateError(SafeInspectError, RuntimeError):
     """No safe initial state was found; the message counts the refusals by constraint."""
 
@@ -95,8 +99,16 @@ class PluginValueError(SafeInspectError, ArithmeticError):
     """A plugin returned NaN or infinity, or an array of the wrong shape, or wrote into an array that it was given."""
 
 
+class MissingNameError(SafeInspectError, AttributeError):
+    """A plugin reads what the task does not offer; the message names what it does offer."""
+
+
 class ArgumentError(SafeInspectError, ValueError):
     """An action outside of its space, or an argument that an environment or its `reset` does not take."""
+
+
+class KeywordError(ArgumentError, TypeError):
+    """A keyword that an environment does not take; a `TypeError`, as Python raises one and as clients expect it."""
 
 
 class AgentError(SafeInspectError, LookupError):
@@ -115,14 +127,25 @@ class OutputError(SafeInspectError, OSError):
     """An output folder that cannot be written."""
 
 
+def not_named(kind: str, name: str, known: Iterable[str]) -> str:
+    """Return that nothing of a kind has a name, and what has."""
+    known = set(known)
+    what = {"points": "body with inspection points"}.get(kind, kind)
+    if not known:
+        return f"no {what} is named {name!r}: this task has none"
+    return f"no {what} is named {name!r}; {did_you_mean(name, known)}"
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``did you mean `x`?`` for the nearest known name, else a list of what is known.
+    """Return ``did you mean `x`?`` for the nearest known name or one that starts so, else a list of what is known.
 
     The list is cut at twelve names; where nothing is known, the text says that there is none.
     """
     names = sorted({str(item) for item in known})
     lowered = {item.lower(): item for item in names}
-    near = difflib.get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.6)
+    near = difflib.get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.75)
+    if not near and len(name) > 2:
+        near = [item for item in lowered if item.startswith(name.lower())]
     if near:
         return f"did you mean `{lowered[near[0]]}`?"
     if not names:

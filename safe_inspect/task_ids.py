@@ -5,9 +5,8 @@ from __future__ import annotations
 import gymnasium
 
 #: The experiment file of every registered id, below the shipped configurations. An id that comes to mean another task
-#: takes a new version; v0 of translational inspection has the values of the project's first files, now called Seed.
+#: takes a new version, or a new name; Seed has the values of the project's first files.
 TASKS = {
-    "safe_inspect/TranslationalInspection-v0": "translational-inspection/experiment-seed.yml",
     "safe_inspect/TranslationalInspectionSeed-v0": "translational-inspection/experiment-seed.yml",
     "safe_inspect/TranslationalInspection-v1": "translational-inspection/experiment.yml",
     "safe_inspect/FilteredTranslationalInspection-v1": "translational-inspection/experiment.yml",
@@ -19,7 +18,6 @@ TASKS = {
 
 #: The experiment file of every id that stands for several agents; Gymnasium makes single agents only.
 TEAM_TASKS = {
-    "safe_inspect/MultiagentTranslationalInspection-v0": "multiagent-translational-inspection/experiment-seed.yml",
     "safe_inspect/MultiagentTranslationalInspectionSeed-v0": "multiagent-translational-inspection/experiment-seed.yml",
     "safe_inspect/MultiagentTranslationalInspection-v1": "multiagent-translational-inspection/experiment.yml",
     "safe_inspect/MultiagentWeightedTranslationalInspection-v0": (
@@ -32,6 +30,12 @@ TEAM_TASKS = {
 
 ALL_TASKS = TASKS | TEAM_TASKS
 
+#: Former ids and the present ones. They work, with a warning, for Gymnasium's own recommends version 1, another task.
+FORMER_IDS = {
+    f"safe_inspect/{team}TranslationalInspection-v0": f"safe_inspect/{team}TranslationalInspectionSeed-v0"
+    for team in ("", "Multiagent")
+}
+
 #: What an id changes in its file: here the safety filter is on, as it is in the file of three deputies.
 TASK_OVERRIDES = {
     "safe_inspect/FilteredTranslationalInspection-v1": ("RTAGlueCWHInspection1v1.config.enabled=True",),
@@ -43,7 +47,7 @@ def register_tasks() -> None:
 
     Those of several agents are registered too: Gymnasium cannot make them, and the error names what can.
     """
-    for name in ALL_TASKS:
+    for name in (*ALL_TASKS, *FORMER_IDS):
         if name not in gymnasium.registry:
             gymnasium.register(
                 id=name,

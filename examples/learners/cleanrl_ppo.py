@@ -10,7 +10,7 @@ from torch.distributions import Normal
 
 import safe_inspect
 
-TASK = "safe_inspect/TranslationalInspection-v0"
+TASK = "safe_inspect/TranslationalInspectionSeed-v0"
 GAMMA, LAMBDA, CLIP, EPOCHS, MINIBATCHES = 0.999, 0.95, 0.2, 4, 8
 
 

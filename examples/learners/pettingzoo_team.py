@@ -4,7 +4,7 @@ import argparse
 
 import safe_inspect
 
-TASK = "safe_inspect/MultiagentTranslationalInspection-v0"
+TASK = "safe_inspect/MultiagentTranslationalInspectionSeed-v0"
 
 
 def main(steps: int) -> None:

@@ -11,7 +11,7 @@ from stable_baselines3 import PPO, SAC
 
 from safe_inspect.integrations.stable_baselines3 import BatchedVecEnv
 
-TASK = "safe_inspect/TranslationalInspection-v0"
+TASK = "safe_inspect/TranslationalInspectionSeed-v0"
 
 
 def main(algorithm: str, steps: int, task: str) -> None:

@@ -14,7 +14,7 @@ from torchrl.objectives.value import GAE
 
 import safe_inspect
 
-TASK = "safe_inspect/TranslationalInspection-v0"
+TASK = "safe_inspect/TranslationalInspectionSeed-v0"
 GAMMA, LAMBDA, EPOCHS, MINIBATCHES = 0.999, 0.95, 4, 8
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from typing import Any
 
 import yaml
@@ -17,15 +19,15 @@ from safe_inspect.config.loading.loader import load, load_if_path
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text, plain
 from safe_inspect.config.loading.merge import merge
 from safe_inspect.config.loading.overrides import apply_overrides
+from safe_inspect.config.loading.plugin_paths import import_plugins
 from safe_inspect.config.loading.references import expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.messages.report import problems_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
 from safe_inspect.dones.time_limit import MAX_HORIZON, EpisodeLengthDone
-from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
-from safe_inspect.plugins.registry import import_user_module
-from safe_inspect.task_ids import ALL_TASKS, TASK_OVERRIDES
+from safe_inspect.errors import ConfigError, Problem, did_you_mean
+from safe_inspect.task_ids import ALL_TASKS, FORMER_IDS, TASK_OVERRIDES
 from safe_inspect.version import __version__
 
 #: The lists of mappings that are merged from left to right, by their path in the task.
@@ -74,7 +76,7 @@ def load_experiment(
     """Load and check an experiment file.
 
     Args:
-        path: The file, or an id such as ``safe_inspect/TranslationalInspection-v0``.
+        path: The file, or an id such as ``safe_inspect/TranslationalInspectionSeed-v0``.
         overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
         compute_platform: Which of the task's `rllib_configs` is used; ``default`` where it is missing.
 
@@ -87,10 +89,18 @@ def load_experiment(
         hint = "; `build_spec` takes a resolved one" if isinstance(path, Mapping) else ""
         raise ConfigError(Problem(f"a configuration is the path of a file or the id of a task, not {path!r:.60}{hint}"))
     name = os.fspath(path)
+    if name in FORMER_IDS:
+        former, name = name, FORMER_IDS[name]
+        text = f"{former} is now called {name}; use that name (version 1 is another task, not a newer version)"
+        warnings.warn(text, FutureWarning, stacklevel=2)
     if name in ALL_TASKS:
         path, overrides = configs_root() / ALL_TASKS[name], (*TASK_OVERRIDES.get(name, ()), *overrides)
     elif name.startswith("safe_inspect/") and not os.path.exists(name):
         raise ConfigError(Problem(f"no task has the id {name!r}", hint=did_you_mean(name, ALL_TASKS)))
+    elif not os.path.exists(name) and not os.path.dirname(name) and not os.path.splitext(name)[1]:
+        near = get_close_matches(name, [task.partition("/")[2] for task in ALL_TASKS], n=1)
+        if near:
+            raise ConfigError(Problem(f"no file or task {name!r}", hint=f"did you mean `safe_inspect/{near[0]}`?"))
     tree = _experiment_tree(load(path), os.fspath(path))
     return build_experiment(apply_overrides(tree, overrides), os.fspath(path), compute_platform=compute_platform)
 
@@ -103,7 +113,7 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
     """
     if not isinstance(tree, LocatedDict):
         tree = LocatedDict(tree)
-    _import_plugins(tree)
+    import_plugins(tree, ("config", "config", "env_config", "plugin_paths"))
     problems: list[Problem] = []
     expanded = expand_references(expand_templates(tree, problems), problems)
     try:
@@ -182,25 +192,6 @@ def _entry(item: Any, keys: tuple[str, ...]) -> Any:
         return item
     marks = {key: locate(item, (index,)) for index, key in enumerate(keys[: len(item)])}
     return LocatedDict(dict(zip(keys, item, strict=False)), marks, item.location)  # type: ignore[arg-type]
-
-
-def _import_plugins(tree: LocatedDict) -> None:
-    """Import the modules under ``plugin_paths``; the peer's own are this package's already."""
-    where = ("config", "config", "env_config", "plugin_paths")
-    paths: Any = tree
-    for key in where:
-        paths = paths.get(key) if isinstance(paths, Mapping) else None
-    problems = []
-    for index, name in enumerate(paths if isinstance(paths, list) else ()):
-        if str(name).split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
-            continue
-        try:
-            import_user_module(str(name))
-        except RegistryError as error:
-            place = (*where, index)
-            problems.append(Problem(str(error), path_text(place), locate(tree, place)))
-    if problems:
-        raise ConfigError(problems)
 
 
 def _rllib(

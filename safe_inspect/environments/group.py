@@ -15,8 +15,9 @@ from safe_inspect.dynamics.quaternion import rotate_back
 from safe_inspect.environments.finite_checks import all_finite, numbers, require_choices, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.glues.base import Glue
-from safe_inspect.policies.base import SCRIPTED_POLICY, ThrustLimits, shortened
+from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits, shortened
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
@@ -93,14 +94,14 @@ class AgentGroup:
             for named in agent.dones
             if type(named.functor).remember is not DoneFunction.remember
         }
-        asked = agent.scripted_policy or agent.teacher
+        self._pilot = agent.scripted_policy or agent.teacher
         self.group = Group(
             self.name,
             first,
             len(specs),
             agent.sensors,
             self.safety_filter,
-            asked,
+            self._pilot,
             self.remembering,
             decides=action_layout(agent).coast is not None and not self.scripted,
         )
@@ -116,6 +117,22 @@ class AgentGroup:
         self.dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
         self.fused: CompiledGroup | None = None
         self._idle = np.minimum(np.maximum(0.0, self.action_layout.low), self.action_layout.high)
+
+    def require_needed(self, view: View) -> None:
+        """Refuse a scripted policy in a task that lacks what it needs.
+
+        Raises:
+            SafeInspectError: The task does not offer all that the policy says it needs.
+        """
+        if not isinstance(self._pilot, ScriptedPolicy):
+            return
+        offered = {*view.world.offers.view, *view.world.offers.world, *view.writable.arrays}
+        lacking = [f"`{name}`" for name in self._pilot.needed() if name not in offered]
+        if lacking:
+            raise SafeInspectError(
+                f"{self._pilot.registered_name} cannot fly {self.name}: it reads {', '.join(lacking)}, which this task "
+                "does not have; fly another policy, or another task"
+            )
 
     def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
         """Return the actions within their bounds, shape (R, A), and the control for them [N, N m], shape (R, C).

@@ -23,7 +23,7 @@ def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Env
     """Return the environment of an experiment file or a registered id.
 
     Args:
-        cfg: A file, or an id such as ``safe_inspect/TranslationalInspection-v0``.
+        cfg: A file, or an id such as ``safe_inspect/TranslationalInspectionSeed-v0``.
         overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
 
     Raises:

@@ -51,7 +51,7 @@ class TeamEnvironment:
         self, spec: EnvironmentSpec, num_envs: int = 1, *,
         seed: int | None = None, first_slot: int = 0, _fused: bool = True,
     ) -> None:  # fmt: skip
-        if not isinstance(num_envs, int | np.integer) or num_envs < 1:
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
             raise ValueError(f"num_envs is a whole number from 1 on, not {num_envs!r}")
         self.spec = spec
         self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents, spec.simulator.compose()[0])
@@ -67,6 +67,8 @@ class TeamEnvironment:
             first_slot=first_slot,
             team_filter=self._safety_filter,
         )
+        for group, view in zip(self.groups, self.simulation.views, strict=True):
+            group.require_needed(view)
         if self._safety_filter is not None and self._safety_filter.invalid_actions == "backup":
             for group in self.acting:
                 group.flies_backup = True

@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from safe_inspect.errors import PluginValueError, SafeInspectError
+from safe_inspect.errors import MissingNameError, PluginValueError, SafeInspectError
 from safe_inspect.interrupts import Interrupted
 from safe_inspect.plugins.plugin import Plugin
 
@@ -32,9 +32,10 @@ def writes_read_only(error: BaseException) -> bool:
 def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
     """Wrap a function that calls plugins, so that one that writes into what it is given, or fails, is named.
 
-    Other exceptions than the package's own get a note.
+    One that reads what the task does not offer is named too. Other exceptions than the package's own get a note.
 
     Raises:
+        MissingNameError: A plugin reads what the task does not offer.
         PluginValueError: A plugin writes into a read-only array, ends the program, or calls itself without end.
     """
 
@@ -42,8 +43,11 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
     def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Result:
         try:
             return function(*args, **kwargs)
-        except SafeInspectError:
-            raise
+        except SafeInspectError as error:
+            plugin = _innermost(error)[0] if isinstance(error, MissingNameError) and error.name else None
+            if plugin is None:
+                raise
+            raise MissingNameError(f"the {plugin.kind} {plugin.registered_name} does not fit: {error}") from error
         except BaseException as error:
             if isinstance(error, Interrupted):  # of a signal, wherever that arrives
                 raise

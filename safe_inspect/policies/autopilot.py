@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from pydantic import Field
 
@@ -21,6 +23,8 @@ class DockingAutopilot(SpeedLimit, ScriptedPolicy):
     Attributes:
         share: Wanted share of the speed limit [-].
     """
+
+    needs: ClassVar[tuple[str, ...]] = ("mean_motion",)
 
     share: float = Field(default=0.98, gt=0, le=1)
 

@@ -43,10 +43,17 @@ class ScriptedPolicy(Plugin):
 
     Class attributes:
         commands_attitude: Whether it returns the whole control.
+        needs: Names of what it reads of the task, in `View`, `World` or the state, such as ``sun_angle``. A task that
+            lacks one is refused before an episode starts; without a declaration, when the policy reads it.
     """
 
     kind: ClassVar[str] = "policy"
     commands_attitude: ClassVar[bool] = False
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    def needed(self) -> tuple[str, ...]:
+        """Return `needs`, and those of policies that it calls."""
+        return self.needs
 
     @abstractmethod
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:

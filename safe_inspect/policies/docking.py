@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -33,6 +34,8 @@ class DockingController(ScriptedPolicy):
         lead: Largest angle from the chaser to the reference [rad].
         approach_speed: Bound of wn / (2 zeta) |dp|, the speed at which a distant reference is approached [m/s].
     """
+
+    needs: ClassVar[tuple[str, ...]] = ("mating_point_position", "target_orientation", "target_angular_velocity")
 
     frequency: PositiveAngularRate = 0.3
     damping: float = Field(default=1.0, gt=0)

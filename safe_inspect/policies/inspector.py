@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -70,6 +71,8 @@ class NaturalMotionInspector(ScriptedPolicy):
         sun_rate: Rate of the sun's angle [rad/s]; None: the mean motion.
         haste: Price of time [m/s^2].
     """
+
+    needs: ClassVar[tuple[str, ...]] = ("mean_motion", "points", "sun_angle")
 
     inspection_entity_name: PointsName = "chief"
     horizon: int = Field(default=1224, ge=1, le=100_000)

@@ -41,6 +41,7 @@ class SixDofInspector(ScriptedPolicy):
     """
 
     commands_attitude: ClassVar[bool] = True
+    needs: ClassVar[tuple[str, ...]] = ("turning_body", "orientation", "angular_velocity")
 
     translation: functor_field("policy") = NaturalMotionInspector(field_of_view="60 deg", near=20.0)  # type: ignore[valid-type]
     entity_name: EntityName = "chief"
@@ -55,6 +56,11 @@ class SixDofInspector(ScriptedPolicy):
         if isinstance(value, ScriptedPolicy) and value.commands_attitude:
             raise ValueError(f"{value.registered_name} commands the attitude itself; name one that gives thrust alone")
         return value
+
+    def needed(self) -> tuple[str, ...]:
+        """Return what it reads itself, and what the other policy does."""
+        translation: Any = self.translation
+        return (*self.needs, *translation.needed())
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare what the other policy remembers."""

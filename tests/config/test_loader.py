@@ -63,7 +63,7 @@ def test_flow_style_with_trailing_commas_and_comments(write):
     ("text", "value"),
     [
         ("1e-3", 1e-3), ("5e-05", 5e-5), ("-1e3", -1000.0), ("+2E+4", 2e4), ("1.5e3", 1500.0), (".5e2", 50.0),
-        ("1.e2", 100.0), ("1_0e2", 1000.0), (".inf", float("inf")), ("010", 8), ("0x1F", 31), ("yes", True),
+        ("1.e2", 100.0), ("1_0e2", 1000.0), (".inf", float("inf")), ("0x1F", 31), ("yes", True),
         ("~", None), ("=", "="),
         ("e5", "e5"), ("1e", "1e"), ("'1e5'", "1e5"), ("!!str 1e5", "1e5"), ("!!float 3", 3.0), ("1.2.3e4", "1.2.3e4"),
     ],
@@ -204,10 +204,10 @@ def test_a_directory_names_its_files(write):
 def test_an_unreadable_file(write, monkeypatch):
     write({"a.yml": "x: 1", "b.yml": "x: !include a.yml"})
 
-    def refuse(self, mode):
+    def refuse(path, flags):
         raise PermissionError(13, os.strerror(13))
 
-    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     assert problems("a.yml") == ["cannot read 'a.yml': Permission denied"]
 
 

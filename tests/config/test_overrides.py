@@ -5,6 +5,7 @@ import copy
 import pytest
 
 from safe_inspect.config.experiment import load_experiment
+from safe_inspect.config.keys.other_words import OTHER_WORDS
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import locate
 from safe_inspect.config.loading.overrides import apply_overrides
@@ -250,3 +251,48 @@ def test_candidates_are_named_by_the_item_that_they_belong_to():
         load_experiment(file, ["disturbance={velocity: 1e-4}"])  # no file has the key there
     for candidate in str(refused.value).split("write one of ")[1].split(", "):
         load_experiment(file, [f"{candidate.strip('`')}=True"])
+
+
+SHIPPED = "configs/translational-inspection/experiment.yml"
+
+
+@pytest.mark.parametrize(("word", "key"), OTHER_WORDS.items())
+def test_a_word_of_another_library_leads_to_the_key(word, key):
+    with pytest.raises(ConfigError, match=rf"`{word}` is not a key here; did you mean `{key}=7`\?$"):
+        load_experiment(SHIPPED, [f"{word}=7"])
+    with pytest.raises(ConfigError) as refused:  # the key itself is known, whatever it makes of the value
+        load_experiment(SHIPPED, [f"{key}=[1, {{"])
+    assert "not valid YAML" in str(refused.value)
+
+
+def test_a_word_of_another_library_is_a_key_where_the_path_says_so():
+    path = "Sensor_UninspectedPoints.config.max_iterations"
+    spec = load_experiment(SHIPPED, [f"{path}=4"]).spec
+    assert next(sensor for name, sensor in spec.agents[0].sensors.items() if "Uninsp" in name).max_iterations == 4
+
+
+def test_a_word_of_another_library_in_its_mapping():
+    with pytest.raises(ConfigError, match="did you mean `num_env_steps_sampled_lifetime`"):
+        load_experiment(SHIPPED, ["tune_config.stop.total_timesteps=4"])
+
+
+@pytest.mark.parametrize("word", ["noise", "weight", "tolerance"])
+def test_what_is_not_near_is_not_suggested(word):
+    with pytest.raises(ConfigError, match=f"nothing is called `{word}` in the configuration; known: "):
+        load_experiment(SHIPPED, [f"{word}=1"])
+
+
+def test_a_short_key_that_only_a_plugin_has_is_shown_with_its_place(recwarn):
+    with pytest.warns(UserWarning, match=r"`max_rejections=5` sets config\..*max_rejections, which no file gives"):
+        load_experiment(SHIPPED, ["max_rejections=5"])
+    recwarn.clear()
+    load_experiment(SHIPPED, ["kl_target=0.1", "horizon=600", "init_state.config.max_rejections=5"])
+    assert not recwarn.list
+
+
+def test_a_number_that_stands_in_several_places_is_replaced_in_all_as_the_message_says():
+    with pytest.raises(ConfigError, match="`mass` fits 3 places; all are 12 now; to replace each, write ") as refused:
+        load_experiment(SHIPPED, ["mass=20"])
+    every = str(refused.value).partition("to replace each, write ")[2].split()
+    spec = load_experiment(SHIPPED, every).spec
+    assert [platform.mass for platform in spec.platforms.values()] == [20.0]

@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.errors import ConfigError
+from safe_inspect.config.loading.loader import parse
+from safe_inspect.errors import ConfigError, Location
 from safe_inspect.plugins.registry import registry
 
 FOLDER = "configs/translational-inspection"
@@ -188,5 +189,39 @@ def test_overrides_that_are_one_text(copied):
 
 
 def test_an_id_that_is_misspelt():
-    with pytest.raises(ConfigError, match=r"did you mean `safe_inspect/TranslationalInspection-v0`\?"):
+    with pytest.raises(ConfigError, match=r"did you mean `safe_inspect/TranslationalInspection-v1`\?"):
         load_experiment("safe_inspect/TranslationalInspektion-v0")
+
+
+@pytest.mark.parametrize(("text", "value"), [("1:30", "90"), ("0600", "384"), ("-1:30.5", "-90.5"), ("-0_17", "-15")])
+def test_a_number_that_yaml_reads_in_another_base_is_refused(copied, text, value):
+    environment = copied / "environment.yml"
+    environment.write_text(f"horizon: {text}\n" + environment.read_text().replace("horizon:", "# horizon:"))
+    for overrides in ([], [f"horizon={text}"], [f"lr={text}"]):
+        with pytest.raises(ConfigError, match=f"YAML reads `{text}` as {value}; write {value} if that is meant"):
+            load_experiment(copied / "experiment.yml", overrides)
+
+
+@pytest.mark.parametrize("text", ["0", "00", "0.6", "007.5", "0x10", "1_000", "'1:30'"])
+def test_other_numbers_and_quoted_texts_are_read(text):
+    assert parse(f"{{a: {text}}}", Location("command line", 0)) == yaml.safe_load(f"{{a: {text}}}")
+
+
+@pytest.mark.parametrize(
+    ("override", "want"),
+    [
+        ("horizon=yes", "a whole number"),
+        ("ObservedPointsReward.config.scale=on", "a number"),
+        ("config.config.env_config.simulator.config.decimation=true", "a whole number"),
+        ("blue0_ctrl.policy={functor: SixDofInspector, config: {initial_sensor_unit_vec: [on, 0, 0]}}", "a number"),
+    ],
+)
+def test_a_truth_value_is_no_number(override, want):
+    with pytest.raises(ConfigError, match=f"wants {want}, got"):
+        load_experiment("configs/translational-inspection/experiment.yml", [override])
+
+
+def test_an_initialiser_that_agents_replace_is_known_all_the_same():
+    place = "config.config.env_config.simulator_reset_parameters.initializer"
+    with pytest.raises(ConfigError, match="unknown initializer 'x'; known"):
+        load_experiment("configs/translational-inspection/experiment.yml", [f"{place}={{functor: x}}"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gymnasium
 import pytest
+from gymnasium.envs.registration import find_highest_version, parse_env_id
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import SafeInspectError
@@ -14,8 +15,20 @@ from safe_inspect.task_ids import ALL_TASKS
 def test_an_id_means_the_task_of_its_name():
     for team, folder in (("", "translational-inspection"), ("Multiagent", "multiagent-translational-inspection")):
         assert ALL_TASKS[f"safe_inspect/{team}TranslationalInspection-v1"] == f"{folder}/experiment.yml"
-        for name in (f"safe_inspect/{team}TranslationalInspection{label}" for label in ("-v0", "Seed-v0")):
-            assert ALL_TASKS[name] == f"{folder}/experiment-seed.yml"
+        assert ALL_TASKS[f"safe_inspect/{team}TranslationalInspectionSeed-v0"] == f"{folder}/experiment-seed.yml"
+
+
+@pytest.mark.parametrize("team", ["", "Multiagent"])
+def test_a_former_id_names_the_present_one(team):
+    former, present = (f"safe_inspect/{team}TranslationalInspection{label}" for label in ("-v0", "Seed-v0"))
+    with pytest.warns(FutureWarning, match=f"{former} is now called {present}; use that name .version 1 is another"):
+        assert load_experiment(former).resolved == load_experiment(present).resolved
+
+
+def test_no_present_id_is_called_out_of_date():
+    for task in ALL_TASKS:
+        namespace, name, version = parse_env_id(task)
+        assert find_highest_version(namespace, name) == version
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import InspectionEnv, InspectionVectorEnv, make_vec
 from safe_inspect.errors import ConfigError, SafeInspectError
 
-TASK = "safe_inspect/TranslationalInspection-v0"
+TASK = "safe_inspect/TranslationalInspectionSeed-v0"
 SHORT = ("horizon=20",)
 NUM_ENVS, STEPS, SEED = 5, 65, 77
 

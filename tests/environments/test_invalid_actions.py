@@ -16,7 +16,7 @@ from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectErro
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.evaluation.task import default_metrics
 
-ID = "safe_inspect/TranslationalInspection-v0"
+ID = "safe_inspect/TranslationalInspectionSeed-v0"
 GLUE = "agent_config.blue0_ctrl.config.config.glues.0.config"
 ON = (f"{GLUE}.enabled=True", f"{GLUE}.invalid_actions=backup")
 DISTURBANCE = "{velocity: 1e-4, position_error: 0.01, velocity_error: 1e-4, thrust_gain: 0.01, thrust_direction: 0.01}"

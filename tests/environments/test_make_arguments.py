@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import gymnasium
+import numpy as np
 import pytest
 
 import safe_inspect
-from safe_inspect.errors import AgentError, ArgumentError, ConfigError, PluginValueError
+from safe_inspect.errors import AgentError, ArgumentError, ConfigError, PluginValueError, SafeInspectError
 from safe_inspect.interrupts import Interrupted
 from safe_inspect.rewards import Reward
 
@@ -17,14 +18,25 @@ TEAM = "safe_inspect/MultiagentTranslationalInspection-v1"
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"horizon": 5}, r"takes no keyword 'horizon'; .* overrides=\['horizon=5'\]$"),
-        ({"gamm": 0.9}, r"takes no keyword 'gamm'; did you mean `gamma`\?$"),
-        ({"enabled": True}, r"takes no keyword 'enabled'; .*`enabled` fits 3 places; write one of `RTAGlueCWH"),
+        ({"horizon": 5}, r"unexpected keyword argument 'horizon'; .* overrides=\['horizon=5'\]( was raised .*)?$"),
+        ({"gamm": 0.9}, r"unexpected keyword argument 'gamm'; did you mean `gamma`\?( was raised .*)?$"),
+        ({"enabled": True}, r"keyword argument 'enabled'; .*`enabled` fits 3 places; write one of `RTAGlueCWH"),
     ],
 )
 def test_a_keyword_that_is_not_taken_is_told_what_it_may_mean(keywords, message):
     with pytest.raises(ArgumentError, match=message):
         gymnasium.make(ID, **keywords)
+
+
+def test_the_limit_of_gymnasiums_wrapper_is_the_horizon_of_a_batch():
+    with pytest.raises(TypeError, match=r"argument 'max_episode_steps'; .* overrides=\['horizon=10'\]"):
+        gymnasium.make_vec(ID, num_envs=4, max_episode_steps=10)
+
+
+@pytest.mark.parametrize("made", ["make", "make_vec", "make_parallel", "make_parallel_vec"])
+def test_a_keyword_that_is_not_taken_is_a_type_error_in_pythons_words(made):
+    with pytest.raises(TypeError, match=r"Env\(\) got an unexpected keyword argument 'frameskip'"):
+        getattr(safe_inspect, made)(ID, frameskip=1)
 
 
 @pytest.mark.parametrize("gamma", ["a", None, True, 1.5, float("nan")])
@@ -34,7 +46,7 @@ def test_a_discount_is_a_number_from_0_to_1(gamma):
             made(ID, gamma=gamma)
 
 
-@pytest.mark.parametrize("slot", ["a", -1, 0.5, float("inf")])
+@pytest.mark.parametrize("slot", ["a", -1, 0.5, float("inf"), 2**70, True])
 def test_a_slot_is_a_whole_number(slot):
     with pytest.raises(ArgumentError, match=r"^slot: a whole number from 0"):
         safe_inspect.make(ID, slot=slot)
@@ -110,3 +122,43 @@ def test_a_plugin_that_raises_keyboard_interrupt_is_named_and_a_signal_is_not():
     with pytest.raises(Interrupted) as stopped:
         ended("signal")
     assert not hasattr(stopped.value, "__notes__")
+
+
+@pytest.mark.parametrize("made", ["make_vec", "make_parallel_vec"])
+def test_the_number_of_environments_is_no_truth_value(made):
+    with pytest.raises(ValueError, match="num_envs is a whole number from 1 on, not True"):
+        getattr(safe_inspect, made)(ID, num_envs=True)
+
+
+@pytest.mark.parametrize("load", [safe_inspect.make, safe_inspect.load_experiment])
+def test_an_override_is_a_text(load):
+    with pytest.raises(SafeInspectError, match="None is no"):
+        load(ID, [None])
+
+
+def test_a_list_of_seeds_has_one_for_each_environment():
+    environments = safe_inspect.make_vec(ID, 4)
+    wanted, _ = environments.reset(seed=1)
+    for seed in ([1, 2, 3, 4], (1, 2, 3, 4), np.array([1, 2, 3, 4])):
+        np.testing.assert_array_equal(environments.reset(seed=seed)[0], wanted)
+    for seed, count in (([1, 2], 2), ([], 0), (np.array([], dtype=int), 0)):
+        with pytest.raises(ArgumentError, match=f"reset: {count} seeds are given for 4 environments"):
+            environments.reset(seed=seed)
+    with pytest.raises(ArgumentError, match="one seed serves all environments"):
+        environments.reset(seed=[1, 1, 1, 1])
+
+
+@pytest.mark.parametrize("made", ["make", "make_vec", "make_parallel", "make_parallel_vec"])
+def test_a_closed_environment_takes_no_step_until_it_is_reset(made):
+    environment = getattr(safe_inspect, made)(ID)
+    environment.reset(seed=1)
+    action = environment.action_space.sample() if made in ("make", "make_vec") else None
+    if action is None:
+        spaces = environment.action_spaces
+        action = {agent: space.sample() for agent, space in spaces.items()}
+    environment.step(action)
+    environment.close()
+    with pytest.raises(SafeInspectError, match=r"call reset\(\) first"):
+        environment.step(action)
+    environment.reset()
+    environment.step(action)

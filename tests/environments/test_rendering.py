@@ -14,8 +14,8 @@ from safe_inspect.errors import SafeInspectError
 
 pytest.importorskip("PIL")
 
-ID = "safe_inspect/TranslationalInspection-v0"
-TEAM = "safe_inspect/MultiagentTranslationalInspection-v0"
+ID = "safe_inspect/TranslationalInspectionSeed-v0"
+TEAM = "safe_inspect/MultiagentTranslationalInspectionSeed-v0"
 BLUE, GREEN, BLACK = (0, 114, 178), (0, 158, 115), (34, 34, 34)
 
 

@@ -18,7 +18,7 @@ ACTIONS = np.concatenate([np.random.default_rng(0).normal(0.0, 1.0, (200, 3)), [
 
 @pytest.fixture(scope="module")
 def agent():
-    return load_spec("safe_inspect/TranslationalInspection-v0").agents[0]
+    return load_spec("safe_inspect/TranslationalInspectionSeed-v0").agents[0]
 
 
 def with_controllers(agent, axes, *, normalised=False):

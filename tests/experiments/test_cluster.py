@@ -33,9 +33,13 @@ def test_the_folder_is_short_wherever_the_system_puts_its_own(tmp_path, monkeypa
     folder.rmdir()
 
 
-@pytest.mark.parametrize(("name", "gone"), [("si-abc", True), ("precious", False)])
-def test_only_a_folder_of_ours_is_removed(tmp_path, name, gone):
+@pytest.mark.parametrize(
+    ("name", "of_ray", "gone"), [("si-abc", True, True), ("si-thesis", False, False), ("precious", True, False)]
+)
+def test_only_a_folder_of_ours_is_removed(tmp_path, name, of_ray, gone):
     (tmp_path / name).mkdir()
+    if of_ray:
+        (tmp_path / name / "session_latest").symlink_to("session_1")
     run = RunFolder(tmp_path)
     run.ray_note.write_text(str(tmp_path / name))
     cluster._remove_leftovers(run)

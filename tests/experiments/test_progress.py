@@ -5,10 +5,14 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
+from safe_inspect.experiments.runs import progress
 from safe_inspect.experiments.runs.progress import Messages, TrainingProgress, clock_text, flatten, row_of, time_left
 from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
 
@@ -145,3 +149,92 @@ def test_a_stream_that_fails_does_not_end_a_training():
     print("text", file=messages, flush=True)
     TrainingProgress({}, messages).show(result(1))
     assert not messages.isatty()
+
+
+def test_compiling_is_not_counted_in_what_is_left():
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    stream = Terminal()
+    bar = TrainingProgress({"training_iteration": 4}, stream)
+    flat = result(1) | {"time_total_s": 102.0, "compiling_seconds": 100.0}
+    bar.show(flat)
+    assert stream.getvalue().splitlines()[-1] == f"[{'#' * 10}{'.' * 30}]  25 %  left 0:00:06"
+    assert "2,000/s" in stream.getvalue()
+
+
+@pytest.fixture
+def heartbeat(tmp_path, monkeypatch):
+    """Return a function that gives what is printed at a time, the stream, the file of the note and the heartbeat."""
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    stream, note = io.StringIO(), tmp_path / ".compiling"
+    heart = progress.Heartbeat(stream, note)
+
+    def beats(until):
+        printed = []
+        while now[0] < until:
+            now[0] += 2.0
+            heart.beat()
+            printed += [(now[0], line) for line in stream.getvalue().splitlines()]
+            stream.seek(0)
+            stream.truncate()
+        return printed
+
+    return beats, stream, note, heart
+
+
+def test_a_training_says_within_ten_seconds_that_it_compiles_and_then_that_it_lives(heartbeat):
+    beats, _, note, heart = heartbeat
+    note.touch()
+    (first, text), *others = beats(70.0)
+    assert first <= 10.0
+    assert text == "compiling, once for each installation: up to some minutes on a busy machine ..."
+    assert [line for _, line in others] == [
+        "working on the first iteration, compiling, for 0:00:32",
+        "working on the first iteration, compiling, for 0:01:00",
+    ]
+    heart.iteration()
+    note.unlink()
+    ((when, text),) = beats(120.0)
+    assert when <= 100.0
+    assert text == "working on the next iteration, for 0:00:28"
+
+
+def test_a_training_that_does_not_compile_does_not_say_so(heartbeat):
+    beats, _, note, _ = heartbeat
+    assert [line for _, line in beats(30.0)] == ["working on the first iteration, for 0:00:28"]
+    note.touch()
+    beats(32.0)
+    note.unlink()  # what is compiled anew in each process takes a moment
+    assert not any("compiling, once" in line for _, line in beats(60.0))
+
+
+def test_a_terminal_has_a_bar_once_there_is_an_iteration(heartbeat):
+    beats, stream, note, heart = heartbeat
+    stream.isatty = lambda: True
+    note.touch()
+    assert len(beats(30.0)) == 1
+    heart.iteration()
+    assert beats(200.0) == []
+
+
+def test_the_note_is_there_while_a_process_compiles(tmp_path):
+    code = (
+        "import os, sys, numba\n"
+        "from safe_inspect.compiling.kernel import COMPILING_NOTE, prepare\n"
+        "from pathlib import Path\n"
+        "note = Path(os.environ[COMPILING_NOTE]); prepare(); seen = []\n"
+        "from numba.core import event\n"
+        "class Sees(event.Listener):\n"
+        "    def on_start(self, event): seen.append(note.exists())\n"
+        "    def on_end(self, event): pass\n"
+        "event.register('numba:compile', Sees())\n"
+        "numba.njit(lambda x: x + 1)(1)\n"
+        "assert seen == [True], seen\n"
+        "from safe_inspect.compiling.kernel import compiling_seconds\n"
+        "assert note.exists() == (compiling_seconds() > 2.0)\n"
+    )
+    environment = os.environ | {"SAFE_INSPECT_COMPILING_NOTE": str(tmp_path / "note")}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)

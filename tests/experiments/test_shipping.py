@@ -15,6 +15,7 @@ from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
 from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.export.model_card import CardData, model_card
+from safe_inspect.outputs import MARKER
 
 pytest.importorskip("onnx")
 
@@ -86,7 +87,7 @@ def _outputs(path, readings):
 def test_it_holds_weights_alone_and_nothing_of_the_machine(run, shelf):
     folder = shelf / "one-deputy"
     top = {path.name for path in folder.iterdir()}
-    assert top == {"policy.onnx", "policy.json", "card.md", "experiment.resolved.yml", "checkpoint"}
+    assert top == {MARKER, "policy.onnx", "policy.json", "card.md", "experiment.resolved.yml", "checkpoint"}
     assert {path.name for path in (folder / "checkpoint").iterdir()} == {"learner_group", "safe_inspect.json"}
     assert not (folder / "checkpoint" / "learner_group" / "learner" / "state.pkl").exists()
     for path in folder.rglob("*"):
@@ -147,7 +148,7 @@ def test_mistakes(run, shelf, tmp_path):
     from safe_inspect.experiments.export.shipping import ship
 
     before = sorted(shelf.rglob("*"))
-    with pytest.raises(OutputError, match="one-deputy: the folder is there already"):
+    with pytest.raises(OutputError, match="one-deputy: the folder exists already"):
         ship(run[1], "one-deputy", shelf, **WORDS)
     with pytest.raises(OutputError, match="is no name of a policy"):
         ship(run[1], "../one", shelf, **WORDS)
@@ -173,7 +174,7 @@ def test_the_script_says_what_it_made(run, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out.startswith(f"{tmp_path / 'one'}: ")
     assert script["main"]() == 2
     assert capsys.readouterr().err.startswith("error: ")
-    monkeypatch.setattr(sys, "argv", ["ship_policy.py", *words, "--replace", "--evaluation", "no file"])
+    monkeypatch.setattr(sys, "argv", ["ship_policy.py", *words, "--force", "--evaluation", "no file"])
     with pytest.raises(SystemExit):
         script["main"]()
     assert "TITLE=FILE" in capsys.readouterr().err

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from random_checkpoint import experiment_of, single_run
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.raw_values import ObservedElement
@@ -69,3 +70,10 @@ def test_the_same_elements_have_the_same_weights(trained):
 def test_a_policy_that_lacks_something_or_acts_otherwise_is_refused(trained, changes, message):
     with pytest.raises(CheckpointError, match=message):
         starting_weights(SOURCE, model_of(trained, **changes(trained.info)))
+
+
+def test_a_run_stands_for_its_newest_checkpoint(tmp_path):
+    checkpoint = single_run(tmp_path, experiment_of())
+    run, own = initial_weights(str(tmp_path)), initial_weights(str(checkpoint))
+    assert run.arrays.keys() == own.arrays.keys()
+    assert all(np.array_equal(run.arrays[name], value) for name, value in own.arrays.items())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -88,6 +89,21 @@ def test_each_episode_is_reported_once_with_its_sums():
             plain.reset(np.flatnonzero(begun))
         begun = ended
     assert reported > 20
+
+
+def test_the_states_of_an_error_are_saved_in_the_run(tmp_path, monkeypatch):
+    from safe_inspect.environments.finite_checks import CRASH_FOLDER_VARIABLE
+    from safe_inspect.experiments.adapters.environment import Reported
+
+    monkeypatch.delenv(CRASH_FOLDER_VARIABLE, raising=False)
+    config = {"failure_file": str(tmp_path / "run" / "failure.json")}
+    with Reported(config):
+        assert os.environ[CRASH_FOLDER_VARIABLE] == str(tmp_path / "run")
+    assert CRASH_FOLDER_VARIABLE not in os.environ
+    monkeypatch.setenv(CRASH_FOLDER_VARIABLE, "theirs")
+    with Reported(config):
+        assert os.environ[CRASH_FOLDER_VARIABLE] == "theirs"
+    assert os.environ[CRASH_FOLDER_VARIABLE] == "theirs"
 
 
 def test_a_users_error_is_left_in_a_file(tmp_path):

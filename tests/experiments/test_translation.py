@@ -8,7 +8,10 @@ import sys
 import pytest
 import yaml
 
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.config.models.learning import check_learning
 from safe_inspect.config.spec import PolicySpec
+from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
 
@@ -320,3 +323,46 @@ def test_the_learner_is_fast_unless_asked():
     assert not any("learner" in note for note in other.notes)
     searched = translate_rllib({"learner": {"grid_search": ["fast", "stock"]}})
     assert "give one" in paths(searched)["rllib_configs.learner"]
+
+
+@pytest.mark.parametrize("algorithm", ["APPO", "DQN", "SAC"])
+def test_the_keys_of_ppo_under_another_algorithm_are_one_mistake_that_names_its_file(algorithm):
+    model = {"orthogonal": True, "initial_choice": 1, "fcnet_hiddens": [8], "initial_std": 0.1}
+    (problem,) = translate_rllib({"algorithm": algorithm, "model_config": model}).problems
+    assert problem.message == "only PPO has the keys `orthogonal`, `initial_choice`, `initial_std`"
+    assert f"'policy=!include configs/learners/{algorithm.lower()}.yml'" in problem.hint
+
+
+@pytest.mark.parametrize("address", ["http://x", "x y", "", "localhost:port", "ray://"])
+def test_what_is_no_address_of_ray_is_refused(address):
+    (problem,) = translate_ray({"address": address}).problems
+    assert "is not the address of a Ray cluster" in problem.message
+
+
+@pytest.mark.parametrize("address", ["auto", "local", "head:6379", "10.0.0.1:6379", "[::1]:6379", "ray://head:10001"])
+def test_addresses_of_ray(address):
+    assert translate_ray({"address": address}).settings["address"] == address
+
+
+def test_a_training_that_nothing_ends_is_noted():
+    for tune in ({}, {"stop": {}}):
+        assert any("nothing but an interruption ends" in note for note in translate_tune(tune).notes)
+    for tune in ({"stop": {"training_iteration": 1}}, {"time_budget_s": 5}):
+        assert translate_tune(tune).notes == ()
+
+
+@pytest.mark.parametrize("key", ["clip_param", "vf_clip_param"])
+def test_a_clip_that_leaves_no_gradient_is_refused(key):
+    assert [problem.message for problem in translate_rllib({key: 0}).problems] == ["0 is too small; the least is 1e-06"]
+
+
+@pytest.mark.parametrize("key", ["initial_weights", "fcnet_hiddens"])
+def test_a_key_of_the_net_says_where_it_belongs(key):
+    (problem,) = translate_rllib({key: "x"}).problems
+    assert problem.message == f"`{key}` cannot be set here: it is a key of `model_config`"
+
+
+def test_a_policy_without_a_reward_cannot_learn():
+    experiment = load_experiment("configs/translational-inspection/experiment.yml", ["rewards=[]"])
+    with pytest.raises(ConfigError, match="blue0_ctrl: no reward, so that nothing can be learned"):
+        check_learning(experiment, read_settings)

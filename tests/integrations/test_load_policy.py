@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import safe_inspect
-from safe_inspect.errors import CheckpointError, SafeInspectError
+from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policy_files.shipped import shipped_policy
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 
@@ -52,6 +52,35 @@ def test_the_onnx_file_and_the_checkpoint_agree(policy):
         observations = environment.step(policy.predict(observations))[0]
 
 
+@pytest.fixture(scope="module", params=["onnx", "torch"])
+def either(request):
+    if request.param == "torch":
+        cfg = "configs/translational-inspection/experiment.yml"
+        return safe_inspect.load_policy(shipped_policy(NAME).checkpoint, cfg)
+    pytest.importorskip("onnxruntime")
+    return safe_inspect.load_policy(NAME)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("drawn", [False, True])
+def test_observations_that_are_not_finite_are_refused(either, bad, drawn):
+    observations = np.zeros((3, 13))
+    generator = np.random.default_rng(0) if drawn else None
+    either.predict(observations, generator)
+    observations[1, 4] = bad
+    with pytest.raises(ArgumentError, match="NaN or infinity: element 4 of row 1 is"):
+        either.predict(observations, generator)
+    with pytest.raises(ArgumentError, match="NaN or infinity: element 4 of row 0 is"):
+        either.predict(observations[1], generator)
+    with pytest.raises(ArgumentError, match="NaN or infinity: element 4 of row 1 is"):  # as a rollout calls it
+        either._policy(observations.astype(np.float32))
+
+
+def test_an_argument_of_another_library_is_told_what_is_taken(either):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'deterministic'; without `generator` it"):
+        either.predict(np.zeros(13), deterministic=True)
+
+
 def test_a_shipped_policy_flies_without_onnxruntime(monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "onnxruntime" else find(name))
@@ -64,7 +93,7 @@ def test_what_cannot_be_loaded_is_told():
     with pytest.raises(SafeInspectError, match="inspector: a scripted policy flies inside the environment"):
         safe_inspect.load_policy("inspector")
     with pytest.raises(CheckpointError, match="the policy is of another task"):
-        safe_inspect.load_policy(NAME, "safe_inspect/TranslationalInspection-v0")
+        safe_inspect.load_policy(NAME, "safe_inspect/TranslationalInspectionSeed-v0")
     with pytest.raises(SafeInspectError, match="blue0_ctrl, blue1_ctrl, blue2_ctrl have policies of their own"):
         safe_inspect.load_policy("multiagent-translational-inspection")
     with pytest.raises(SafeInspectError, match="it flies no agent 'blue7_ctrl'; did you mean"):

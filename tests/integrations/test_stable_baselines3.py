@@ -11,7 +11,7 @@ sb3 = pytest.importorskip("stable_baselines3", reason="pip install 'safe_inspect
 
 from safe_inspect.integrations.stable_baselines3 import BatchedVecEnv  # noqa: E402
 
-ID = "safe_inspect/TranslationalInspection-v0"
+ID = "safe_inspect/TranslationalInspectionSeed-v0"
 LEVELS = "configs/translational-inspection/experiment.yml"
 
 

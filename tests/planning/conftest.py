@@ -8,4 +8,4 @@ from safe_inspect.environments import load_spec
 
 @pytest.fixture(scope="session")
 def spec() -> EnvironmentSpec:
-    return load_spec("safe_inspect/TranslationalInspection-v0")
+    return load_spec("safe_inspect/TranslationalInspectionSeed-v0")

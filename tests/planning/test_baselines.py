@@ -71,9 +71,10 @@ def test_a_file_of_another_run_is_kept_unless_forced(spec: EnvironmentSpec, tmp_
     complete(spec, asked("zero-thrust", 4), 2, path=path, force=True)
     assert read_record(path).seed == 4
     path.write_text("{}")
-    with pytest.raises(SafeInspectError, match="no file of"):
-        complete(spec, asked("zero-thrust", 4), 2, path=path)
-    complete(spec, asked("zero-thrust", 4), 2, path=path, force=True)
+    for force in (False, True):
+        with pytest.raises(SafeInspectError, match="no file of"):
+            complete(spec, asked("zero-thrust", 4), 2, path=path, force=force)
+    assert path.read_text() == "{}"
 
 
 @pytest.mark.parametrize("kind", ["zero-thrust", "random"])

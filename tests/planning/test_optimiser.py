@@ -16,7 +16,7 @@ from safe_inspect.policies import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
 
 EPISODES, SEED = 6, 0
-SINGLE = "safe_inspect/TranslationalInspection-v0"
+SINGLE = "safe_inspect/TranslationalInspectionSeed-v0"
 AGENT = "agent_config.0.config.config"
 
 

@@ -213,5 +213,5 @@ def test_the_sensors_read_the_same_in_a_batch_and_alone():
 @pytest.mark.parametrize("sensor", [UninspectedPointsMapSensor, UninspectedPointsMomentsSensor])
 def test_what_a_body_without_points_gives(sensor):
     docking = configs_root() / "docking" / "experiment.yml"
-    with pytest.raises(ConfigError, match="no points is named 'chief'"):
+    with pytest.raises(ConfigError, match="no body with inspection points is named 'chief'"):
         load_experiment(docking, [f"{PARTS}.3={{part: {sensor().registered_name}}}"])

@@ -12,8 +12,13 @@ import pytest
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.planning.burns.turns import take_turns
 from safe_inspect.policies import SCRIPTED_POLICY, NaturalMotionInspector, RandomThrust, ScriptedPolicy, ZeroThrust
+from safe_inspect.policies.autopilot import DockingAutopilot
+from safe_inspect.policies.docking import DockingController
+from safe_inspect.policies.pointing import SixDofInspector
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 from safe_inspect.types import AnyArray, FloatArray
 
@@ -273,3 +278,43 @@ def test_who_meets_first_plans_first() -> None:
     turn = np.full(5, -1)
     take_turns(turn, np.arange(5), 5, position, velocity, step_maps(0.001027, 10.0, 100), 20.0)
     assert turn.tolist() == [2, 1, 0, 3, 4]
+
+
+class NeedsATarget(ScriptedPolicy):
+    """Declares what it reads."""
+
+    needs = ("target_orientation",)
+
+    def __call__(self, view, limits):
+        raise AssertionError("no episode starts")
+
+
+class ReadsATarget(ScriptedPolicy):
+    """Declares nothing."""
+
+    def __call__(self, view, limits):
+        return view.target_orientation
+
+
+@pytest.mark.parametrize(
+    ("task", "policy", "lacking"),
+    [
+        ("TranslationalInspection-v1", DockingController(), "`mating_point_position`, `target_orientation`"),
+        ("TranslationalInspection-v1", SixDofInspector(), "`turning_body`, `orientation`, `angular_velocity`, which"),
+        ("Docking-v0", SixDofInspector(), "`angular_velocity`, `points`, `sun_angle`, which"),
+        ("TumblingRendezvous-v0", DockingAutopilot(), "`mean_motion`, which"),
+        ("TranslationalInspection-v1", NeedsATarget(), "`target_orientation`, which"),
+    ],
+)
+def test_a_task_that_lacks_what_a_policy_needs_is_refused_before_an_episode_starts(task, policy, lacking):
+    spec = load_experiment(f"safe_inspect/{task}").spec
+    with pytest.raises(SafeInspectError, match=f"{policy.registered_name} cannot fly .*: it reads .*{lacking}"):
+        TeamEnvironment(with_scripted(spec, policy), 2)
+
+
+def test_a_policy_that_declares_nothing_is_named_when_it_reads_what_is_not_there():
+    spec = load_experiment("safe_inspect/TranslationalInspection-v1").spec
+    environment = TeamEnvironment(with_scripted(spec, ReadsATarget()), 2, _fused=False)
+    environment.reset()
+    with pytest.raises(SafeInspectError, match="the policy ReadsATarget does not fit: the view of this task has no"):
+        environment.step(())

@@ -139,8 +139,8 @@ PPO_KEYS: dict[str, Key] = {
     "kl_target": _AMOUNT,
     "vf_loss_coeff": _AMOUNT,
     "entropy_coeff": Key("schedule", low=0),
-    "clip_param": Key("number", low=0, high=math.inf),
-    "vf_clip_param": Key("number", low=0, high=math.inf),
+    "clip_param": Key("number", low=1e-6, high=math.inf),  # with 0 no gradient is left
+    "vf_clip_param": Key("number", low=1e-6, high=math.inf),
 }
 
 _REPLAY_KEYS: dict[str, Key] = {

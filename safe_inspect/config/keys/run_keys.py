@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from safe_inspect.config.keys.rllib_keys import Key
@@ -123,6 +124,9 @@ RAY_KEYS: dict[str, Key] = {
     "runtime_env": Key("mapping", optional=True),
     "temporary_folder": Key("text", optional=True),
 }
+
+#: What `address` may be.
+RAY_ADDRESS = re.compile(r"auto|local|(ray://)?([\w.-]+|\[[0-9A-Fa-f:.]+\])(:\d+)?")
 
 RAY_DEFAULTS: dict[str, Any] = {
     "address": "local",

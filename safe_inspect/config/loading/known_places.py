@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
-from safe_inspect.config.loading.located import LocatedDict
+from safe_inspect.config.loading.located import LocatedDict, has
 from safe_inspect.config.models.experiment import ExperimentConfig
-from safe_inspect.config.models.fields import known_keys
+from safe_inspect.config.models.fields import known_keys, plugin_of
 
 _TASK = ("config", "config")
 _MODEL = {**rllib_keys.MODEL_KEYS, **rllib_keys.FRESH_KEYS}
@@ -55,6 +55,15 @@ def may_have(tree: Any, path: tuple[Any, ...], key: str) -> bool:
     if path[-1:] in (("model_config",), ("model",)):
         return key in _MODEL
     return key in known_keys(tree, path, ExperimentConfig)
+
+
+def in_plugin(tree: Any, path: tuple[Any, ...]) -> bool:
+    """Return whether a path of an experiment leads into the fields of a plugin."""
+    for key in path:
+        if key == "config" and plugin_of(tree) is not None:
+            return True
+        tree = tree[key] if has(tree, key) else None
+    return False
 
 
 def learning_keys(tree: Any) -> set[str]:

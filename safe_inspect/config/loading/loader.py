@@ -95,6 +95,14 @@ def _count(tree: Any, known: dict[int, int]) -> int:
     return known[id(tree)]
 
 
+def _open_at_once(path: str, flags: int) -> int:
+    """Open a file for reading; a named pipe that nobody writes to is empty, instead of waiting for a writer."""
+    descriptor = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+    if hasattr(os, "O_NONBLOCK"):
+        os.set_blocking(descriptor, True)
+    return descriptor
+
+
 class _Loading:
     """One call of the loader: every file is read once, and all mistakes are collected."""
 
@@ -108,7 +116,7 @@ class _Loading:
         including = Path(os.path.abspath(location.file)) if location is not None and location.line else None
         outermost = self._chain[0] if self._chain else including
         tried = places(name, including, outermost)
-        path = next((place for place in tried if place.exists()), None)
+        path = next((place for place in tried if os.path.lexists(place)), None)
         if path is None:
             what = "no file" if location is None else "the included file does not exist:"
             looked = ", ".join(display_path(place) for place in tried)
@@ -132,10 +140,11 @@ class _Loading:
             files = f"name one of its files: {', '.join(names)}" if names else "name a file"
             return self._wrong(f"{file!r} is a directory", location, files)
         try:
-            with path.open("rb") as stream:
+            with open(path, "rb", opener=_open_at_once) as stream:
                 data = stream.read(MAX_BYTES + 1)
         except OSError as error:
-            return self._wrong(f"cannot read {file!r}: {error.strerror or error}", location, "")
+            link = f", a link to {os.readlink(path)!r}" if path.is_symlink() else ""
+            return self._wrong(f"cannot read {file!r}{link}: {error.strerror or error}", location, "")
         if len(data) > MAX_BYTES:
             hint = "is it a configuration? If so, split it and `!include` the parts"
             return self._wrong(f"{file!r} is larger than {MAX_BYTES / 1e6:g} MB", location, hint)

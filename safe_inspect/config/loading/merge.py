@@ -65,10 +65,9 @@ def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
             continue
         old = merged.get(key)
         merged[key] = _pair(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+        merged.marks.pop(key, None)  # the newest comes last
         if key in marks:
             merged.marks[key] = marks[key]
-        else:
-            merged.marks.pop(key, None)
     return merged
 
 

@@ -4,21 +4,30 @@ A component of the path is a key, or for the items of a list an index (``list.0`
 the item's ``name``, the class it names, or its controller or sensor. A path whose first
 component is not at the root is the end of a path, and stands for the one place
 that it fits. Where no file has the last component, it stands for the one place that may have it
-(`safe_inspect.config.loading.known_places`). ``~path`` removes a key or an item.
+(`safe_inspect.config.loading.known_places`); a word of another library is not taken for a key. ``~path`` removes a key
+or an item.
 """
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from safe_inspect.config.loading.known_places import learning_keys, may_have, spellings, with_empty_mappings
+from safe_inspect.config.keys.other_words import OTHER_WORDS, key_hint
+from safe_inspect.config.loading.known_places import (
+    in_plugin,
+    learning_keys,
+    may_have,
+    spellings,
+    with_empty_mappings,
+)
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, has, locate
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys
-from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
+from safe_inspect.errors import ConfigError, Location, Problem
 
 #: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
 _CLASS_KEYS = ("functor", "type", "part", "controller", "sensor")
@@ -45,6 +54,9 @@ def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
     """
     problems: list[Problem] = []
     for override in overrides:
+        if not isinstance(override, str):
+            problems.append(Problem(f"overrides: {override!r:.60} is no text", hint="write 'path.of.keys=value'"))
+            continue
         location = Location(COMMAND_LINE, 0, text=override)
         try:
             tree = _apply(tree, override, location)
@@ -64,21 +76,37 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
         raise ConfigError(Problem("not an override", location=location, hint=hint))
     parts = _with_platform(tree, parts)
     found = _existing(tree, parts)
+    if len(parts) == 1:  # a reference is the name of a key; its value is meant
+        found = [path for path in found if path[-2:-1] != ("references",)] or found
     if removes:
         if len(found) == 1:
             return _removed(tree, found[0])
     elif not found:
         found = [(*path, parts[-1]) for path in _walk(tree, parts[:-1]) if isinstance(_at(tree, path), Mapping)]
+        if dotted in OTHER_WORDS:
+            hint = f"did you mean `{OTHER_WORDS[dotted]}={text}`?"
+            raise ConfigError(Problem(f"`{dotted}` is not a key here", location=location, hint=hint))
         if not any(True for _ in _steps(tree, parts[0])):
             tree, found = _missing(tree, parts)
+            if len(found) == len(parts) == 1 and in_plugin(tree, found[0]):
+                note = f"`{override}` sets {'.'.join(map(str, found[0]))}, which no file gives"
+                warnings.warn(note, stacklevel=2)
     if len(found) == 1:
-        return _replaced(tree, found[0], parse(text, location), location)
+        return with_value(tree, found[0], parse(text, location), location)
     if found:
-        candidates = ", ".join(f"`{_shortest(tree, path, parts)}`" for path in found[:12])
-        more = f" and {len(found) - 12} more" if len(found) > 12 else ""
-        message = f"`{dotted}` fits {len(found)} places"
-        raise ConfigError(Problem(message, location=location, hint=f"write one of {candidates}{more}"))
+        raise ConfigError(_several(tree, parts, found, text, location))
     raise ConfigError(_unknown(tree, parts, location))
+
+
+def _several(tree: Any, parts: list[str], found: list[Found], text: str, location: Location) -> Problem:
+    """Say which places a path fits; where the same number stands in all, how to replace each."""
+    names = [_shortest(tree, path, parts) for path in found[:12]]
+    more = f" and {len(found) - 12} more" if len(found) > 12 else ""
+    hint = f"write one of {', '.join(f'`{name}`' for name in names)}{more}"
+    numbers = {_number(tree, path) for path in found}
+    if not more and text and len(numbers) == 1 and None not in numbers:
+        hint = f"all are {numbers.pop():g} now; to replace each, write {' '.join(f'{name}={text}' for name in names)}"
+    return Problem(f"`{'.'.join(parts)}` fits {len(found)} places", location=location, hint=hint)
 
 
 def _existing(tree: Any, parts: list[str]) -> list[Found]:
@@ -150,7 +178,7 @@ def _removed(tree: Any, path: Found) -> Any:
     if len(path) == 1:
         return rest
     location = locate(tree, path[:-1])
-    return _replaced(tree, path[:-1], rest, location)
+    return with_value(tree, path[:-1], rest, location)
 
 
 def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
@@ -163,7 +191,7 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         within = ".".join(parts[:depth])
         message = f"nothing is called `{parts[depth]}` in `{within}`" + ("" if known else ", which holds no keys")
         hint = _written_alone(tree, parts) if depth == len(parts) - 1 else ""
-        return Problem(message, "", location, hint or (did_you_mean(parts[depth], known) if known else ""))
+        return Problem(message, "", location, hint or (key_hint(parts[depth], known) if known else ""))
     ends = _existing(tree, parts[:-1]) if parts[1:] else []
     holders = [path for path in ends if isinstance(_at(tree, path), Mapping)]
     if holders:
@@ -172,7 +200,7 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         message = f"nothing is called `{parts[-1]}` in `{'.'.join(parts[:-1])}`" + (
             "" if known else ", which holds no keys"
         )
-        hint = _written_alone(tree, parts) or (did_you_mean(parts[-1], known) if known else "")
+        hint = _written_alone(tree, parts) or (key_hint(parts[-1], known) if known else "")
         return Problem(message, "", location, hint)
     for path in _containers(tree):
         known |= _names(_at(tree, path))
@@ -181,7 +209,7 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
     if first is None:
         message = f"no path of the configuration ends in `{'.'.join(parts)}`"
         return Problem(message, "", location, "write it from the root")
-    return Problem(f"nothing is called `{first}` in the configuration", "", location, did_you_mean(first, known))
+    return Problem(f"nothing is called `{first}` in the configuration", "", location, key_hint(first, known))
 
 
 def _written_alone(tree: Any, parts: list[str]) -> str:
@@ -261,14 +289,25 @@ def _at(tree: Any, path: Found) -> Any:
     return tree
 
 
-def _replaced(tree: Any, path: Found, value: Any, location: Location | None) -> Any:
+def _number(tree: Any, path: Found) -> float | None:
+    """Return the number at a path, without its unit; None where none is."""
+    holder = _at(tree, path[:-1])
+    value = holder[path[-1]] if has(holder, path[-1]) else None
+    try:
+        return None if isinstance(value, bool) else float(str(value).partition(" ")[0])
+    except ValueError:
+        return None
+
+
+def with_value(tree: Any, path: Found, value: Any, location: Location | None) -> Any:
     """Return the tree with another value at a path; only the containers on the path are copied."""
     if not path:
         return value
     key, rest = path[0], path[1:]
     kind = LocatedDict if isinstance(tree, Mapping) else LocatedList
     copied = kind(tree, getattr(tree, "marks", None), getattr(tree, "location", None))
-    copied[key] = _replaced(tree[key], rest, value, location) if has(tree, key) else value
+    copied[key] = with_value(tree[key], rest, value, location) if has(tree, key) else value
     if not rest and location is not None:
+        copied.marks.pop(key, None)  # the newest comes last
         copied.marks[key] = location
     return copied

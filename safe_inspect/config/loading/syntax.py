@@ -12,6 +12,11 @@ from safe_inspect.errors import ConfigError, Location, Problem
 #: Numbers such as ``1e-3`` and ``5e-05``, which YAML 1.1 takes for text because they lack the point or the sign.
 FLOAT = re.compile(r"[-+]?(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)[eE][-+]?[0-9]+$")
 
+#: How deeply values may be nested.
+_DEPTH = 200
+#: Whole numbers and numbers that YAML 1.1 reads in another base than they are meant in: ``1:30`` in base 60, ``0600``.
+OTHER_BASE = re.compile(r"[-+]?(?:[0-9][0-9_]*:.*|0[0-7_]*[1-7][0-7_]*)")
+
 _Parser: Any = type("_Parser", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
 _Parser.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 
@@ -42,6 +47,7 @@ def compose(text: str, file: str) -> Any:
     Raises:
         ConfigError: The text is not valid YAML.
     """
+    _check_depth(text, file)
     try:
         parser = _Parser(text)
         try:
@@ -56,6 +62,26 @@ def compose(text: str, file: str) -> Any:
         character = f"U+{ord(where[0]):04X}" if where else error.reason
         message = f"not valid YAML: the control character {character} is not allowed"
         raise ConfigError(Problem(message, location=Location(file, line, column), hint="remove it")) from None
+
+
+def _check_depth(text: str, file: str) -> None:
+    """Refuse brackets in brackets without end, which the parser's time grows with the square of.
+
+    Raises:
+        ConfigError: They are nested too deeply.
+    """
+    if text.count("[") + text.count("{") <= _DEPTH:
+        return
+    depth = 0
+    try:
+        for event in yaml.parse(text, Loader=_Parser):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > _DEPTH:
+                where = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
+                hint = "put a part of them into a file of its own"
+                raise ConfigError(Problem("the values are nested too deeply", location=where, hint=hint))
+    except yaml.YAMLError:
+        return  # which is reported when the text is read
 
 
 def decode(data: bytes, file: str) -> str:

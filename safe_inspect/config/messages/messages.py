@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from pydantic_core import PydanticCustomError
+
 from safe_inspect.errors import did_you_mean
 
 #: What a value should be, by the type of the error; the names in braces are the error's own.
@@ -38,10 +40,18 @@ _WANTED = {
     "too_long": "at most {max_length} items",
     "string_too_short": "a text of at least {min_length} characters",
     "string_too_long": "a text of at most {max_length} characters",
-    "string_pattern_mismatch": "a text that matches `{pattern}`",
+    "string_pattern_mismatch": "{pattern}",
     "literal_error": "{expected}",
     "enum": "{expected}",
     "union_tag_invalid": "one of {expected_tags} as {discriminator}",
+}
+
+#: What a text should be, by the pattern of its field.
+_PATTERNS = {
+    r"^[^/\s]+$": "a name without spaces and slashes",
+    r"^[\w.-]+$": "a name of letters, digits, `_`, `.` and `-`",
+    r"\S|^$": "a text that is not blank",
+    "^(quick|normal|thorough)$": "quick, normal or thorough",
 }
 
 #: Errors that say that a value is of another kind altogether, so that a union's other members may fit better.
@@ -56,6 +66,9 @@ def is_of_other_kind(error: Mapping[str, Any]) -> bool:
 def wanted(error: Mapping[str, Any]) -> str:
     """Return what the value should be, in words; empty when the error does not say so."""
     limits = {name: _short(limit) for name, limit in error.get("ctx", {}).items()}
+    if "pattern" in limits:
+        pattern = limits["pattern"]
+        limits["pattern"] = _PATTERNS.get(pattern, f"a text of the form of the regular expression `{pattern}`")
     return _WANTED.get(error["type"], "").format_map(limits)
 
 
@@ -80,6 +93,16 @@ def message(error: Mapping[str, Any]) -> tuple[str, str]:
     if want:
         return f"wants {want}, got {shown(given)}", _nearest(error, given)
     return f"{said[:1].lower()}{said[1:]}, got {shown(given)}", ""
+
+
+def functor_mistakes(error: PydanticCustomError) -> str:
+    """Return the mistakes of a functor that no file names, from the error of `safe_inspect.plugins.functor.build`."""
+    texts = []
+    for problem in (error.context or {})["errors"]:
+        where = ".".join(map(str, problem["loc"]))
+        texts.append("; ".join(filter(None, message(problem))))
+        texts[-1] = f"{where}: {texts[-1]}" if where else texts[-1]
+    return "; ".join(texts)
 
 
 def shown(value: Any) -> str:

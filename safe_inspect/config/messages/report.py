@@ -9,10 +9,11 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from safe_inspect.config.loading.located import has, locate, path_text
+from safe_inspect.config.keys.other_words import key_hint
+from safe_inspect.config.loading.located import LocatedDict, has, locate, path_text
 from safe_inspect.config.messages.messages import is_of_other_kind, message, shown, wanted
 from safe_inspect.config.models.fields import known_keys
-from safe_inspect.errors import Problem, did_you_mean
+from safe_inspect.errors import Location, Problem
 from safe_inspect.plugins.functor import errors_of
 
 #: What Pydantic puts into the path of an error to tell the members of a union apart.
@@ -108,9 +109,24 @@ def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, mode
     where = prefix + fault.path
     if fault.error["type"] == "extra_forbidden":
         known = known_keys(start, fault.path[:-1], model)
-        text, hint = f"unknown key `{fault.path[-1]}`", did_you_mean(str(fault.path[-1]), known) if known else ""
+        text, hint = f"unknown key `{fault.path[-1]}`", key_hint(str(fault.path[-1]), known) if known else ""
         if not known and not fault.error["msg"].startswith("Extra inputs"):
             text, hint = fault.error["msg"], ""  # a plugin that builds another names the keys itself
     else:
         text, hint = message(fault.error)
-    return Problem(text, path_text(where), locate(tree, where), hint)
+    location = _newest_named(tree, where, text) if fault.error["type"] == "value_error" else None
+    return Problem(text, path_text(where), location or locate(tree, where), hint)
+
+
+def _newest_named(tree: Any, where: tuple[Any, ...], text: str) -> Location | None:
+    """Return where the newest of the keys stands that the mistake of a whole mapping names; None where it names none.
+
+    The keys may come from several files and from the command line; their marks are in the order of writing.
+    """
+    holder = tree
+    for key in where:
+        holder = holder[key] if has(holder, key) else None
+    if not isinstance(holder, LocatedDict):
+        return None
+    named = set(re.findall(r"\w+", text))
+    return next((mark for key, mark in reversed(holder.marks.items()) if key in named), None)

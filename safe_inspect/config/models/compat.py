@@ -5,9 +5,10 @@ Each class holds those of one model of `safe_inspect.config.models.experiment`, 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, field_validator
 
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.platforms.base import Platform
@@ -46,6 +47,17 @@ class ResetKeys(BaseModel):
     """Keys of ``simulator_reset_parameters`` of an environment: an initialiser, which the agents' own replace."""
 
     initializer: Any = None
+
+    @field_validator("initializer")
+    @classmethod
+    def _is_known(cls, value: Any) -> Any:
+        name = value.get("functor") if isinstance(value, Mapping) else value
+        if name is not None:
+            try:
+                registry.get("initializer", str(name))
+            except RegistryError as error:
+                raise ValueError(str(error)) from error
+        return value
 
 
 def platform_class(name: str) -> type[Platform]:

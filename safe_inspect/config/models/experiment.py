@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from safe_inspect.config.models.compat import (
     AgentBodyKeys,
@@ -22,10 +22,11 @@ from safe_inspect.config.models.compat import (
 from safe_inspect.config.models.functor_fields import ParameterField, named_field
 from safe_inspect.dones.time_limit import MAX_HORIZON
 from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.strict_numbers import StrictNumbers
 from safe_inspect.units import PositiveFrequency
 
 
-class Model(BaseModel):
+class Model(StrictNumbers):
     """Base of the models: frozen, unknown keys forbidden."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)

@@ -25,15 +25,63 @@ def known_keys(tree: Any, path: Sequence[Any], model: type[BaseModel] | None = N
     """
     annotations: list[Any] = [] if model is None else [model]
     for key in path:
-        plugin = _plugin(tree) if key == "config" else None
+        plugin = plugin_of(tree) if key == "config" else None
         below = [found for known in annotations for found in _below(known, key)]
         annotations = below if plugin is None else [plugin]
         tree = tree[key] if has(tree, key) else None
     return {name for known in annotations for variant in _models(known) for name in _keys(variant)}
 
 
-def _plugin(functor: Any) -> type[BaseModel] | None:
-    """Return the class that a functor's mapping names."""
+def written_values(
+    mark: str, tree: Mapping[Any, Any], model: type[BaseModel], path: tuple[Any, ...] = ()
+) -> Iterator[tuple[tuple[Any, ...], Any, Any]]:
+    """Yield the values of a tree whose fields have a mark in their JSON schema: path, value, and what the mark says.
+
+    Args:
+        mark: The key of `json_schema_extra`, such as ``units``.
+        tree: A tree that the model accepts. Functors name the models of their own fields.
+        model: The model.
+        path: The path of the tree.
+    """
+    for name, info in model.model_fields.items():
+        key = info.alias if info.alias in tree else name
+        if key in tree:
+            yield from _marked(mark, tree[key], info.annotation, [info], (*path, key))
+
+
+def _marked(
+    mark: str, value: Any, annotation: Any, metadata: Sequence[Any], path: tuple[Any, ...]
+) -> Iterator[tuple[tuple[Any, ...], Any, Any]]:
+    if typing.get_origin(annotation) is typing.Annotated:
+        annotation, *metadata = typing.get_args(annotation)
+    plugin = plugin_of(value)
+    if plugin is not None:
+        if isinstance(value.get("config"), Mapping):
+            yield from written_values(mark, value["config"], plugin, (*path, "config"))
+        return
+    extras = [getattr(item, "json_schema_extra", None) for item in metadata]
+    said = next((extra[mark] for extra in extras if isinstance(extra, Mapping) and mark in extra), None)
+    if said is not None and not isinstance(value, (list, Mapping)):
+        yield path, value, said
+    for variant in _members(annotation):
+        if variant is not annotation:
+            yield from _marked(mark, value, variant, metadata, path)
+        elif isinstance(value, Mapping) and isinstance(variant, type) and issubclass(variant, BaseModel):
+            yield from written_values(mark, value, variant, path)
+        elif isinstance(value, list):
+            items = [item for item in typing.get_args(variant) if item is not Ellipsis]
+            for index, item in enumerate(value if items else ()):
+                yield from _marked(mark, item, items[min(index, len(items) - 1)], (), (*path, index))
+
+
+def _members(annotation: Any) -> tuple[Any, ...]:
+    """Return the members of a union, or the annotation itself."""
+    is_union = typing.get_origin(annotation) in (typing.Union, types.UnionType)
+    return typing.get_args(annotation) if is_union else (annotation,)
+
+
+def plugin_of(functor: Any) -> type[BaseModel] | None:
+    """Return the class that a functor's mapping names; None for any other value."""
     if not isinstance(functor, Mapping):
         return None
     for kind in registry.kinds():

@@ -38,7 +38,7 @@ def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any, Any], 
     task = experiment.config.config.config
     rllib = {"algorithm": experiment.algorithm, **experiment.rllib}
     settings = read(rllib, task.tune_config, task.ray_config, tuple(experiment.policies.values()))
-    problems = [*settings.problems, *_unfit_actions(experiment)]
+    problems = [*settings.problems, *_unfit_actions(experiment), *_unrewarded(experiment)]
     if problems:
         raise ConfigError(placed(experiment, problems))
     return settings
@@ -76,6 +76,19 @@ def _unfit_actions(experiment: Experiment) -> list[Problem]:
         hint = "replace DiscreteControllerGlue by ControllerGlue, or use PPO"
         return [Problem(f"SAC learns real numbers, and the actions are {actions}", path, hint=hint)]
     return []
+
+
+def _unrewarded(experiment: Experiment) -> list[Problem]:
+    """Return the policies that cannot learn, as none of their agents has a reward."""
+    rewards = {agent.name: agent.rewards for agent in experiment.spec.agents}
+    return [
+        Problem(
+            f"{', '.join(policy.agents)}: no reward, so that nothing can be learned; add one to `rewards`",
+            f"policies.{policy.name}",
+        )
+        for policy in experiment.policies.values()
+        if policy.trains and not any(rewards[agent] for agent in policy.agents)
+    ]
 
 
 def _placed(experiment: Experiment, problem: Problem) -> Problem:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from os import PathLike
@@ -11,7 +12,11 @@ from typing import Any
 from gymnasium.vector import AutoresetMode
 
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.errors import ArgumentError, ConfigError, did_you_mean
+from safe_inspect.config.keys.other_words import OTHER_WORDS
+from safe_inspect.errors import ArgumentError, ConfigError, KeywordError, did_you_mean
+
+#: The last slot, so that the slots of a batch are 64-bit numbers.
+_LAST_SLOT = 2**62
 
 
 def checked_gamma(gamma: Any) -> float:
@@ -29,10 +34,10 @@ def checked_slot(slot: Any, name: str) -> int:
     """Return the index of an environment slot.
 
     Raises:
-        ArgumentError: It is no whole number, or below 0.
+        ArgumentError: It is no whole number, below 0, or too large.
     """
-    if isinstance(slot, bool) or not isinstance(slot, Integral) or int(slot) < 0:
-        raise ArgumentError(f"{name}: a whole number from 0 is expected, not {slot!r}")
+    if isinstance(slot, bool) or not isinstance(slot, Integral) or not 0 <= int(slot) <= _LAST_SLOT:
+        raise ArgumentError(f"{name}: a whole number from 0 to 2**62 is expected, not {slot!r}")
     return int(slot)
 
 
@@ -71,7 +76,7 @@ def check_keywords(
     """Check that a class of environments takes the keywords that it is to be made with.
 
     Raises:
-        ArgumentError: It does not take one; a key of the configuration is an override.
+        KeywordError: It does not take one; a key of the configuration is an override.
     """
     taken = [*list(inspect.signature(made).parameters)[1:], "overrides"]  # the first is the task
     problems = []
@@ -79,13 +84,15 @@ def check_keywords(
         if name in taken:
             continue
         hint = did_you_mean(name, taken)
-        override = f"{name}={given[name]}"
+        override = f"{OTHER_WORDS.get(name, name)}={given[name]}"
         try:
-            load_experiment(cfg, [*overrides, override])
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                load_experiment(cfg, [*overrides, override])
             hint = f"a value of the configuration is replaced by overrides=[{override!r}]"
         except ConfigError as error:
             if "fits" in str(error):  # several keys of the configuration have the name
                 hint = f"as an override, {error}"
-        problems.append(f"{made.__name__} takes no keyword {name!r}; {hint}")
+        problems.append(f"{made.__name__}() got an unexpected keyword argument {name!r}; {hint}")
     if problems:
-        raise ArgumentError("\n".join(problems))
+        raise KeywordError("\n".join(problems))

@@ -173,7 +173,8 @@ class MultiAgentVectorEnv:
         )
 
     def close(self) -> None:
-        """Do nothing: there is nothing to release."""
+        """End the episodes; there is nothing to release."""
+        self._observations = []
 
     def _stacked(self, actions: Mapping[str, AnyArray]) -> list[AnyArray]:
         """Return the actions of every acting group, shape (N, G, A), 0 for agents that have ended."""

@@ -123,6 +123,11 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
             }
         return self._by_agent(observations), infos
 
+    def close(self) -> None:
+        """Close the window, if there is one, and end the episode."""
+        super().close()
+        self.agents = []
+
     def step(
         self, actions: dict[str, Observation]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:

@@ -75,6 +75,11 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
             self._view.begin()
         return observation, info_row(state_info(self.core.view()) | self.core.simulation.reset_info, 0)
 
+    def close(self) -> None:
+        """Close the window, if there is one, and end the episode."""
+        super().close()
+        self._running = False
+
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold an action over one step, or until the decision has elapsed.
 
@@ -83,7 +88,7 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
 
         Raises:
             ArgumentError: A discrete action is a fraction or out of range, or the action has another shape.
-            SafeInspectError: The episode has not begun or is over.
+            SafeInspectError: The episode has not begun, is over, or was closed.
         """
         if not self._running:
             raise SafeInspectError("the episode has not begun or is over; call reset() first")

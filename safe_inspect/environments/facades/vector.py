@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import Any
 
 import gymnasium
@@ -85,7 +86,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seed = seed
-        self._begun = False
+        self._begun = self._closed = False
         self._everyone = np.ones(num_envs, dtype=np.bool_)
         self._everyone.flags.writeable = False
         self._view = None if render_mode is None else Rendering(self.core.team, render_mode)
@@ -105,7 +106,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             ArgumentError: An option is unknown, or the mask has another shape or type, or stands beside a seed.
             SafeInspectError: A mask is given before the first reset.
         """
-        one = _one(seed)
+        one = _one(seed, self.num_envs)
         rows = masked_rows(options, self.num_envs, one)
         if rows is None:
             if one is None and not self._begun:
@@ -113,7 +114,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             super().reset(seed=None if one is None else checked_seed(one))
             self._observation = self.core.reset(seed=one)[:, 0]
             self._ended = np.zeros(self.num_envs, dtype=np.bool_)
-            self._begun = True
+            self._begun, self._closed = True, False
             if self._view is not None:
                 self._view.begin()
         elif not self._begun:
@@ -134,8 +135,9 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             SafeInspectError: No episode has begun, or an environment that has ended is stepped in the mode
                 ``DISABLED``.
         """
-        if not self._begun:
-            raise SafeInspectError("no episode has begun; call reset() first")
+        if not self._begun or self._closed:
+            what = "the environments were closed" if self._closed else "no episode has begun"
+            raise SafeInspectError(f"{what}; call reset() first")
         ended = self._ended.copy()  # a reset below clears the flags themselves
         if ended.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise SafeInspectError(
@@ -177,6 +179,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             infos = {"final_obs": final, "final_info": dict(infos), "_final_obs": mask, "_final_info": mask} | infos
             self._begin(rows)
             infos |= state_info(self.core.view()) | self._drawn(mask)
+        elif self.autoreset_mode is AutoresetMode.SAME_STEP:  # TorchRL wants the names of the first reset in every step
+            infos |= self._drawn(self._ended)
         return self._observation.copy(), reward, terminated, truncated, infos
 
     def render(self) -> Any:
@@ -191,7 +195,8 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         return tuple(view.picture(row) for row in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one, and end the episodes."""
+        self._closed = True
         if self._view is not None:
             self._view.close()
 
@@ -213,10 +218,17 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             self._ended[rows] = False
 
 
-def _one(seed: int | list[int | None] | None) -> int | None:
-    if isinstance(seed, (list, tuple)):
-        first = seed[0]
-        if first is None or any(value != first + index for index, value in enumerate(seed)):
-            raise ValueError("one seed serves all environments: give a number, each slot has a stream of its own")
-        return first
-    return seed
+def _one(seed: int | list[int | None] | tuple[int | None, ...] | AnyArray | None, num_envs: int) -> int | None:
+    """Return the one seed of all environments.
+
+    Raises:
+        ArgumentError: A list is not that which Gymnasium makes of one seed.
+    """
+    if not isinstance(seed, list | tuple | np.ndarray):
+        return seed
+    if len(seed) != num_envs:
+        raise ArgumentError(f"reset: {len(seed)} seeds are given for {num_envs} environments; give one number for all")
+    first = seed[0]
+    if not isinstance(first, Integral) or any(value != first + index for index, value in enumerate(seed)):
+        raise ArgumentError("reset: one seed serves all environments: give a number, each slot has a stream of its own")
+    return int(first)

@@ -8,7 +8,9 @@ from typing import Any
 
 from ray.rllib.callbacks.callbacks import RLlibCallback
 
+from safe_inspect.compiling import compiling_seconds
 from safe_inspect.experiments.adapters.training_env import TrainingEnv
+from safe_inspect.experiments.runs.progress import COMPILING
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 
 #: Values of an episode that RLlib logs by itself, under other names.
@@ -18,8 +20,11 @@ LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})
 class RunCallbacks(RLlibCallback):
     """What a run does at RLlib's hooks."""
 
+    _compiled = 0.0
+
     def on_algorithm_init(self, *, algorithm: Any, metrics_logger: Any = None, **kwargs: Any) -> None:
         """Set Torch's threads, and continue from a checkpoint when the run says so."""
+        self._compiled = compiling_seconds()
         set_threads(algorithm.config.env_config)
         checkpoint = algorithm.config.env_config.get("continue_from")
         # A finished checkpoint carries this key too, and is loaded where its own start may be long gone.
@@ -27,6 +32,12 @@ class RunCallbacks(RLlibCallback):
             algorithm.restore_from_path(checkpoint["path"])
             algorithm._iteration = checkpoint["iteration"]
             algorithm._time_total = checkpoint["seconds"]
+
+    def on_train_result(
+        self, *, algorithm: Any, metrics_logger: Any = None, result: dict[str, Any], **kwargs: Any
+    ) -> None:
+        """Report for how long the iterations have waited for the compiler."""
+        result[COMPILING] = compiling_seconds() - self._compiled
 
     def on_environment_created(
         self, *, env_runner: Any, metrics_logger: Any = None, env: Any, env_context: Any, **kwargs: Any

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from safe_inspect.environments.finite_checks import CRASH_FOLDER_VARIABLE
 from safe_inspect.environments.registration import build_spec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
@@ -99,14 +101,23 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
 
 
 class Reported:
-    """Leaves a user's error in a file, because RLlib's remote runners end without passing it on."""
+    """Leaves a user's error in a file, because RLlib's remote runners end without passing it on.
+
+    The states that caused it are saved in the folder of that file, unless the user names another.
+    """
 
     def __init__(self, config: Mapping[str, Any]) -> None:
         self._file = config.get("failure_file")
+        self._names_folder = False
 
     def __enter__(self) -> None:
-        return None
+        if self._file and CRASH_FOLDER_VARIABLE not in os.environ:
+            os.environ[CRASH_FOLDER_VARIABLE] = str(Path(self._file).parent)
+            self._names_folder = True
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if self._names_folder:
+            self._names_folder = False
+            os.environ.pop(CRASH_FOLDER_VARIABLE, None)
         if self._file and isinstance(error, SafeInspectError):
             Path(self._file).write_text(json.dumps({"error": type(error).__name__, "message": str(error)}))

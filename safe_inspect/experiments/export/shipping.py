@@ -67,7 +67,7 @@ def ship(
         machine: On what it was trained; this machine's kind unless given.
         seeds: What other seeds of the recipe reached, one line each.
         limits: Limits of use of this policy.
-        replace_old: Whether a folder of that name is replaced.
+        replace_old: Whether a folder of that name, which this function wrote, is replaced.
 
     Raises:
         CheckpointError: The checkpoint is missing, damaged, or lies outside a run, or an evaluation is none.
@@ -80,10 +80,8 @@ def ship(
     if not name or Path(name).name != name or name.startswith("."):
         raise OutputError(f"{name!r} is no name of a policy; give one word, such as translational-inspection")
     target = Path(root) / name
-    if target.exists() and not replace_old:
-        raise OutputError(f"{target}: the folder is there already; remove it, or replace it on purpose")
     reports = {heading: _read_evaluation(path) for heading, path in (evaluations or {}).items()}
-    with new_folder(target, "give another folder") as work:
+    with new_folder(target, "ship", force=replace_old, hint="give another name") as work:
         _copy_configuration(configuration, work / CONFIGURATION)
         _copy_weights(source, work / CHECKPOINT)
         flying = {agent.policy for agent in load_experiment(configuration).spec.agents} | {SINGLE}

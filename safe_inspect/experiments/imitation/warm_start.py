@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from safe_inspect.experiments.sampling.sampler import AgentSlot, agent_slots
 from safe_inspect.experiments.settings.imitation import IMITATION, Imitation
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.policies import PolicySettings
+from safe_inspect.outputs import new_folder
 
 #: Parts the seeds of the rounds from those of the training.
 _FIRST_ROUND = 1_000_003
@@ -138,10 +138,10 @@ def _imitate(
     pupils = {name: _Pupil(modules[name], lessons[name], float(settings["gamma"])) for name, settings in wanted.items()}
     _learn(taught, slots, modules, pupils, seed, generator, stream)
     for name, pupil in pupils.items():
-        shutil.rmtree(folder / name, ignore_errors=True)
-        (folder / name / MODULES).mkdir(parents=True)
-        pupil.module.save_to_path(folder / name / MODULES / name)
-        seal_checkpoint(Checkpoint(folder / name, 0, 0, 0.0, ""))
+        with new_folder(folder / name, "train", force=True, hint="move it away") as work:
+            (work / MODULES).mkdir(parents=True)
+            pupil.module.save_to_path(work / MODULES / name)
+            seal_checkpoint(Checkpoint(work, 0, 0, 0.0, ""))
 
 
 def _all(rllib: TranslatedSettings, policies: Mapping[str, PolicySettings]) -> dict[str, Mapping[str, Any]]:

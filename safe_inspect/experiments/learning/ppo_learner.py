@@ -8,6 +8,7 @@ checkpoints are RLlib's.
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -44,11 +45,16 @@ THREADS = "threads"
 #: Name in `learner_config_dict` of the initial weights and the coefficients of the divergence from them, by policy.
 INITIAL = "initial"
 
+_LOGGER = logging.getLogger(__name__)
 _ROWS_AT_ONCE = 1024
 
 
 class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
-    """RLlib's PPO learner on arrays; what it does not serve it leaves to the class from which it is derived."""
+    """RLlib's PPO learner on arrays; what it does not serve it leaves to the class from which it is derived.
+
+    Attributes:
+        why_autograd: Of each policy that has learned, why autograd computes its gradients; see `Net`.
+    """
 
     config: Any
     _stock = ""
@@ -57,6 +63,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
     def build(self) -> None:
         """Build modules and optimisers, as RLlib does."""
         super().build()
+        self.why_autograd: dict[str, str] = {}
         if self.config.num_learners:  # in a process of its own
             set_threads(self.config.env_config)
         self._stock = why_stock_learner(self.config)
@@ -150,11 +157,19 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         ((_, optimiser),) = self.get_optimizers_for_module(name)
         module: Any = self.module[name].unwrapped()
         distribution = distribution_of_module(module)
-        together = clip is not None and config.grad_clip_by == "global_norm"
+        nets = nets_of(module, clip is not None and config.grad_clip_by == "global_norm")
+        self._log_path(name, next(filter(None, (net.why_autograd for net in nets)), ""))
         return [
             NetTraining(net, part_of(optimiser, net.parameters), batch, order, terms, clip, distribution, inputs)
-            for net in nets_of(module, together)
+            for net in nets
         ]
+
+    def _log_path(self, name: str, reason: str) -> None:
+        """Log once for each policy how its gradients are computed."""
+        if self.why_autograd.get(name) != reason:
+            self.why_autograd[name] = reason
+            how = f"Torch's autograd, as {reason}" if reason else "the gradients of its layers in closed form"
+            _LOGGER.log(logging.WARNING if reason else logging.INFO, "%s learns by %s", name, how)
 
     def _run(self, trainings: list[NetTraining]) -> None:
         threads = min(int(self.config.learner_config_dict.get(THREADS, 1)), len(trainings))

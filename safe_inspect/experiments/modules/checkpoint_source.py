@@ -9,7 +9,9 @@ from typing import Any
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policies import Policy
+from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.experiments.modules.weights_file import read_weights
 from safe_inspect.experiments.runs.checkpoints import SEAL, policy_folder
 
 
@@ -25,17 +27,12 @@ def checkpoint_policies(path: Path, spec: EnvironmentSpec, sampled: bool | None,
     Raises:
         CheckpointError: The checkpoint is damaged, of another task, or has no policy for an agent.
     """
-    policies: dict[str, Policy] = {}
-    loaded: dict[str, Any] = {}
-    for agent in spec.agents:
-        if agent.scripted_policy is not None:
-            continue
-        chosen = _chosen(path, agent)
-        if chosen not in loaded:
-            loaded[chosen] = _load(path, chosen, sampled, seed)
-        check_layout(str(path), loaded[chosen].info, agent)
-        policies[agent.name] = loaded[chosen]
-    return policies
+    chosen = {agent.name: _chosen(path, agent) for agent in spec.agents if agent.scripted_policy is None}
+    for agent in spec.agents:  # before Ray and Torch are loaded
+        if agent.name in chosen:
+            check_layout(str(path), _info(path, chosen[agent.name]), agent)
+    loaded = {name: _load(path, name, sampled, seed) for name in dict.fromkeys(chosen.values())}
+    return {agent: loaded[name] for agent, name in chosen.items()}
 
 
 def checkpoint_hash(checkpoint: Path) -> str:
@@ -63,9 +60,13 @@ def _chosen(path: Path, agent: AgentSpec) -> str:
 def _load(path: Path, name: str, sampled: bool | None, seed: int) -> Any:
     from safe_inspect.experiments.modules.policy import trained_policy  # loads Ray and Torch
 
-    policy = trained_policy(path, name, sampled=sampled, seed=seed)
-    if policy.info is None:
+    return trained_policy(path, name, sampled=sampled, seed=seed)
+
+
+def _info(path: Path, name: str) -> PolicyInfo:
+    info = read_weights(policy_folder(path, name)).info
+    if info is None:
         raise CheckpointError(
             f"{path}: the checkpoint does not say what its policy sees and does, so it is not flown; train again"
         )
-    return policy
+    return info

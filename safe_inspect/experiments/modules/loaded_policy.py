@@ -12,7 +12,7 @@ from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.layout import action_layout, observation_layout
-from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean
+from safe_inspect.errors import ArgumentError, KeywordError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy
 from safe_inspect.experiments.modules.sources import Wanted, is_scripted, open_candidates
 from safe_inspect.types import AnyArray
@@ -40,6 +40,7 @@ class LoadedPolicy:
         observation: AnyArray,
         generator: np.random.Generator | None = None,
         episode_start: AnyArray | bool | None = None,
+        **unknown: Any,
     ) -> AnyArray:
         """Return the action: the mean of a Gaussian policy, the likeliest levels of a categorical, both of a hurdle.
 
@@ -50,14 +51,20 @@ class LoadedPolicy:
             episode_start: Whether the observation is the first of an episode, one bool or one for each row, shape (N,).
                 A recurrent policy needs it, and is called once a step, with the rows of all that it flies; the others
                 ignore it.
+            **unknown: None are known.
 
         Returns:
             Actions that the environment takes, shape (A,) or (N, A): int64 where they are levels, else float32.
 
         Raises:
-            ArgumentError: The observations have another shape, or are no numbers; the policy is recurrent, and
-                `episode_start` is missing, or False in rows that the last call did not have.
+            ArgumentError: The observations have another shape, or are no finite numbers; the policy is recurrent, and
+                `episode_start` is missing, or False in rows that the last call did not have; an argument is unknown.
         """
+        for name in unknown:
+            raise KeywordError(
+                f"predict() got an unexpected keyword argument {name!r}; without `generator` it returns the likeliest "
+                "action, with `generator=numpy.random.default_rng(0)` it draws one"
+            )
         try:
             rows = np.asarray(observation, dtype=np.float32)
         except (TypeError, ValueError):

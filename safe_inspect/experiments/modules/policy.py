@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ray.rllib.core.columns import Columns
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.evaluation.policies import Flight
+from safe_inspect.evaluation.policies import Flight, require_finite_rows
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
 from safe_inspect.experiments.modules.fresh_policy import build_module
 from safe_inspect.experiments.modules.weights_file import info_of, read_weights
@@ -81,7 +81,11 @@ class TrainedPolicy:
         """Return the inputs of the action distributions, float32, shape (R, I), for observations (R, O).
 
         A recurrent policy keeps the state of each row, until `begin` or `reset` is called or their number changes.
+
+        Raises:
+            ArgumentError: The observations contain NaN or infinity.
         """
+        require_finite_rows(observation)
         seen = torch.from_numpy(np.ascontiguousarray(observation))
         with torch.no_grad(), _one_thread():
             if not self.recurrent:

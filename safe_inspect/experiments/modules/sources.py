@@ -21,13 +21,14 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES, baseline
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.evaluation.results.folder import sha256
+from safe_inspect.evaluation.results.hashes import sha256
 from safe_inspect.evaluation.rollouts.dispatch import Policies
 from safe_inspect.experiments.modules.checkpoint_source import checkpoint_hash, checkpoint_policies
 from safe_inspect.experiments.runs.checkpoint_folders import configuration_of, newest_checkpoint
 from safe_inspect.experiments.runs.checkpoints import read_checkpoint
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
+from safe_inspect.task_ids import ALL_TASKS
 
 #: The task of a source that has none of its own, when none is given.
 DEFAULT_TASK = "safe_inspect/TranslationalInspection-v1"
@@ -125,7 +126,7 @@ def open_candidates(texts: Iterable[str], wanted: Wanted) -> list[Candidate]:
 def is_scripted(text: str) -> bool:
     """Return whether a source is the name of a scripted policy; a folder of that name is written ./name."""
     known = {*BASELINES, *(registered for registered, _ in registry.items("policy"))}
-    return text in known or not (os.sep in text or text.endswith(".onnx") or Path(text).exists() or "." not in text)
+    return text in known or not (os.sep in text or text.endswith(".onnx") or os.path.exists(text) or "." not in text)
 
 
 def _task_of_scripted(wanted: Wanted, others: Sequence[Candidate]) -> Experiment:
@@ -174,11 +175,14 @@ def _open_shipped(text: str, wanted: Wanted) -> Candidate:
 
 def _open_trained(text: str, wanted: Wanted) -> Candidate:
     path = Path(text).expanduser()
-    if path.is_dir():
+    if os.path.isdir(path):
         return _open_checkpoint(text, newest_checkpoint(path), wanted)
     if path.suffix == ".onnx":
         return _open_onnx(text, path, wanted)
-    if path.exists():
+    if path.suffix in (".yml", ".yaml") or text in ALL_TASKS:
+        hint = "give it with --cfg, and name who flies, such as inspector"
+        raise SafeInspectError(f"{text}: this is an experiment, not a policy; {hint}")
+    if os.path.exists(path):
         raise SafeInspectError(f"{text}: this file is no policy; give the folder of a checkpoint or an ONNX file")
     if os.sep in text:
         raise SafeInspectError(f"{text}: there is no such checkpoint or ONNX file")

@@ -21,6 +21,7 @@ from safetensors import SafetensorError, safe_open
 from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
 from safe_inspect.experiments.runs.checkpoints import policy_folder, weights_path
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
@@ -113,7 +114,8 @@ def initial_weights(source: str) -> Weights:
     """Return the weights with which a policy begins.
 
     Args:
-        source: Folder of a checkpoint with one policy, or the name of a policy that the package ships.
+        source: Folder of a checkpoint with one policy, or of a run, which stands for its newest checkpoint; or the
+            name of a policy that the package ships.
 
     Raises:
         CheckpointError: The checkpoint is missing or damaged, or its weights cannot be read without running code.
@@ -124,7 +126,7 @@ def initial_weights(source: str) -> Weights:
             f"{source!r} is neither the folder of a checkpoint nor a policy that the package ships; "
             f"{did_you_mean(source, shipped)}"
         )
-    folder = shipped_policy(source).checkpoint if source in shipped else source
+    folder = shipped_policy(source).checkpoint if source in shipped else newest_checkpoint(source)
     return read_weights(policy_folder(folder))
 
 

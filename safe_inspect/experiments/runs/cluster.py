@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from safe_inspect.compiling import COMPILING_NOTE
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.experiments.runs.run_folder import RunFolder
 from safe_inspect.interrupts import STOPPING, Interrupted, deferred, handled
@@ -89,7 +90,7 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
     names = ("num_gpus", "resources", "include_dashboard", "dashboard_host", "dashboard_port")
     local = {key: settings[key] for key in names if settings.get(key) is not None}
     try:
-        with _inherited(_for_processes()):
+        with _inherited(_for_processes(folder)):
             with _outliving_signals(), patient_start():
                 ray.init(
                     address="local",
@@ -237,13 +238,15 @@ def _knock(address: str) -> None:
         socket.create_connection((host, int(port)), timeout=5.0).close()
 
 
-def _for_processes() -> dict[str, str]:
-    """Return what the processes of a local Ray inherit: where to import from, and the token that they share.
+def _for_processes(folder: RunFolder | None) -> dict[str, str]:
+    """Return what the processes of a local Ray inherit: where to import from, where to note that they compile, a token.
 
     Ray guards its local cluster with a token that it writes into the home folder, which may not be ours to write.
     """
     global _token
     found = {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    if folder is not None:
+        found[COMPILING_NOTE] = str(folder.compiling_note)
     own = any(name.startswith("RAY_AUTH_") for name in os.environ) or (Path.home() / ".ray" / "auth_token").exists()
     if _token or not own:
         _token = _token or secrets.token_hex(32)  # one for the process: Ray reads it once
@@ -300,7 +303,7 @@ def _remove_leftovers(folder: RunFolder) -> None:
     """Remove the folder that a killed attempt of this run has left; its processes have ended with it."""
     if folder.ray_note.is_file():
         old = Path(folder.ray_note.read_text(encoding="utf-8").strip() or "-")
-        if old.name.startswith("si-"):
+        if old.name.startswith("si-") and (old / "session_latest").is_symlink():  # Ray made it
             shutil.rmtree(old, ignore_errors=True)
 
 

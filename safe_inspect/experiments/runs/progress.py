@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import threading
+import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, TextIO
 
 #: Column of progress.csv, and where RLlib reports it.
@@ -29,6 +32,9 @@ COLUMNS: dict[str, str] = {
     "evaluation_inspected_fraction": "evaluation/env_runners/inspected_fraction",
     "evaluation_delta_v": "evaluation/env_runners/delta_v",
 }
+
+#: Name of the seconds that iterations have waited for the compiler.
+COMPILING = "compiling_seconds"
 
 _REWARD = "env_runners/reward/"
 _INTERVENTIONS = "env_runners/interventions"
@@ -130,6 +136,62 @@ class Messages:
         return self._stream.isatty()
 
 
+class Heartbeat:
+    """Prints what a training does while it prints nothing else: that it compiles, and a line every half a minute.
+
+    On a terminal it is silent once there is a bar.
+
+    Args:
+        stream: Where to print.
+        note: The file that exists while a process of the training compiles.
+    """
+
+    _SILENCE = 28.0
+
+    def __init__(self, stream: TextIO, note: Path) -> None:
+        self._stream, self._note = stream, note
+        self._began = self._last = time.monotonic()
+        self._iterated = self._announced = False
+        self._seen = 0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> None:
+        self._note.unlink(missing_ok=True)
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._note.unlink(missing_ok=True)
+
+    def iteration(self) -> None:
+        """Take note of an iteration, which prints a line."""
+        self._began = self._last = time.monotonic()
+        self._iterated = True
+
+    def beat(self) -> None:
+        """Print a line where one is due."""
+        if self._iterated and self._stream.isatty():
+            return
+        now, compiles = time.monotonic(), not self._iterated and self._note.exists()
+        self._seen = self._seen + 1 if compiles else 0  # what is short is not worth a line
+        what = "the next iteration" if self._iterated else "the first iteration"
+        if self._seen >= 2 and not self._announced:
+            text = "compiling, once for each installation: up to some minutes on a busy machine ..."
+        elif now - self._last >= self._SILENCE:
+            text = f"working on {what}{', compiling' if compiles else ''}, for {clock_text(now - self._began)}"
+        else:
+            return
+        self._announced |= self._seen >= 2
+        self._last = now
+        print(text, file=self._stream, flush=True)
+
+    def _run(self) -> None:
+        while not self._ended.wait(2.0):
+            self.beat()
+
+
 class TrainingProgress:
     """Prints the iterations of a training.
 
@@ -144,6 +206,7 @@ class TrainingProgress:
         "num_env_steps_sampled_lifetime",
         "time_total_s",
         "env_runners/num_episodes_lifetime",
+        COMPILING,
     )
 
     def __init__(self, stop: Mapping[str, float], stream: TextIO, label: str = "") -> None:
@@ -193,7 +256,7 @@ class TrainingProgress:
 
     def bar(self, flat: Mapping[str, float], width: int = 40) -> str:
         """Return the bar: the share of the way to the nearest limit."""
-        left, passed = self._left(flat), flat.get("time_total_s", 0.0)
+        left, passed = self._left(flat), flat.get("time_total_s", 0.0) - flat.get(COMPILING, 0.0)
         share = passed / (passed + left) if math.isfinite(left) and passed + left > 0.0 else 0.0
         full = round(width * share)
         return f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {clock_text(left)}"
@@ -208,11 +271,11 @@ class TrainingProgress:
             self._bar = False
 
     def _rate(self, key: str) -> float:
-        """Return the growth in a second over the last ten iterations."""
+        """Return the growth in a second over the last ten iterations, without the time of the compiler."""
         first, last = self._recent[0], self._recent[-1]
         if len(self._recent) == 1:
             first = dict.fromkeys(self._TIMED, 0.0)
-        seconds = last["time_total_s"] - first["time_total_s"]
+        seconds = last["time_total_s"] - first["time_total_s"] - (last[COMPILING] - first[COMPILING])
         return (last[key] - first[key]) / seconds if seconds > 0.0 else 0.0
 
     def _left(self, flat: Mapping[str, float]) -> float:

@@ -70,6 +70,11 @@ class RunFolder:
         return self.path / "failure.json"
 
     @property
+    def compiling_note(self) -> Path:
+        """What exists while a process of the run compiles."""
+        return self.path / ".compiling"
+
+    @property
     def ray_note(self) -> Path:
         """Where the temporary folder of the run's Ray is noted."""
         return self.path / ".ray"

@@ -22,7 +22,7 @@ from safe_inspect.experiments.runs.progress import Messages
 from safe_inspect.experiments.runs.run_folder import RunFolder
 from safe_inspect.experiments.runs.training_run import Settings, TrainingRun, read_settings
 from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, write_trial
-from safe_inspect.outputs import is_full
+from safe_inspect.outputs import check_parent, is_full
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,8 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
     learning = learning_configuration(run.experiment, settings.rllib.settings, settings.policies)
     if run.resume is not None:
         run_folder.check_configuration(run_folder.open_run_folder(run.resume), learning)
+    else:
+        check_parent(Path(run.output))
     started = time.monotonic()
     cluster.set_environment()
     from safe_inspect.experiments.runs import tune_run  # loads Ray and Torch

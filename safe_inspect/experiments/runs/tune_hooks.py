@@ -17,7 +17,7 @@ from typing import Any, TextIO
 from ray import tune
 
 from safe_inspect.experiments.runs.checkpoints import Checkpoint, seal_checkpoint
-from safe_inspect.experiments.runs.progress import TrainingProgress, flatten
+from safe_inspect.experiments.runs.progress import Heartbeat, TrainingProgress, flatten
 from safe_inspect.experiments.runs.run_folder import RunFolder, copy_attempt, read_run_record
 from safe_inspect.experiments.runs.training_log import TrainingLog
 from safe_inspect.experiments.runs.trial_parameters import parameters_text, read_parameters
@@ -57,6 +57,7 @@ class Monitor:
         self.best: Path | None = None
         self._logs: dict[str, TrainingLog] = {}
         self._lines: dict[str, TrainingProgress] = {}
+        self.heartbeat = Heartbeat(stream, RunFolder(folder).compiling_note)
 
     def on_start(self, trial: str) -> None:
         """Note and print that a trial of a search starts."""
@@ -82,6 +83,7 @@ class Monitor:
                 self._logs[trial] = TrainingLog(RunFolder(self.folder).trials / trial, passed)
             self._lines[trial] = TrainingProgress(self.stop, self.stream, "" if self.single else trial)
         self._logs[trial].add(flat)
+        self.heartbeat.iteration()
         self._lines[trial].show(flat)
 
     def on_checkpoint(self, path: Path, result: Mapping[str, Any]) -> None:

@@ -123,9 +123,19 @@ def run_tune(
     if run.resume is not None and not settings.single:
         where = "goes on with the trials that have not ended"
     anew = "; its episodes begin anew, and the first rows hold those that end early, as crashes do" if start else ""
-    print(f"{folder.path}: the training {where}{anew}; Ray takes some seconds to begin", file=stream, flush=True)
+    compiles = "what this installation has not compiled yet is compiled first, for up to some minutes"
+    print(
+        f"{folder.path}: the training {where}{anew}; {compiles}; Ray takes some seconds to begin",
+        file=stream,
+        flush=True,
+    )
     processors = max(map(claimed_processors, configs or _bare_configs(run, settings)))
-    with cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor), making(suggested):
+    with (
+        monitor.heartbeat,
+        cluster.ray_cluster(settings.ray.settings, processors, folder),
+        monitored(monitor),
+        making(suggested),
+    ):
         _quiet()  # starting Ray sets its logs anew
         register_environments(run.maker)
         tuner = _tuner(configs, settings, folder, number, run.resume is not None)

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from safe_inspect.config.keys.other_words import key_hint
 from safe_inspect.config.keys.rllib_keys import Key
-from safe_inspect.errors import Problem, did_you_mean
+from safe_inspect.errors import Problem
 from safe_inspect.experiments.settings.values import check_value, is_searched
 
 
@@ -83,7 +84,7 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
                 unchecked.append(name)
             else:
                 names = [*tables.known, *tables.renamed]
-                problems.append(Problem(f"there is no key `{given}`", where, hint=did_you_mean(str(given), names)))
+                problems.append(Problem(f"there is no key `{given}`", where, hint=key_hint(str(given), names)))
             continue
         if name in source:
             problems.append(Problem(f"`{given}` and `{source[name]}` are one key, given twice", where))

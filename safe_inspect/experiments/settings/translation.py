@@ -11,6 +11,7 @@ from typing import Any
 
 from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
+from safe_inspect.config.keys.other_words import key_hint
 from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments.settings.imitation import IMITATION, imitation_problems
@@ -62,6 +63,8 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
     problems, notes = list(found.problems), list(found.notes)
     stop = settings.get("stop")
     settings["stop"] = {}
+    if not stop and settings.get("time_budget_s") is None:
+        notes.append("nothing but an interruption ends the training; give `stop`, such as `training_iteration=100`")
     if isinstance(stop, Mapping):
         stop_settings, stop_notes, stop_problems = _translate_stop(stop)
         settings["stop"] = stop_settings
@@ -92,7 +95,12 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
 def translate_ray(mapping: Mapping[str, Any]) -> TranslatedSettings:
     """Return the arguments of `ray.init`; without an address they start a Ray of the run's own."""
     found = translate_keys(mapping, "ray_config", _RAY)
-    return TranslatedSettings({**run_keys.RAY_DEFAULTS, **found.settings}, found.notes, found.problems, (), found.given)
+    settings, problems = {**run_keys.RAY_DEFAULTS, **found.settings}, list(found.problems)
+    address = settings["address"]
+    if isinstance(address, str) and not run_keys.RAY_ADDRESS.fullmatch(address):
+        hint = "give `local`, `auto`, `HOST:PORT` or `ray://HOST:PORT`"
+        problems.append(Problem(f"{address!r} is not the address of a Ray cluster", "ray_config.address", hint=hint))
+    return TranslatedSettings(settings, found.notes, tuple(problems), (), found.given)
 
 
 def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> TranslatedSettings:
@@ -133,12 +141,13 @@ def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, 
 def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool = False) -> TranslatedSettings:
     """Translate RLlib's keys, and within them the nets and the settings of the evaluation."""
     own = keys.ALGORITHM_KEYS.get(algorithm)
+    of_model = dict.fromkeys((*keys.MODEL_KEYS, *keys.FRESH_KEYS), "it is a key of `model_config`")
     tables = KeyTables(
         {**keys.COMMON_KEYS, **({} if nested else keys.OWN_KEYS), **(own or {})},
         old_keys.RENAMED,
         old_keys.DROPPED,
         old_keys.ONLY_AT,
-        old_keys.RESERVED,
+        {**old_keys.RESERVED, **of_model},
         old_keys.RESERVED_PREFIXES,
         old_keys.RESERVED_PARTS,
         old_keys.SPELLINGS,
@@ -156,11 +165,12 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         notes += model.notes
         problems += model.problems
         if algorithm != "PPO":
-            problems += [
-                Problem(f"only PPO has the key `{key}`", f"{model_path}.{key}", hint=f"remove it{_instead(algorithm)}")
-                for key in model.settings
-                if key in keys.FRESH_KEYS
-            ]
+            own_keys = [key for key in model.settings if key in keys.FRESH_KEYS]
+            if own_keys:
+                named = ", ".join(f"`{key}`" for key in own_keys)
+                message = f"only PPO has the key{'s' * (len(own_keys) > 1)} {named}"
+                hint = f"remove {'them' if len(own_keys) > 1 else 'it'}{_instead(algorithm)}"
+                problems.append(Problem(message, f"{model_path}.{own_keys[0]}", hint=hint))
         if model.settings.get("use_lstm") and algorithm == "SAC":
             message = "RLlib's SAC has no recurrent policies"
             problems.append(Problem(message, f"{model_path}.use_lstm", hint="remove it, or use PPO"))
@@ -211,7 +221,7 @@ def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str
         where = f"tune_config.stop.{given}"
         name = run_keys.STOP_RENAMED.get(str(given), str(given))
         if name not in run_keys.STOP_KEYS:
-            hint = did_you_mean(str(given), [*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED])
+            hint = key_hint(str(given), [*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED])
             problems.append(Problem(f"training cannot stop on `{given}`, which is never reported", where, hint=hint))
             continue
         if name != given and "/" not in str(given) and str(given) not in name:
