@@ -137,15 +137,17 @@ def not_named(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``did you mean `x`?`` for the nearest known name or one that starts so, else a list of what is known.
+    """Return ``did you mean `x`?`` for the nearest known name or one that starts alike, else a list of what is known.
 
     The list is cut at twelve names; where nothing is known, the text says that there is none.
     """
     names = sorted({str(item) for item in known})
     lowered = {item.lower(): item for item in names}
-    near = difflib.get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.75)
+    cutoff = 0.75 if len(name) > 3 else 0.6  # one wrong letter of three
+    near = difflib.get_close_matches(name.lower(), list(lowered), n=1, cutoff=cutoff)
     if not near and len(name) > 2:
         near = [item for item in lowered if item.startswith(name.lower())]
+        near = near or [item for item in lowered if len(item) > 2 and name.lower().startswith(item)]
     if near:
         return f"did you mean `{lowered[near[0]]}`?"
     if not names:

@@ -25,6 +25,7 @@ _PAGES = {
     "benchmarks/README.md": "benchmarks/README.md",
     "examples/plugin_package/README.md": "examples/plugin_package/README.md",
     "examples/beacon_package/README.md": "examples/beacon_package/README.md",
+    "examples/rendezvous_package/README.md": "examples/rendezvous_package/README.md",
 }
 _SCRIPTS = "examples/learners"
 

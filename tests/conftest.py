@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -18,6 +19,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 for _number in (signal.SIGTERM, signal.SIGHUP):
     if signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, signal.SIG_DFL)
+
+# Tables leave out columns and help texts are wrapped where the terminal is narrow; tests read them whole.
+os.environ["COLUMNS"] = "240"
 
 
 #: These files begin, in this order. The first compiles the safety filters for a minute or two, while another process

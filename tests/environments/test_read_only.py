@@ -244,20 +244,32 @@ def test_a_shared_done_function_and_a_metric_are_named():
 def test_a_constraint_works_on_copies(shipped, num_envs):
     """Constraints hand their states to compiled kernels, so theirs are copies that they may spoil."""
 
-    class SpoilingConstraint(Constraint):
-        """Met everywhere; puts the deputy at the origin."""
+    def speed_limit(state):
+        """Return h = 100 m/s - v_z, which is met everywhere."""
+        h = 100.0 - state.velocity[:, 2]
+        return Evaluation(h, h, np.tile([0.0, 0.0, 0.0, 0.0, 0.0, -1.0], (len(h), 1)), np.zeros(len(h)))
+
+    class HarmlessConstraint(Constraint):
+        """The speed limit."""
 
         def evaluate(self, state):
-            """Return h = 100 m/s - v_z, and write."""
-            h = 100.0 - state.velocity[:, 2]
+            """Return h."""
+            return speed_limit(state)
+
+    class SpoilingConstraint(Constraint):
+        """The same; puts the deputy at the origin."""
+
+        def evaluate(self, state):
+            """Return h, and write."""
+            answer = speed_limit(state)
             state.position[:] = state.velocity[:] = 0.0
-            return Evaluation(h, h, np.tile([0.0, 0.0, 0.0, 0.0, 0.0, -1.0], (len(h), 1)), np.zeros(len(h)))
+            return answer
 
     spec = load_experiment(shipped).spec
     agent = spec.agents[0]
     glue = agent.action_glues[0]
     flights = []
-    for constraints in ((), ("SpoilingConstraint",)):
+    for constraints in (("HarmlessConstraint",), ("SpoilingConstraint",)):
         chosen = type(glue)(enabled=True, method="continuous", constraints=constraints, wrapped=glue.wrapped)
         glues = tuple(chosen if one is glue else one for one in agent.glues)
         environment = TeamEnvironment(replace(spec, agents=(replace(agent, glues=glues),)), num_envs, seed=2)

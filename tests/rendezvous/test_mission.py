@@ -200,7 +200,7 @@ def test_missions_of_a_campaign_are_those_flown_alone(tmp_path: Path) -> None:
     experiment = _load("tumble={functor: RandomTumble}")
     shown: list[Any] = []
     summaries = fly_missions(experiment, 2, None, tmp_path, lambda *done: shown.append(done))
-    assert shown == [(1, 2), (2, 2)]
+    assert shown == [(0, 2), (1, 2), (2, 2)]
     alone = Mission(experiment.config, 1).run().summary
     compared = [key for key in alone if key != "planning_time"]
     assert {key: summaries[1][key] for key in compared} == {key: alone[key] for key in compared}

@@ -404,10 +404,12 @@ def test_an_intervention_belongs_to_the_method_backup():
 )  # fmt: skip
 def test_wrong_parameters_are_told_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
     text, _ = problem_of(copied, "parameters.yml", right, wrong, wrong)
-    glue = (copied / "agent-seed.yml").read_text().partition("- functor: RTAGlue")[0].count("\n") + 1
-    lines = text.splitlines()
-    told = [line for line in lines if line.startswith(f"configs/translational-inspection/agent-seed.yml:{glue + 1} ")]
-    assert len(told) == 1
+    agent = (copied / "agent-seed.yml").read_text()
+    first = "        config:\n          training_export" if "colision" in wrong else "          r_max: "
+    number = agent[: agent.index(first)].count("\n") + 1
+    place = f"configs/translational-inspection/agent-seed.yml:{number} "
+    told = [line for line in text.splitlines() if line.startswith(place)]
+    assert len(told) == 1, text
     assert "environment.yml:" in text
     for word in words:
         assert word in told[0]

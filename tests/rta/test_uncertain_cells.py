@@ -112,8 +112,9 @@ def check(name, certified, phi, short):
 @pytest.mark.parametrize("code", ARCS, ids=[NAMES[code] for code in ARCS])
 def test_a_certified_cell_of_an_arc_is_safe_within_and_a_short_one_is_certified(code):
     name = NAMES[code]
-    numbers = tuple(constraint.row_numbers(PARAMETERS, {name}) for constraint in CERTIFIED)
-    phi_of = constraint_set(PARAMETERS, [name])[name].phi
+    constraints = constraint_set(PARAMETERS, [name])
+    numbers = tuple(constraint.row_numbers(N, constraints) for constraint in CERTIFIED)
+    phi_of = constraints[name].phi
     state, generator = drawn(name, code)
     control = generator.uniform(-1.0, 1.0, (CELLS, 3)) * generator.choice([0.0, 0.02, 1.0], (CELLS, 1))
     refused = 0
@@ -133,8 +134,9 @@ def test_a_certified_cell_of_an_arc_is_safe_within_and_a_short_one_is_certified(
 @pytest.mark.parametrize("code", CLOSED, ids=[NAMES[code] for code in CLOSED])
 def test_a_certified_cell_of_a_closed_motion_is_safe_within_and_a_short_one_is_certified(code):
     name = NAMES[code]
-    numbers = tuple(constraint.row_numbers(PARAMETERS, {name}) for constraint in CERTIFIED)
-    phi_of = constraint_set(PARAMETERS, [name])[name].phi
+    constraints = constraint_set(PARAMETERS, [name])
+    numbers = tuple(constraint.row_numbers(N, constraints) for constraint in CERTIFIED)
+    phi_of = constraints[name].phi
     state, _ = drawn(name, 10 + code)
     slow = np.minimum(1.0, N * np.linalg.norm(state.position, axis=-1, keepdims=True) / 0.3)
     velocity = state.velocity * (1.0 if name == "rel_vel" else slow)

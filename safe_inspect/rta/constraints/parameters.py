@@ -125,7 +125,7 @@ class ConstraintParameters(TaskParameters):
                 text = problem["msg"].removeprefix("Value error, ")
                 problems.append(f"{where}: {text}" if where else text)
         if problems:
-            raise ValueError("the parameters of the constraints are wrong: " + "; ".join(problems))
+            raise ValueError("the parameters contradict each other: " + "; ".join(problems))
         return known
 
     @model_validator(mode="after")
