@@ -19,6 +19,9 @@ from safe_inspect.types import FloatArray
 
 #: Errors of a target whose motion is not known yet [rad, rad/s, m].
 UNKNOWN = EstimateErrors(attitude=np.pi, rate=1.0, centre=1.0, inertia=1.0, velocity=0.1)
+#: A motion is first believed when its attitude's standard deviation is below this [rad]. A covariance describes
+#: rotations near the estimate only: fits of a few seconds with harsh noise can have the target turn the other way.
+_FIRST_ATTITUDE = np.deg2rad(20.0)
 
 
 @dataclass(frozen=True)
@@ -111,16 +114,19 @@ class PipelineEstimatorRun:
         chaser = BodyState(T_WB[:3, 3].copy(), velocity, from_matrix(T_WB[:3, :3]), rate)
         graph, found = pipeline.graph, pipeline.target
         centre = np.zeros(3) if graph is None else graph.centre
-        if graph is None or found is None:
+        errors = UNKNOWN
+        if graph is not None and found is not None:
+            errors = _errors(found, graph, time) if renew or self._errors is UNKNOWN else self._errors
+            if self._errors is UNKNOWN and errors.attitude > _FIRST_ATTITUDE:
+                errors = UNKNOWN
+        self._errors = errors
+        if graph is None or found is None or errors is UNKNOWN:
             problem = "the target's motion is not known yet"
             unknown = BodyState(centre, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))
             inertia = self._context.target.principal
-            self._errors = UNKNOWN
             return StateEstimate(
                 time, pipeline.updated, chaser, unknown, inertia, UNKNOWN, options.correlation, problem
             )
-        if renew or self._errors is UNKNOWN:
-            self._errors = _errors(found, graph, time)
         q, w = found.predict(np.array([time]))
         problem = ""
         if options.needs_model and not found.aligned:
@@ -132,7 +138,7 @@ class PipelineEstimatorRun:
             chaser=chaser,
             target=BodyState(centre, np.zeros(3), q[0], w[0]),
             inertia=found.inertia,
-            errors=self._errors,
+            errors=errors,
             correlation=options.correlation,
             problem=alarm or problem,
             alarm=alarm,

@@ -125,6 +125,22 @@ def test_before_it_is_known_the_errors_say_so(watched: MissionResult) -> None:
     assert watched.summary["nees"] is None
 
 
+def test_a_motion_whose_attitude_is_hardly_known_is_not_believed() -> None:
+    """In this mission the first fits turn the target the other way, with an attitude known to 20 degrees and worse."""
+    result = Mission(
+        load_rendezvous(
+            _FILE,
+            ["tumble={functor: RandomTumble}", "estimator.config.camera.config.profile=harsh", "mission.observe=90 s",
+             "mission.time_limit=34 s"],
+        ).config,
+        50020,
+    ).run()  # fmt: skip
+    arrays = result.log.arrays()
+    known = np.isfinite(arrays["nees"]) & (arrays["t"] < 34.0)
+    assert known.any()
+    assert arrays["nees"][known].max() < 60.0
+
+
 def test_the_same_seed_gives_the_same_bytes(watched: MissionResult) -> None:
     again = _fly("mission.time_limit=25 s").log.arrays()
     for name, array in watched.log.arrays().items():
