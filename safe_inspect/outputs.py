@@ -11,7 +11,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -305,3 +305,22 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def check_ending(path: Path, endings: Sequence[str], what: str, option: str = "--output") -> None:
+    """Refuse a file that cannot be written in the format of its name, before there is anything to write.
+
+    Args:
+        path: The file.
+        endings: Those of the formats that can be written, such as ``.png``.
+        what: What is written, such as ``figure``.
+        option: The option that names the file.
+
+    Raises:
+        OutputError: The name has another ending, or the file cannot be written.
+    """
+    if path.suffix.lower() not in endings:
+        raise OutputError(
+            f"{path}: the name of the {what} ends in {', '.join(endings)}; give such a file with {option}"
+        )
+    check_writable(path)

@@ -9,10 +9,11 @@ import os
 import re
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from safe_inspect.errors import Problem, SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
@@ -181,7 +182,7 @@ def run_command(command: Callable[[argparse.Namespace], int], arguments: argpars
         _print_error("error: the working directory has been removed; change to one that exists")
         return USER_ERROR
     try:
-        with handled():
+        with handled(), _plain_warnings():
             code = command(arguments)
             sys.stdout.flush()
             return code
@@ -200,6 +201,22 @@ def run_command(command: Callable[[argparse.Namespace], int], arguments: argpars
         _discard_output()
         _print_error(f"error: {cannot_write(error.filename or 'standard output', error, 'write elsewhere')}")
         return USER_ERROR
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Print warnings to users as one line, without the place in the source code that raised them."""
+    before = warnings.formatwarning
+
+    def line(message: Warning | str, category: type[Warning], *place: Any) -> str:
+        is_plain = issubclass(category, UserWarning | FutureWarning)
+        return f"warning: {message}\n" if is_plain else before(message, category, *place)
+
+    warnings.formatwarning = line  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        warnings.formatwarning = before
 
 
 def print_doubts(doubts: Iterable[Problem]) -> None:

@@ -17,8 +17,6 @@ def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="fly N missions, each with its own random draws; by Ray with address=auto (or HOST:PORT, or local)",
     )
-    parser.add_argument(
-        "--workers", type=positive, default=1, metavar="N", help="missions flown at a time (default: 1)"
-    )
+    parser.add_argument("--workers", type=positive, metavar="N", help="missions flown at a time (default: 1)")
     add_output_folder(parser, "the log, or the logs of --missions, which continue in the same folder,")
     parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment, and fly nothing")

@@ -6,13 +6,11 @@ Figures are made without pyplot, so that none stays in memory and no display is 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.geometry.picture import BLACK, DEPUTY_COLOURS, GREY, PALE
-from safe_inspect.outputs import check_writable, new_file
+from safe_inspect.outputs import new_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,25 +81,6 @@ def style() -> Any:
     import matplotlib
 
     return matplotlib.rc_context(_STYLE)
-
-
-def check_ending(path: Path, endings: Sequence[str], what: str, option: str = "--output") -> None:
-    """Refuse a picture that cannot be written, before there is anything to write.
-
-    Args:
-        path: The file.
-        endings: Those of the formats that can be written, such as `FIGURE_ENDINGS`.
-        what: What is written, such as ``figure``.
-        option: The option that names the file.
-
-    Raises:
-        OutputError: The name has another ending, or the file cannot be written.
-    """
-    if path.suffix.lower() not in endings:
-        raise OutputError(
-            f"{path}: the name of the {what} ends in {', '.join(endings)}; give such a file with {option}"
-        )
-    check_writable(path)
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 150) -> None:

@@ -126,7 +126,8 @@ def _consistency(arrays: dict[str, AnyArray]) -> dict[str, float | None]:
     error = relative_error(
         (arrays["estimated_q"][k], arrays["estimated_target_q"][k]), (arrays["q"][k], arrays["target_q"][k])
     )
-    return {"attitude_error": float(np.linalg.norm(error)), "nees": float(arrays["nees"][k])}
+    nees = float(arrays["nees"][k])  # NaN where the estimator states no covariance
+    return {"attitude_error": float(np.linalg.norm(error)), "nees": nees if np.isfinite(nees) else None}
 
 
 def _last_refusal(mission_log: MissionLog) -> str:

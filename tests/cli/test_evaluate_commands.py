@@ -420,6 +420,11 @@ def test_what_cannot_be_compared_is_refused(typed, evaluations, here):
         assert told in err
         assert "evaluate both with the same --seed, --episodes and --cfg" in err
     assert "two or more are compared" in typed("compare", first)[2]
+    both = (evaluations / "random", evaluations / "zero-thrust")
+    assert "--seed 77: the seed of" in typed("compare", *both, "--seed", "77")[2]
+    assert "--episodes 77: the episodes of" in typed("compare", *both, "--episodes", "77")[2]
+    for option, words in (("--metric", ("--metric", "DeltaV")), ("KEY=VALUE", ("horizon=3",))):
+        assert f"{option} changes nothing, as all are evaluations already" in typed("compare", *both, *words)[2]
     assert "no policy 'nobody'" in typed("compare", first, "nobody")[2]
 
 

@@ -14,6 +14,7 @@ from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 
 CFG = str(configs_root() / "translational-inspection" / "experiment-seed.yml")
+RENDEZVOUS = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
 REWARD = "agent_config.0.config.config.rewards.0.functor"
 SHORT = ("--episodes", "3", "horizon=5")
 
@@ -65,6 +66,7 @@ def typed(capsys):
         (["validate", CFG, f"{REWARD}=..rewards"], "is not the path of a module; write it as package.module"),
         (["validate", CFG, "agent_config.0.name='a b'"], "wants a name without spaces and slashes, got 'a b'"),
         (["safety", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure ends in .png, .pdf, .svg; give such"),
+        (["export", "nowhere", "--output", "x.txt"], "x.txt: the name of the policy file ends in .onnx; give"),
         (["acceptance", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure ends in"),
     ],
 )  # fmt: skip
@@ -74,6 +76,30 @@ def test_one_line_says_what_to_do(typed, here, words, told):
     assert told in err
     assert len(err.splitlines()) == 1
     assert not list(here.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--workers", "3"], "--workers flies several missions; give --missions N"),
+        (["--dry-run", "chaser.position=[0, 0, 0]"], "the chaser would overlap the target"),
+        (["--dry-run", "target={functor: MeshTarget, config: {path: none.stl, mating_point: [0 m, 0 m, 1 m]}}"],
+         "none.stl: the mesh cannot be read"),
+    ],
+)  # fmt: skip
+def test_a_mission_is_refused_before_it_is_flown_or_printed(typed, words, told):
+    code, out, err = typed("rendezvous", RENDEZVOUS, *words)
+    assert (code, out) == (2, "")
+    (line,) = [line for line in err.splitlines() if not line.startswith("loading; ")]
+    assert told in line
+
+
+def test_a_warning_is_one_line_without_source_code():
+    command = [sys.executable, "-m", "safe_inspect.cli.main", "validate", CFG, "psm_horizon=90 s"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("warning: `psm_horizon=90 s` sets agent_config.0.config.config.glues.0.config.")
 
 
 def test_help_is_a_command(typed):

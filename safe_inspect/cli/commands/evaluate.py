@@ -89,6 +89,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
     found = {text: read_evaluation(text) for text in sources if is_evaluation(text)}
     first = next(iter(found.values()), None)
     given = first.record if first is not None else {}
+    _check_unused(arguments, sources, found)
     arguments.episodes = arguments.episodes or given.get("episodes", 100)
     arguments.seed = given.get("seed", 0) if arguments.seed is None else arguments.seed
     flown = [text for text in sources if text not in found]
@@ -106,6 +107,20 @@ def run_compare(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         write_json(arguments.json, comparison.as_dict())
     return 0
+
+
+def _check_unused(arguments: argparse.Namespace, sources: Sequence[str], found: Mapping[str, Evaluation]) -> None:
+    """Refuse options that change nothing, because the episodes they are about have been flown already."""
+    for text, evaluation in found.items():
+        for name in ("episodes", "seed"):
+            wanted, flown = getattr(arguments, name), evaluation.record[name]
+            if wanted is not None and wanted != flown:
+                raise SafeInspectError(f"--{name} {wanted}: the {name} of {text}, which is not flown again, is {flown}")
+    options = {"--metric": arguments.metric, "--cfg": arguments.cfg, "--reference": arguments.reference}
+    if len(found) == len(sources):
+        for option, given in (options | {"KEY=VALUE": arguments.overrides}).items():
+            if given:
+                raise SafeInspectError(f"{option} changes nothing, as all are evaluations already; leave it out")
 
 
 def _sources(arguments: argparse.Namespace) -> list[str]:

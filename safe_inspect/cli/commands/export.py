@@ -12,13 +12,13 @@ from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
 from safe_inspect.experiments.runs.checkpoints import SINGLE
-from safe_inspect.outputs import check_writable
+from safe_inspect.outputs import check_ending
 
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Write the file and print how far it is from the checkpoint."""
     if arguments.output is not None:
-        check_writable(arguments.output, [".onnx"])
+        check_ending(arguments.output, [".onnx"], "policy file")
     if arguments.overrides and arguments.cfg is None:
         raise CheckpointError("values are replaced in an experiment that is named with --cfg; give it, or no values")
     experiment = None if arguments.cfg is None else load_experiment(arguments.cfg, arguments.overrides)

@@ -21,12 +21,13 @@ from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
 from safe_inspect.figures.curves import curves_figure
-from safe_inspect.figures.drawing import FIGURE_ENDINGS, check_ending, require_matplotlib, save
+from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.film_files import find_ffmpeg, save_film
 from safe_inspect.figures.page import episode_page, save_page
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.trajectory_figure import trajectory_figure
+from safe_inspect.outputs import check_ending
 
 _FILMS = (".gif", ".mp4")
 _PAGES = (".html", ".htm")
@@ -91,6 +92,9 @@ def run_curves(arguments: argparse.Namespace) -> int:
         recipes.setdefault(label, []).extend(path for run in runs for path in one_recipe(run))
     if not recipes:
         raise SafeInspectError("no learning curves: give the folders of training runs")
+    for label, paths in recipes.items():
+        if len({path.resolve() for path in paths}) < len(paths):
+            raise SafeInspectError(f"{label}: a run is given twice; a band over seeds counts each once")
     save(curves_figure(recipes, arguments.centre, each=arguments.each), arguments.output)
     shown = ", ".join(f"{label} ({len(paths)})" for label, paths in recipes.items())
     print(f"{arguments.output}: {shown}")

@@ -13,7 +13,7 @@ import numpy as np
 
 from safe_inspect.cli.common import output_folder, print_doubts
 from safe_inspect.cli.episode_bar import EpisodeBar
-from safe_inspect.errors import ConfigError, OutputError, Problem
+from safe_inspect.errors import ConfigError, OutputError, Problem, SafeInspectError
 from safe_inspect.rendezvous.campaign.missions import Flights, LocalFlights, fly_missions, write_missions
 from safe_inspect.rendezvous.campaign.tables import mission_table, missions_table
 from safe_inspect.rendezvous.coordination.context import MissionContext
@@ -30,21 +30,23 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
     """Fly one mission or several and print the table; return 1 when a mission has failed."""
     address, overrides = _address(arguments.overrides)
     experiment = load_rendezvous(arguments.cfg, overrides)
+    print_doubts(check_scenario(experiment, arguments.missions or 1))
     if arguments.dry_run:
         print(experiment.text, end="")
         return 0
-    print_doubts(check_scenario(experiment, arguments.missions or 1))
     if arguments.missions is None:
+        if arguments.workers is not None:
+            raise SafeInspectError("--workers flies several missions; give --missions N, or leave it out")
         if address is not None:
             raise ConfigError(Problem("Ray flies several missions", "address", hint="give --missions N, or remove it"))
         return _fly_one(experiment, arguments)
     if arguments.force:
         raise OutputError("--force replaces the folder of one mission; --missions continue in theirs, so leave it out")
-    flights: Flights = LocalFlights(arguments.workers)
+    flights: Flights = LocalFlights(arguments.workers or 1)
     if address is not None:
         from safe_inspect.experiments.runs.missions import RayFlights  # Ray is loaded for those who ask for it
 
-        flights = RayFlights(address, arguments.workers, arguments.output)
+        flights = RayFlights(address, arguments.workers or 1, arguments.output)
     return _fly_many(experiment, arguments.missions, flights, arguments.output)
 
 
