@@ -151,8 +151,9 @@ def _policy_folder(numbers: random.Random, folder: Path) -> Path:
 def checkpoint(numbers: random.Random, folder: Path) -> str:
     """Load a trained policy of which one file is edited, and ask it for an action."""
     policy = _policy_folder(numbers, folder) / "checkpoint"
+    names = [file.stem for file in sorted(policy.parent.glob("*.onnx"))]
     edit_file(numbers, numbers.choice(sorted(path for path in policy.rglob("*") if path.is_file())))
-    return _loaded(policy)
+    return _loaded(policy, names[0] if len(names) > 1 else None)
 
 
 def onnx(numbers: random.Random, folder: Path) -> str:
@@ -162,7 +163,7 @@ def onnx(numbers: random.Random, folder: Path) -> str:
     return _loaded(policy)
 
 
-def _loaded(path: Path) -> str:
+def _loaded(path: Path, name: str | None = None) -> str:
     import numpy as np
 
     from safe_inspect import load_policy
@@ -170,7 +171,7 @@ def _loaded(path: Path) -> str:
     from safe_inspect.errors import SafeInspectError
 
     try:
-        policy = load_policy(str(path))
+        policy = load_policy(str(path), agent=name)
         agent = next(agent for agent in policy.spec.agents if agent.name == policy.agent)
         policy.predict(np.zeros(observation_layout(agent).size, dtype=np.float32), episode_start=True)
     except SafeInspectError as error:

@@ -233,3 +233,9 @@ def test_a_file_of_megabytes_is_refused_at_once(write):
 def test_not_more_than_fifty_mistakes_are_printed():
     text = str(ConfigError([Problem(f"mistake {number}") for number in range(60)]))
     assert text.splitlines()[-2:] == ["mistake 49", "and 10 more"]
+
+
+@pytest.mark.parametrize("path", [None, 5, ["a.yml"]])
+def test_what_is_no_path_is_refused(path):
+    with pytest.raises(ConfigError, match="a configuration is the path of a file, not"):
+        load(path)

@@ -39,6 +39,8 @@ def load(path: str | os.PathLike[str]) -> Any:
     Raises:
         ConfigError: With all mistakes of all files, each with its file and line.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise ConfigError(Problem(f"a configuration is the path of a file, not {path!r:.60}"))
     return _finish(loading := _Loading(), loading.include(os.fspath(path), None))
 
 
