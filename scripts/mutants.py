@@ -1,7 +1,7 @@
 """Plant random faults in the package, one at a time, and count how many the tests notice.
 
     python scripts/mutants.py --seed 7 --count 300 --output mutants.jsonl
-    python scripts/mutants.py --seed 7 --count 100 --rooms rta dynamics --output mutants.jsonl --jobs 2
+    python scripts/mutants.py --seed 7 --count 100 --rooms rta evaluation/results --output mutants.jsonl --jobs 2
     python scripts/mutants.py --output mutants.jsonl --table
 
 A line of code is drawn uniformly from those of the rooms, a kind of fault from those that the line allows, and one
@@ -29,6 +29,7 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,8 @@ TESTS = {
     "compiling": ["ground"], "config": ["config", "configs"], "plugins": ["ground", "contract"], "random": ["ground"],
     "testing": ["contract"], "train_rl": ["experiments"],
 }  # fmt: skip
+#: The folders on which every result rests; the table shows their score together.
+CORE = ("rta", "dynamics", "simulators", "tasks", "evaluation/results")
 _QUICK = "not slow and not long"
 
 
@@ -57,6 +60,12 @@ def room_of(module: str) -> str:
     return parts[1] if len(parts) > 2 or parts[-1] in TESTS else "ground"
 
 
+def is_in(file: str, rooms: Iterable[str]) -> bool:
+    """Say whether a file, relative to the repository, is in one of some rooms or folders below the package."""
+    in_folder = any(file.startswith(f"safe_inspect/{room}/") for room in rooms)
+    return in_folder or room_of(file.removesuffix(".py").replace("/", ".")) in rooms
+
+
 def tests_of(room: str) -> list[str]:
     """Return the folders of the tests that a room names."""
     return [f"tests/{name}" for name in TESTS.get(room, [room])]
@@ -68,15 +77,15 @@ def draw(seed: int, count: int, rooms: list[str]) -> list[tuple[str, Mutation]]:
     Args:
         seed: Seed of the draws.
         count: How many.
-        rooms: The rooms to draw from; empty for all.
+        rooms: The rooms, or folders of the package, to draw from; empty for all.
     """
     numbers = random.Random(seed)
     lines = defaultdict(list)
     for path in sources():
-        name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-        if not rooms or room_of(name) in rooms:
+        name = path.relative_to(ROOT).as_posix()
+        if not rooms or is_in(name, rooms):
             for mutation in mutations(path.read_text(encoding="utf-8")):
-                lines[path.relative_to(ROOT).as_posix(), mutation.line].append(mutation)
+                lines[name, mutation.line].append(mutation)
     places, drawn = list(lines), []
     while len(drawn) < count and places:
         place = places.pop(numbers.randrange(len(places)))
@@ -204,7 +213,10 @@ class Workspace:
 
 
 def table(results: list[dict[str, Any]]) -> str:
-    """Return the scores by room: faults, those that were noticed, share with its 95 % interval, equivalent ones."""
+    """Return the scores by room: faults, those that were noticed, share with its 95 % interval, equivalent ones.
+
+    The row "core" holds the folders `CORE`.
+    """
     equivalent = set()
     if EQUIVALENT.is_file():
         lines = EQUIVALENT.read_text(encoding="utf-8").splitlines()
@@ -213,7 +225,10 @@ def table(results: list[dict[str, Any]]) -> str:
     for result in results:
         rooms[result["room"]].append(result)
     rows = [f"{'room':14} faults noticed    raw   95 % interval equivalent  score"]
-    for room, group in [*sorted(rooms.items()), ("all", results)]:
+    core = [result for result in results if is_in(result["key"].split(":")[0], CORE)]
+    for room, group in [*sorted(rooms.items()), ("core", core), ("all", results)]:
+        if not group:
+            continue
         count, noticed = len(group), sum(result["outcome"] != "passed" for result in group)
         same = sum(result["outcome"] == "passed" and result["key"] in equivalent for result in group)
         interval = binomtest(noticed, count).proportion_ci(method="wilson")
@@ -228,7 +243,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=300)
-    parser.add_argument("--rooms", nargs="*", default=[], help="rooms to draw from; without it, all")
+    parser.add_argument("--rooms", nargs="*", default=[], help="rooms or folders to draw from; without it, all")
     parser.add_argument("--jobs", type=int, default=1, help="faults that are tried at the same time")
     parser.add_argument("--output", type=Path, required=True, help="file of results, one JSON object a line")
     parser.add_argument("--table", action="store_true", help="print the table of the output file, and plant nothing")
