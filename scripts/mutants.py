@@ -44,6 +44,11 @@ TESTS = {
     "compiling": ["ground"], "config": ["config", "configs"], "plugins": ["ground", "contract"], "random": ["ground"],
     "testing": ["contract"], "train_rl": ["experiments"],
 }  # fmt: skip
+#: The rooms whose every number the recorded flights hold.
+RECORDED = {
+    "dones", "dynamics", "environments", "geometry", "glues", "metrics", "platforms", "policies", "random", "rewards",
+    "rta", "simulators", "tasks",
+}  # fmt: skip
 #: The folders on which every result rests; the table shows their score together.
 CORE = ("rta", "dynamics", "simulators", "tasks", "evaluation/results")
 _QUICK = "not slow and not long"
@@ -68,7 +73,7 @@ def is_in(file: str, rooms: Iterable[str]) -> bool:
 
 def tests_of(room: str) -> list[str]:
     """Return the folders of the tests that a room names."""
-    return [f"tests/{name}" for name in TESTS.get(room, [room])]
+    return [f"tests/{name}" for name in [*TESTS.get(room, [room]), *(["golden"] if room in RECORDED else [])]]
 
 
 def draw(seed: int, count: int, rooms: list[str]) -> list[tuple[str, Mutation]]:
@@ -134,7 +139,7 @@ class Workspace:
             "passed", "failed" or "timeout"; how long it took [s]; and the first test that failed.
         """
         files = [path for place in tests_of(room) for path in sorted((self._root / place).rglob("test_*.py"))]
-        files.sort(key=lambda path: module not in path.read_text(encoding="utf-8"))
+        files.sort(key=lambda path: (module not in path.read_text(encoding="utf-8"), path.parent.name == "golden"))
         names = [path.relative_to(self._root).as_posix() for path in files]
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly"]
         environment = {

@@ -19,26 +19,86 @@ SAMPLED = (0, 5, 25)
 
 _OWN = "RTAGlueCWHInspection1v1.config"
 _GLUE = "agent_config.blue0_ctrl.config.config.glues.0.config"
-_LIVELY = ("horizon=60", "steps_until_update=40")
-#: Each flight: the experiment and its overrides.
+_SIMULATOR = "config.config.env_config.simulator"
+_SUN = "steps_until_update=40"
+_BOUNDS = "{velocity: 1.0e-4, position_error: 0.05, velocity_error: 5.0e-4, thrust_gain: 0.02}"
+_DOCKING_BOUNDS = "{velocity: 1.0e-5, position_error: 0.01, velocity_error: 1.0e-4, thrust_gain: 0.01}"
+
+
+def _disturbed(bounds: str) -> str:
+    return f"{{functor: BoundedDisturbance, config: {bounds}}}"
+
+
+#: Each flight: the experiment and its overrides; a horizon of 60 steps makes resets part of each.
 FLIGHTS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "one": ("translational-inspection/experiment.yml", ()),
-    "one, backup filter": ("translational-inspection/experiment.yml", (f"{_OWN}.enabled=True",)),
+    "one": ("translational-inspection/experiment.yml", (_SUN,)),
+    "one, backup filter": (
+        "translational-inspection/experiment.yml",
+        (
+            _SUN,
+            f"{_OWN}.enabled=True",
+        ),
+    ),
     "one, continuous filter": (
         "translational-inspection/experiment-seed.yml",
-        (f"{_OWN}.enabled=True", f"{_GLUE}.method=continuous"),
+        (_SUN, f"{_OWN}.enabled=True", f"{_GLUE}.method=continuous"),
     ),
     "one, switching filter": (
         "translational-inspection/experiment-seed.yml",
-        (f"{_OWN}.enabled=True", f"{_GLUE}.method=simplex", f"{_GLUE}.delta_v_limit=2.0"),
+        (_SUN, f"{_OWN}.enabled=True", f"{_GLUE}.method=simplex", f"{_GLUE}.delta_v_limit=2.0"),
     ),
-    "one, continuous thrust": ("translational-inspection/experiment-seed.yml", ()),
-    "three, filter of the team": ("multiagent-translational-inspection/experiment.yml", ()),
-    "three": ("multiagent-translational-inspection/experiment.yml", ("rta.config.enabled=False",)),
-    "three, continuous thrust": ("multiagent-translational-inspection/experiment-seed.yml", ()),
-    "three, a filter each": ("multiagent-translational-inspection/experiment-seed.yml", (f"{_OWN}.enabled=True",)),
-    "three, seeing each other": ("multiagent-translational-inspection/experiment-see-others.yml", ()),
-    "mixed with scripted policies": ("multiagent-translational-inspection/experiment-mixed.yml", ()),
+    "one, disturbed, backup filter": (
+        "translational-inspection/experiment-seed.yml",
+        (
+            _SUN,
+            f"{_OWN}.enabled=True",
+            f"{_GLUE}.disturbance={_BOUNDS}",
+            f"{_SIMULATOR}.config.disturbance={_disturbed(_BOUNDS)}",
+        ),
+    ),
+    "one, continuous thrust": ("translational-inspection/experiment-seed.yml", (_SUN,)),
+    "one, seeing more": ("translational-inspection/experiment-outlook.yml", (_SUN,)),
+    "one, burn and coast": ("translational-inspection/experiment-burn-and-coast.yml", (_SUN,)),
+    "one, burn and coast, filtered": ("translational-inspection/experiment-burn-and-coast-filtered.yml", (_SUN,)),
+    "three, filter of the team": ("multiagent-translational-inspection/experiment.yml", (_SUN,)),
+    "three": ("multiagent-translational-inspection/experiment.yml", (_SUN, "rta.config.enabled=False")),
+    "three, continuous thrust": ("multiagent-translational-inspection/experiment-seed.yml", (_SUN,)),
+    "three, a filter each": ("multiagent-translational-inspection/experiment-seed.yml", (_SUN, f"{_OWN}.enabled=True")),
+    "three, disturbed, filter of the team": (
+        "multiagent-translational-inspection/experiment-seed.yml",
+        (
+            _SUN,
+            "rta.config.enabled=True",
+            f"config.config.env_config.rta.config.disturbance={_BOUNDS}",
+            f"{_SIMULATOR}.config.disturbance={_disturbed(_BOUNDS)}",
+        ),
+    ),
+    "three, seeing each other": ("multiagent-translational-inspection/experiment-see-others.yml", (_SUN,)),
+    "three, burn and coast": ("multiagent-translational-inspection/experiment-burn-and-coast.yml", (_SUN,)),
+    "mixed with scripted policies": ("multiagent-translational-inspection/experiment-mixed.yml", (_SUN,)),
+    "weighted points": ("weighted-translational-inspection/experiment.yml", (_SUN,)),
+    "weighted points, three, filter of the team": (
+        "multiagent-weighted-translational-inspection/experiment-recipe.yml",
+        (_SUN,),
+    ),
+    "weighted points, six degrees of freedom": ("weighted-six-dof-inspection/experiment.yml", (_SUN,)),
+    "weighted points, six degrees of freedom, recipe": ("weighted-six-dof-inspection/experiment-recipe.yml", (_SUN,)),
+    "weighted points, three, six degrees of freedom": (
+        "multiagent-weighted-six-dof-inspection/experiment.yml",
+        (_SUN,),
+    ),
+    "docking": ("docking/experiment.yml", ()),
+    "docking, filtered": ("docking/experiment.yml", ("RTAGlueCWHDocking3d.config.enabled=True",)),
+    "docking, disturbed, filtered": (
+        "docking/experiment.yml",
+        (
+            "RTAGlueCWHDocking3d.config.enabled=True",
+            f"RTAGlueCWHDocking3d.config.disturbance={_DOCKING_BOUNDS}",
+            f"{_SIMULATOR}={{type: CWHSimulator, config: {{disturbance: {_disturbed(_DOCKING_BOUNDS)}}}}}",
+        ),
+    ),
+    "docking, three": ("multiagent-docking/experiment.yml", ()),
+    "tumbling rendezvous": ("tumbling-rendezvous-learning/experiment.yml", ()),
 }
 
 
@@ -50,7 +110,7 @@ def fly(flight: str, *, compiled: bool) -> tuple[dict[str, str], dict[str, list[
         compiled: Whether one compiled call computes the terms of a step, rather than every plugin by itself.
     """
     file, overrides = FLIGHTS[flight]
-    spec = load_experiment(configs_root() / file, (*_LIVELY, *overrides)).spec
+    spec = load_experiment(configs_root() / file, ("horizon=60", *overrides)).spec
     env = TeamEnvironment(spec, NUM_ENVS, seed=SEED, _fused=compiled)
     hashes: dict[str, Any] = {}
     sums: dict[str, list[float]] = {}
@@ -84,15 +144,8 @@ def fly(flight: str, *, compiled: bool) -> tuple[dict[str, str], dict[str, list[
 
 def _of_step(env: TeamEnvironment, found: Any) -> Iterable[tuple[str, np.ndarray]]:
     """Yield all that a step gives."""
-    state = env.state
-    for name in ("time", "step", "key", "position", "velocity", "control", "delta_v", "interventions", "finished",
-                 "sun_angle", "sun_direction", "delta_v_scale"):  # fmt: skip
-        yield f"state/{name}", getattr(state, name)
-    for body, points in state.points.items():
-        for name in ("inspector", "team_count", "own_count", "weights"):
-            yield f"points/{body}/{name}", getattr(points, name)
-    for (_, part, array), values in state.memory.items():
-        yield f"memory/{part}/{array}", values
+    for name, values in env.state.arrays.items():
+        yield f"state/{name}", values
     yield "outcome", found.outcome
     for group in found.groups:
         for name in ("observation", "reward", "active", "terminated", "truncated", "status"):
