@@ -12,6 +12,8 @@ import numpy as np
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
+from safe_inspect.evaluation.safety.adversaries import adversarial_thrust
+from safe_inspect.simulators.view import View
 
 STEPS, NUM_ENVS, SEED = 500, 6, 20261122
 #: Steps after which sums of the numbers are kept, for processors whose arithmetic differs in the last bit.
@@ -100,6 +102,13 @@ FLIGHTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "docking, three": ("multiagent-docking/experiment.yml", ()),
     "tumbling rendezvous": ("tumbling-rendezvous-learning/experiment.yml", ()),
 }
+#: Of these, the flights that adversaries fly too, whom the filter must stop.
+_PUSHED = (
+    "one, backup filter", "one, continuous filter", "one, switching filter", "one, disturbed, backup filter",
+    "three, filter of the team", "three, a filter each", "three, disturbed, filter of the team",
+    "weighted points, three, filter of the team", "docking, filtered", "docking, disturbed, filtered",
+)  # fmt: skip
+FLIGHTS |= {f"{name}, pushed": FLIGHTS[name] for name in _PUSHED}
 
 
 def fly(flight: str, *, compiled: bool) -> tuple[dict[str, str], dict[str, list[float]]]:
@@ -130,9 +139,15 @@ def fly(flight: str, *, compiled: bool) -> tuple[dict[str, str], dict[str, list[
         actions = []
         for group in env.acting:
             shape = (NUM_ENVS, group.size, group.action_layout.size)
+            if flight.endswith("pushed"):
+                view = View(env.state, env.simulation.world, group)
+                slots = np.repeat(np.arange(NUM_ENVS), group.size)
+                share = 0.5 + 0.5 * adversarial_thrust(view, step, slots, SEED).reshape(shape)
+            else:
+                share = generator.random(shape)
             low, high = group.action_layout.low, group.action_layout.high
-            random = low + generator.random(shape) * (high - low)
-            actions.append(np.rint(random) if group.action_layout.choices else random)
+            action = low + share * (high - low)
+            actions.append(np.rint(action) if group.action_layout.choices else action)
         found = env.step(actions)
         note(_of_step(env, found), step)
         over = np.flatnonzero(found.over)

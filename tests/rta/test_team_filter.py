@@ -102,6 +102,16 @@ def test_admissible_thrusts_are_flown_to_the_bit(run, start):
     assert (result.active[~safe] != 0).any(axis=1).all()
 
 
+def test_a_thrust_beyond_the_thrusters_is_not_admissible(run, start):
+    rest = np.zeros_like(start.position)
+    calm = run.admissible(start, rest)
+    assert calm.any()
+    for value, expected in ((1.0 + 1e-9, False), (-1.0 - 1e-9, False)):
+        pushed = rest.copy()
+        pushed[:, 1, 2] = value
+        assert (run.admissible(start, pushed) == expected).all()
+
+
 def test_answers_are_admissible(run, start):
     desired = np.random.default_rng(8).uniform(-1.0, 1.0, start.position.shape)
     result = run(start, desired)

@@ -117,6 +117,20 @@ def test_the_end_of_a_step_alone_misses_who_flies_through():
     assert found.terms["DockingFailureReward"][0, 0] == 0.0
 
 
+def test_position_and_speed_are_those_relative_to_the_reference():
+    """A deputy that is its own reference has docked wherever it is, however fast."""
+    own_position = "reference_position_sensor_name: Sensor_Position"
+    own_velocity = "reference_velocity_sensor_name: Sensor_Velocity"
+    for given, status in (
+        (f"{own_position}, {own_velocity}", DoneStatus.WIN),
+        (own_position, DoneStatus.RUNNING),  # too fast
+        (own_velocity, DoneStatus.RUNNING),  # too far
+    ):
+        override = f"agent_config.0.config.config.dones.3.config={{along_step: False, {given}}}"
+        found = step(environment((120.0, 0.0, 0.0), (0.0, 0.4, 0.0), override))
+        assert found.status[0, 0] == status
+
+
 def test_the_time_limit_is_a_loss():
     env = environment((100.0, 0.0, 0.0))
     env.state.time[:] = 1999.0

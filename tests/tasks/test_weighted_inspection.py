@@ -13,6 +13,8 @@ from safe_inspect.dones import DoneStatus
 from safe_inspect.dynamics.coasting import grid, least_coasting_range
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
+from safe_inspect.simulators.view import View
+from safe_inspect.tasks.inspection.points_view import PointsView
 
 TASK = "safe_inspect/WeightedTranslationalInspection-v0"
 TEAM = "safe_inspect/MultiagentWeightedTranslationalInspection-v0"
@@ -24,6 +26,23 @@ def environment(num_envs: int, seed: int = 1) -> BatchedEnvironment:
     env = BatchedEnvironment(load_spec(TASK), num_envs, seed=seed)
     env.reset()
     return env
+
+
+def test_a_view_tells_the_own_score_from_that_of_others():
+    env = TeamEnvironment(load_spec(TEAM), 2, seed=3)
+    env.reset()
+    state, world = env.state.points["chief"], env.simulation.world
+    state.own_count[:] = [[1, 2, 3], [4, 5, 6]]
+    state.own_score[:] = [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
+    first = 0
+    for group in env.groups:
+        own = np.arange(first, first + group.size) + 1
+        points = PointsView(View(env.state, world, group), world.points["chief"])
+        np.testing.assert_array_equal(points.count_of(), [*own, *own + 3])
+        np.testing.assert_allclose(points.score_of(), [*own / 10.0, *(own + 3) / 10.0])
+        np.testing.assert_array_equal(points.count_of("blue1"), np.repeat([2, 5], group.size))
+        np.testing.assert_allclose(points.score_of("blue1"), np.repeat([0.2, 0.5], group.size))
+        first += group.size
 
 
 def coast(env: BatchedEnvironment):
