@@ -121,12 +121,12 @@ def test_position_and_speed_are_those_relative_to_the_reference():
     """A deputy that is its own reference has docked wherever it is, however fast."""
     own_position = "reference_position_sensor_name: Sensor_Position"
     own_velocity = "reference_velocity_sensor_name: Sensor_Velocity"
-    for given, status in (
+    for fields, status in (
         (f"{own_position}, {own_velocity}", DoneStatus.WIN),
         (own_position, DoneStatus.RUNNING),  # too fast
         (own_velocity, DoneStatus.RUNNING),  # too far
     ):
-        override = f"agent_config.0.config.config.dones.3.config={{along_step: False, {given}}}"
+        override = f"agent_config.0.config.config.dones.3.config={{along_step: False, {fields}}}"
         found = step(environment((120.0, 0.0, 0.0), (0.0, 0.4, 0.0), override))
         assert found.status[0, 0] == status
 
