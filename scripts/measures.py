@@ -1,12 +1,18 @@
-"""Print the measures of the source: circles of imports, sizes of folders, names with two definitions, and others.
+"""Print the measures of the source, and hold them to what is recorded in `measures.json`: values that may only fall.
 
-Usage: python scripts/measures.py
+python scripts/measures.py                      # all measures, with what makes them up
+python scripts/measures.py --write              # record the values that have fallen
+python scripts/measures.py --write --for "..."  # record those that have risen too, with what they pay for
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
 import io
+import json
+import math
+import sys
 import tokenize
 from collections import Counter, defaultdict
 from collections.abc import Iterator
@@ -14,9 +20,13 @@ from pathlib import Path
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
+from structure import folder_graph, imports_by_string, option_twins, private_names, unset_fields
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "safe_inspect"
+RECORD = Path(__file__).with_name("measures.json")
+#: Values of this size are recorded in whole hundreds, so that a line more is no event.
+_LARGE = 5000
 MANY = 10
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -45,16 +55,22 @@ def _functions(tree: ast.AST) -> Iterator[Function]:
     return (node for node in ast.walk(tree) if isinstance(node, Function))
 
 
-def circles(trees: dict[str, ast.Module]) -> list[list[str]]:
-    """Return the sets of modules that import each other; imports in functions and for type checkers count."""
-    names = list(trees)
-    graph = np.zeros((len(names), len(names)), dtype=np.int8)
-    for name, tree in trees.items():
-        for node in ast.walk(tree):
-            for other in _imported(node, trees):
-                graph[names.index(name), names.index(other)] = 1
-    np.fill_diagonal(graph, 0)
-    _, labels = connected_components(graph, connection="strong")
+def imports(trees: dict[str, ast.Module]) -> dict[str, set[str]]:
+    """Return the modules that each module imports; imports in functions and for type checkers count."""
+    return {
+        name: {other for node in ast.walk(tree) for other in _imported(node, trees)} - {name}
+        for name, tree in trees.items()
+    }
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Return the sets of nodes of a graph, modules or folders, that reach each other."""
+    names = list(graph)
+    matrix = np.zeros((len(names), len(names)), dtype=np.int8)
+    for name, others in graph.items():
+        for other in others:
+            matrix[names.index(name), names.index(other)] = 1
+    _, labels = connected_components(matrix, connection="strong")
     members = defaultdict(list)
     for name, label in zip(names, labels, strict=True):
         members[int(label)].append(name)
@@ -63,17 +79,13 @@ def circles(trees: dict[str, ast.Module]) -> list[list[str]]:
 
 def importers(module: str, trees: dict[str, ast.Module]) -> set[str]:
     """Return the modules that import a module, directly or not, and the module itself."""
-    direct = defaultdict(set)
-    for name, tree in trees.items():
-        for node in ast.walk(tree):
-            for other in _imported(node, trees):
-                direct[other].add(name)
+    graph = imports(trees)
     found, waiting = set(), [module]
     while waiting:
         name = waiting.pop()
         if name not in found:
             found.add(name)
-            waiting += direct[name]
+            waiting += [other for other, used in graph.items() if name in used]
     return found
 
 
@@ -125,12 +137,20 @@ def long_signatures(trees: dict[str, ast.Module]) -> dict[str, int]:
     return found
 
 
-def lines() -> tuple[int, int]:
-    """Return the lines of the package, and those of code: without blank lines, comments and docstrings."""
-    total = code = 0
+def public_names(trees: dict[str, ast.Module]) -> int:
+    """Return how many public functions and classes the modules define at their top."""
+    nodes = (node for tree in trees.values() for node in tree.body if isinstance(node, Function | ast.ClassDef))
+    return sum(node.name[0] != "_" for node in nodes)
+
+
+def code_lines() -> dict[str, int]:
+    """Return the lines of code of each room: without blank lines, comments and docstrings."""
+    found: Counter[str] = Counter()
     for path in PACKAGE.rglob("*.py"):
+        if "__pycache__" in path.parts:
+            continue
+        parts = path.relative_to(PACKAGE).parts
         text = path.read_text(encoding="utf-8")
-        total += len(text.splitlines())
         documented = set()
         for node in ast.walk(ast.parse(text)):
             body = getattr(node, "body", None)
@@ -139,8 +159,8 @@ def lines() -> tuple[int, int]:
         silent = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
         tokens = tokenize.generate_tokens(io.StringIO(text).readline)
         used = {line for t in tokens if t.type not in silent for line in range(t.start[0], t.end[0] + 1)}
-        code += len(used - documented)
-    return total, code
+        found[parts[0] if len(parts) > 1 else "ground"] += len(used - documented)
+    return dict(found)
 
 
 def yaml_lines() -> tuple[int, int]:
@@ -154,29 +174,88 @@ def yaml_lines() -> tuple[int, int]:
     return len(content), len(set(content))
 
 
-def main() -> None:
-    """Print all measures."""
-    trees = modules()
-    loops, inner, names, long = (
-        circles(trees), imports_in_functions(trees), repeated_names(trees), long_signatures(trees),
-    )  # fmt: skip
-    total, code = lines()
+def options() -> tuple[int, dict[str, set[str]]]:
+    """Return how many kinds of plugins there are, and the fields of each plugin of the package."""
+    from safe_inspect.plugins.registry import registry
+
+    found = {}
+    for kind in registry.kinds():
+        for name, plugin in registry.items(kind):
+            if plugin.__module__.startswith("safe_inspect."):
+                found[f"{plugin.__module__}:{name}"] = set(plugin.model_fields)
+    return len(registry.kinds()), found
+
+
+def details() -> tuple[dict[str, int], dict[str, list[str]]]:
+    """Return the recorded measures, and what makes up those that one can list."""
+    trees, code = modules(), code_lines()
+    kinds, fields = options()
     content, different = yaml_lines()
-    fullest, count = max(folders().items(), key=lambda item: item[1])
-    print(f"circles of imports                         {len(loops)}")
-    print(f"own imports inside functions               {sum(inner.values())}")
-    print(f"modules in the fullest folder              {count} ({fullest})")
-    print(f"modules at the top level                   {folders()['safe_inspect']}")
-    print(f"lines of the package, of them code         {total}, {code}")
-    print(f"public names with several definitions      {len(names)}")
-    print(f"functions with ten arguments or more       {len(long)}, largest {max(long.values(), default=0)}")
-    print(f"different lines of YAML                    {different} of {content} ({different / content:.0%})")
-    for title, detail in (("circle", loops), ("name", [f"{k}: {', '.join(v)}" for k, v in names.items()])):
-        for item in detail:
-            print(f"  {title} {item}")
-    for title, table in (("imports in functions", inner), ("arguments", long)):
-        for key, number in sorted(table.items(), key=lambda item: -item[1]):
-            print(f"  {title} {number} {key}")
+    graph = imports(trees)
+    places = [ROOT / name for name in ("configs", "tests", "docs", "examples", "benchmarks", "README.md")]
+    largest = max(code, key=lambda room: code[room])
+    lists = {
+        "circles of folders": [", ".join(group) for group in circles(folder_graph(graph))],
+        "imports by string": imports_by_string(trees),
+        "private names of Numba": sorted(private_names(trees, "numba")),
+        "private names of Ray": sorted(private_names(trees, "ray")),
+        "option twins": option_twins(trees, fields),
+        "fields that nothing sets": sorted(unset_fields(fields, places)),
+        "imports in functions": [f"{name} {count}" for name, count in imports_in_functions(trees).items()],
+        "long signatures": [f"{name} {count}" for name, count in long_signatures(trees).items()],
+    }
+    values = {
+        "code lines": sum(code.values()),
+        "code lines of the largest room": code[largest],
+        "modules": len(trees),
+        "folders": len(folders()),
+        "modules in the fullest folder": max(folders().values()),
+        "modules at the top level": folders()["safe_inspect"],
+        "plugin kinds": kinds,
+        "public names": public_names(trees),
+        "lines of YAML": content,
+        "repeated lines of YAML": content - different,
+        **{name: len(items) for name, items in lists.items()},
+        "imports in functions": sum(imports_in_functions(trees).values()),
+        "arguments of the longest signature": max(long_signatures(trees).values(), default=0),
+    }
+    lists["code lines"] = [f"{room} {count}" for room, count in sorted(code.items(), key=lambda item: -item[1])]
+    return {name: 100 * math.ceil(value / 100) if value >= _LARGE else value for name, value in values.items()}, lists
+
+
+def risen(values: dict[str, int], record: dict[str, int]) -> list[str]:
+    """Return a message for each measure that is above its record."""
+    return [
+        f"{name}: {value}, recorded {record[name]}; bring it down, or record what the rise pays for: "
+        'python scripts/measures.py --write --for "..."'
+        for name, value in values.items()
+        if value > record.get(name, value)
+    ]
+
+
+def main() -> None:
+    """Print the measures, and write those that have fallen."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="record the values that have fallen")
+    parser.add_argument("--for", dest="reason", help="what the values pay for that have risen")
+    given = parser.parse_args()
+    values, lists = details()
+    record = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.is_file() else {"values": {}, "rises": []}
+    for name, value in values.items():
+        print(f"{name:36} {value:7,}   recorded {record['values'].get(name, value):7,}")
+    for name, items in lists.items():
+        for item in items:
+            print(f"  {name}: {item}")
+    problems = risen(values, record["values"])
+    if given.write:
+        if problems and not given.reason:
+            sys.exit("\n".join(problems))
+        for name, value in values.items():
+            before = record["values"].get(name, value)
+            if value > before:
+                record["rises"].append(f"{name}: {before} to {value}, for {given.reason}")
+        record["values"] = values
+        RECORD.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
