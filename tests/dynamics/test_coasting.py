@@ -74,3 +74,14 @@ def test_no_sample_is_nearer_than_the_nearest_or_farther_than_the_farthest(unit,
     assert 0.0 <= t <= horizon
     there = np.linalg.norm(np.array(coast(p, v, t, math.sin(N * t), math.cos(N * t), N))[:3])
     assert there == pytest.approx(least, rel=1e-12)
+
+
+@pytest.mark.parametrize("cell", [0.3, 0.6, 1.0])
+def test_a_coarse_grid_finds_what_a_fine_one_does(cell):
+    """In a wide cell the range may fall, rise and fall again."""
+    generator = np.random.default_rng(4)
+    coarse, fine = grid(N, 6000.0, cell), grid(N, 6000.0, 0.01)
+    for x in generator.normal(size=(4000, 6)) * ([100.0] * 3 + [100.0 * N] * 3):
+        p, v = x[:3].copy(), x[3:].copy()
+        for extreme in (least_coasting_range, largest_coasting_range):
+            assert extreme(p, v, coarse, N) == pytest.approx(extreme(p, v, fine, N), abs=1e-6)

@@ -150,6 +150,40 @@ def test_recorded_episodes_come_back_from_their_file(tmp_path):
                 assert mine == theirs, field.name
 
 
+def test_the_columns_of_recorded_episodes_are_those_that_are_documented():
+    one = flight(7, 4)
+    steps = len(one.control)
+    table = {name: column.to_numpy(zero_copy_only=False) for name, column in _columns_of(trajectory_table([one]))}
+    axes = ("x", "y", "z")
+    expected = {"episode", "step", "deputy", "time", "delta_v", "sun_angle", "inspected", "inspected_own"}
+    expected |= {f"{start}{axis}" for start in ("", "v", "u", "m") for axis in axes}
+    expected |= {f"orientation/{k}" for k in range(8)}  # four numbers of each of two deputies
+    assert set(table) == expected
+    rows = [(step, deputy) for step in range(steps + 1) for deputy in range(2)]
+    assert list(table["step"]) == [step for step, _ in rows]
+    assert list(table["deputy"]) == [one.deputies[deputy] for _, deputy in rows]
+    for row, (step, deputy) in enumerate(rows):
+        assert table["episode"][row] == 7
+        assert table["time"][row] == one.time[step]
+        assert table["sun_angle"][row] == one.sun_angle[step]
+        assert table["delta_v"][row] == one.delta_v[step, deputy]
+        for k, axis in enumerate(axes):
+            assert table[axis][row] == one.position[step, deputy, k]
+            assert table[f"v{axis}"][row] == one.velocity[step, deputy, k]
+            held = one.control[step, deputy] if step < steps else np.full(6, np.nan)
+            np.testing.assert_array_equal(table[f"u{axis}"][row], held[k])
+            np.testing.assert_array_equal(table[f"m{axis}"][row], held[3 + k])
+        for k in range(8):
+            assert table[f"orientation/{k}"][row] == one.orientation[step].reshape(-1)[k]
+        seen = one.inspected_at <= one.time[step]
+        assert table["inspected"][row] == seen.sum()
+        assert table["inspected_own"][row] == (seen & (one.inspector == deputy)).sum()
+
+
+def _columns_of(table):
+    return zip(table.column_names, table.columns, strict=True)
+
+
 def evaluation(label: str, figures: dict[str, float], **record) -> Evaluation:
     status = np.full(COUNT, "win", dtype=object)
     arrays = {name: value + np.arange(COUNT) for name, value in figures.items()}

@@ -1,18 +1,53 @@
-"""Write the golden record anew: ``python tests/golden/record.py``. Say in the commit why the numbers changed."""
+"""Write the golden record: ``python tests/golden/record.py [flights] [trainings] [missions]``; without names, all.
+
+Say in the commit why the numbers changed.
+"""
 
 from __future__ import annotations
 
 import json
 import re
+import sys
+import tempfile
 from pathlib import Path
+from typing import Any
 
+import torch
 from flights import FLIGHTS, arithmetic, fly
+from missions import MISSIONS, figures
+from trainings import TRAININGS, weights_after
 
-record: dict[str, object] = {"arithmetic": arithmetic(), "flights": {}}
-for flight in FLIGHTS:
-    hashes, sums = fly(flight, compiled=True)
-    assert hashes == fly(flight, compiled=False)[0], f"{flight}: compiled and plain terms differ"
-    short = {name: [float(f"{value:.10g}") for value in values] for name, values in sums.items()}
-    record["flights"][flight] = {"hashes": hashes, "sums": short}  # type: ignore[index]
+
+def flown() -> dict[str, Any]:
+    """Return the hashes and sums of each flight."""
+    found = {}
+    for flight in FLIGHTS:
+        hashes, sums = fly(flight, compiled=True)
+        assert hashes == fly(flight, compiled=False)[0], f"{flight}: compiled and plain terms differ"
+        short = {name: [float(f"{value:.10g}") for value in values] for name, values in sums.items()}
+        found[flight] = {"hashes": hashes, "sums": short}
+    return found
+
+
+def trained() -> dict[str, Any]:
+    """Return the hashes and sums of the weights of each training."""
+    found: dict[str, Any] = {"torch": torch.__version__}
+    for training in TRAININGS:
+        with tempfile.TemporaryDirectory() as folder:
+            hashes, sums = weights_after(training, Path(folder))
+        found[training] = {"hashes": hashes, "sums": {name: float(f"{value:.7g}") for name, value in sums.items()}}
+    return found
+
+
+PATH = Path(__file__).with_name("record.json")
+PARTS = {
+    "flights": flown,
+    "trainings": trained,
+    "missions": lambda: {mission: figures(mission) for mission in MISSIONS},
+}
+record = json.loads(PATH.read_text(encoding="utf-8")) if PATH.is_file() else {}
+record["arithmetic"] = arithmetic()
+for part in sys.argv[1:] or PARTS:
+    record[part] = PARTS[part]()
 text = re.sub(r"\[\s+([^\]]+?)\s+\]", lambda found: f"[{' '.join(found[1].split())}]", json.dumps(record, indent=1))
-Path(__file__).with_name("record.json").write_text(text + "\n", encoding="utf-8")
+PATH.write_text(text + "\n", encoding="utf-8")

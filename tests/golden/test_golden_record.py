@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 
 from .flights import FLIGHTS, arithmetic, fly
+from .missions import MISSIONS, figures
+from .trainings import TRAININGS, weights_after
 
 RECORD = json.loads(Path(__file__).with_name("record.json").read_text(encoding="utf-8"))
 
@@ -28,6 +30,33 @@ def test_a_flight_gives_the_recorded_numbers(flight, compiled):
     else:  # another processor: its sines differ in the last bit
         for name, values in sums.items():
             assert values == pytest.approx(recorded["sums"][name], rel=1e-6, abs=1e-6), name
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+@pytest.mark.parametrize("training", TRAININGS)
+def test_a_training_gives_the_recorded_weights(training, tmp_path):
+    torch = pytest.importorskip("torch")
+    hashes, sums = weights_after(training, tmp_path)
+    recorded = RECORD["trainings"][training]
+    assert hashes.keys() == recorded["hashes"].keys()
+    if (arithmetic(), torch.__version__) == (RECORD["arithmetic"], RECORD["trainings"]["torch"]):
+        assert hashes == recorded["hashes"]
+    else:
+        assert sums == pytest.approx(recorded["sums"], rel=0.05, abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mission", MISSIONS)
+def test_a_mission_gives_the_recorded_figures(mission):
+    """Some figures are at the last digits of a solver: the tolerance is relative, or a tenth of a millimetre."""
+    found, recorded, tolerance = figures(mission), RECORD["missions"][mission], MISSIONS[mission][2]
+    assert found.keys() == recorded.keys()
+    for name, value in found.items():
+        if isinstance(value, float):
+            assert value == pytest.approx(recorded[name], rel=tolerance, abs=1e-4), name
+        else:
+            assert value == recorded[name], name
 
 
 def test_a_single_bit_is_noticed(monkeypatch):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from safe_inspect.rta import constraints
 from safe_inspect.rta.constraints import (
     AlongTrackSpeed,
     ChiefCollision,
@@ -20,6 +21,12 @@ from safe_inspect.rta.constraints import (
     braking_acceleration,
     constraint_set,
 )
+
+
+def test_the_former_name_of_the_values_still_works_and_no_other_name_does():
+    assert constraints.Evaluation is constraints.ConstraintValues
+    with pytest.raises(AttributeError, match=r"module 'safe_inspect.rta.constraints' has no attribute 'Values'"):
+        constraints.Values  # noqa: B018
 
 
 def one(position, velocity=(0.0, 0.0, 0.0), sun_angle=0.0):
