@@ -42,7 +42,8 @@ EQUIVALENT = ROOT / "scripts" / "equivalent_mutants.txt"
 #: Folders of tests where their name is not that of the room; files at the top of the package are the room "ground".
 TESTS = {
     "compiling": ["ground"], "config": ["config", "configs"], "plugins": ["ground", "contract"], "random": ["ground"],
-    "tasks": ["tasks", "platforms"], "testing": ["contract"], "train_rl": ["experiments"],
+    "simulators": ["simulators", "contract"], "tasks": ["tasks", "platforms"], "testing": ["contract"],
+    "train_rl": ["experiments"],
 }  # fmt: skip
 #: The rooms whose every number the recorded flights hold.
 RECORDED = {

@@ -172,3 +172,19 @@ def test_bad_arguments_are_named(arguments: tuple[float, float, float], name: st
     if name != "step":
         with pytest.raises(ValueError, match=name):
             system_matrices(*arguments[:2])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((N, MASS, math.nan), "step must be finite, got nan"),
+        ((N, MASS, math.inf), "step must be finite, got inf"),
+        ((N, 0.0, 1.0), r"mass must be finite and positive \[kg\], got 0.0"),
+        ((N, math.inf, 1.0), r"mass must be finite and positive \[kg\], got inf"),
+        ((-N, MASS, 1.0), "mean_motion must be finite and not negative"),
+        ((math.nan, MASS, 1.0), "mean_motion must be finite and not negative"),
+    ],
+)
+def test_a_map_of_what_is_not_finite_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        transition(*arguments)

@@ -12,7 +12,7 @@ from safe_inspect.evaluation.results.comparison import compare
 from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.results.folder import read_evaluation, write_evaluation
 from safe_inspect.evaluation.results.results import GAP, Block, Evaluation, EvaluationError
-from safe_inspect.evaluation.results.statistics import wilson
+from safe_inspect.evaluation.results.statistics import paired_difference, wilson
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories, trajectory_table
 from safe_inspect.evaluation.rollouts.trajectory import Trajectory
 
@@ -204,6 +204,31 @@ def test_a_figure_that_one_evaluation_lacks_is_shown_as_missing():
 def test_what_differs_is_named_with_whose_it_is():
     with pytest.raises(EvaluationError, match="first and other cannot be compared: the seed is 3 in one and 5 in the"):
         compare([evaluation("first", {}), evaluation("other", {}, seed=5)])
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (evaluation("first", {}), "two evaluations have the same label; give each a label of its own"),
+        (
+            dataclasses.replace(evaluation("other", {}), initial_states={"position": np.zeros(COUNT)}),
+            "first and other cannot be compared: their deputies differ; evaluate both with the same --seed, --episodes",
+        ),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(other, message):
+    with pytest.raises(EvaluationError, match=message):
+        compare([evaluation("first", {}), other])
+
+
+def test_one_evaluation_is_not_compared():
+    with pytest.raises(EvaluationError, match="two evaluations or more are compared, not 1; give another"):
+        compare([evaluation("first", {})])
+
+
+def test_episodes_are_paired_one_for_one():
+    with pytest.raises(ValueError, match=r"pairs have the same shape, not \(3,\) and \(4,\)"):
+        paired_difference(np.zeros(3), np.zeros(4))
 
 
 def test_without_trials_nothing_is_known_of_a_rate():
