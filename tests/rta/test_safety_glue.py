@@ -60,6 +60,17 @@ def random_thrusts(steps, num_envs, seed=0):
     return np.random.default_rng(seed).uniform(-1.3, 1.3, (steps, num_envs, 1, 3))
 
 
+def test_the_glue_asks_for_the_sum_of_what_it_wraps(spec_with):
+    agent = spec_with().agents[0]
+    (glue,) = agent.action_glues
+    action = np.random.default_rng(1).uniform(-1.0, 1.0, (5, 3))
+    low, high = glue.bounds(agent.parts)
+    np.testing.assert_array_equal((low, high), ([-1.0] * 3, [1.0] * 3))
+    np.testing.assert_array_equal(glue(action, agent.parts), action)
+    assert len(glue.names(agent.parts)) == 3
+    assert len(glue.leaves()) == 3
+
+
 def test_off_it_changes_and_tells_nothing(spec_with):
     env = BatchedEnvironment(spec_with(), 8, seed=SEED)
     env.reset()
