@@ -73,8 +73,9 @@ def is_in(file: str, rooms: Iterable[str]) -> bool:
 
 
 def tests_of(room: str) -> list[str]:
-    """Return the folders of the tests that a room names."""
-    return [f"tests/{name}" for name in [*TESTS.get(room, [room]), *(["golden"] if room in RECORDED else [])]]
+    """Return the folders, and files, of the tests that a room names."""
+    recorded = "golden" if room in RECORDED else "golden/test_options.py"
+    return [f"tests/{name}" for name in (*TESTS.get(room, [room]), recorded)]
 
 
 def draw(seed: int, count: int, rooms: list[str]) -> list[tuple[str, Mutation]]:
@@ -139,7 +140,10 @@ class Workspace:
         Returns:
             "passed", "failed" or "timeout"; how long it took [s]; and the first test that failed.
         """
-        files = [path for place in tests_of(room) for path in sorted((self._root / place).rglob("test_*.py"))]
+        places = [self._root / place for place in tests_of(room)]
+        files = [
+            path for place in places for path in ([place] if place.is_file() else sorted(place.rglob("test_*.py")))
+        ]
         files.sort(key=lambda path: (module not in path.read_text(encoding="utf-8"), path.parent.name == "golden"))
         names = [path.relative_to(self._root).as_posix() for path in files]
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly"]

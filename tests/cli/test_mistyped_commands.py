@@ -68,6 +68,15 @@ def typed(capsys):
         (["safety", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure ends in .png, .pdf, .svg; give such"),
         (["export", "nowhere", "--output", "x.txt"], "x.txt: the name of the policy file ends in .onnx; give"),
         (["acceptance", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure ends in"),
+        (["baseline", "random", "--effort", "quick"], "--effort is for the optimiser; leave it out for random"),
+        (["baseline", "randm"], "no baseline 'randm'; did you mean `random`?"),
+        (["schema", "experment"], "no kind of file is called 'experment'; did you mean `experiment`?"),
+        (["leaderboard", "--board", "Three deputy"],
+         "--board: no board is named 'Three deputy'; did you mean `Three deputies`?"),
+        (["validate", "safe_inspect/Doking-v0"],
+         "no task has the id 'safe_inspect/Doking-v0'; did you mean `safe_inspect/Docking-v0`?"),
+        (["view", "random", "--cfg", CFG, "--output", "page.txt"], "page.txt"),
+        (["draw", "random", "--until", "0"], "a time above 0 in seconds is wanted, not '0'"),
     ],
 )  # fmt: skip
 def test_one_line_says_what_to_do(typed, here, words, told):

@@ -1,4 +1,4 @@
-"""Write the golden record: ``python tests/golden/record.py [flights] [trainings] [missions]``; without names, all.
+"""Write the golden record: ``python tests/golden/record.py [options] [flights] [trainings] [missions]``, all by default.
 
 Say in the commit why the numbers changed.
 """
@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from flights import FLIGHTS, arithmetic, fly
 from missions import MISSIONS, figures
+from options import lines
 from trainings import TRAININGS, weights_after
 
 
@@ -47,7 +48,11 @@ PARTS = {
 }
 record = json.loads(PATH.read_text(encoding="utf-8")) if PATH.is_file() else {}
 record["arithmetic"] = arithmetic()
-for part in sys.argv[1:] or PARTS:
-    record[part] = PARTS[part]()
+asked = sys.argv[1:] or ["options", *PARTS]
+if "options" in asked:
+    PATH.with_name("options.txt").write_text("\n".join(lines()) + "\n", encoding="utf-8")
+for part in asked:
+    if part != "options":
+        record[part] = PARTS[part]()
 text = re.sub(r"\[\s+([^\]]+?)\s+\]", lambda found: f"[{' '.join(found[1].split())}]", json.dumps(record, indent=1))
 PATH.write_text(text + "\n", encoding="utf-8")

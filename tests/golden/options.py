@@ -1,0 +1,45 @@
+"""The options of every plugin and of every kind of file: names, defaults and ranges, one a line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from safe_inspect.config.messages.file_schemas import FILES, model_schema
+from safe_inspect.plugins.registry import registry
+from safe_inspect.rendezvous.models import RendezvousConfig
+
+_WORDS = ("title", "description")
+#: What a number with a unit may be written as.
+_QUANTITY = [{"type": "number"}, {"type": "string"}, {"additionalProperties": True, "type": "object"}]
+
+
+def lines() -> list[str]:
+    """Return a line for each option: what it belongs to, its name, and its schema."""
+    found = set()
+    for kind in registry.kinds():
+        for name, plugin in registry.items(kind):
+            if plugin.__module__.startswith("safe_inspect."):
+                found |= set(_fields(f"{kind} {name}", plugin.model_json_schema()))
+    for file, model in {**FILES, "rendezvous": RendezvousConfig}.items():
+        schema = model_schema(model)
+        for name, part in {file: schema, **schema.get("$defs", {})}.items():
+            found |= set(_fields(f"file {file}, {name}", part))
+    return sorted(found)
+
+
+def _fields(owner: str, schema: dict[str, Any]) -> Iterator[str]:
+    required = schema.get("required", [])
+    for name, field in schema.get("properties", {}).items():
+        mark = " (required)" if name in required else ""
+        yield f"{owner}.{name}{mark}: {json.dumps(_plain(field), sort_keys=True)}"
+
+
+def _plain(value: Any) -> Any:
+    """Return a schema without the words for people."""
+    if isinstance(value, dict) and value.get("anyOf") == _QUANTITY:
+        return {"type": "quantity", **_plain({key: item for key, item in value.items() if key != "anyOf"})}
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items() if key not in _WORDS or not isinstance(item, str)}
+    return [_plain(item) for item in value] if isinstance(value, list) else value
