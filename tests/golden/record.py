@@ -1,4 +1,4 @@
-"""Write the golden record: ``python tests/golden/record.py [options] [flights] [trainings] [missions]``, all by default.
+"""Write the golden record: ``python tests/golden/record.py [options] [flights] [trainings] [missions]``; else all.
 
 Say in the commit why the numbers changed.
 """

@@ -79,7 +79,8 @@ def test_every_room_names_tests(mutants: Any) -> None:
     names = {".".join(path.relative_to(mutants.ROOT).with_suffix("").parts) for path in mutants.sources()}
     for room in {mutants.room_of(name) for name in names}:
         for folder in mutants.tests_of(room):
-            assert list((mutants.ROOT / folder).rglob("test_*.py")), (room, folder)
+            place = mutants.ROOT / folder
+            assert place.is_file() or list(place.rglob("test_*.py")), (room, folder)
 
 
 def test_the_table_counts_by_room(mutants: Any) -> None:
