@@ -72,10 +72,10 @@ def is_in(file: str, rooms: Iterable[str]) -> bool:
     return in_folder or room_of(file.removesuffix(".py").replace("/", ".")) in rooms
 
 
-def tests_of(room: str) -> list[str]:
+def tests_of(room: str) -> tuple[str, ...]:
     """Return the folders, and files, of the tests that a room names."""
     recorded = "golden" if room in RECORDED else "golden/test_options.py"
-    return [f"tests/{name}" for name in (*TESTS.get(room, [room]), recorded)]
+    return tuple(f"tests/{name}" for name in (*TESTS.get(room, [room]), recorded))
 
 
 def draw(seed: int, count: int, rooms: list[str]) -> list[tuple[str, Mutation]]:
@@ -134,13 +134,18 @@ class Workspace:
         self._kept = folder / "kept-machine-code"
         self._faults = 0
 
-    def run(self, room: str, module: str, limit: float) -> tuple[str, float, str]:
-        """Run the quick tests of a room, those of the module first.
+    def run(self, tests: tuple[str, ...], module: str, limit: float) -> tuple[str, float, str]:
+        """Run quick tests, those that name the module first.
+
+        Args:
+            tests: Folders and files of tests.
+            module: Name of the module in which a fault is planted.
+            limit: When to stop [s].
 
         Returns:
             "passed", "failed" or "timeout"; how long it took [s]; and the first test that failed.
         """
-        places = [self._root / place for place in tests_of(room)]
+        places = [self._root / place for place in tests]
         files = [
             path for place in places for path in ([place] if place.is_file() else sorted(place.rglob("test_*.py")))
         ]
@@ -168,8 +173,10 @@ class Workspace:
         failed = [line for line in text.splitlines() if line.startswith(("FAILED", "ERROR"))]
         return "passed" if code in (0, 5) else "failed", time.monotonic() - before, (failed or [text[-300:]])[0][:200]
 
-    def planted(self, file: str, mutation: Mutation, room: str, limit: float) -> tuple[str, float, str]:
-        """Plant a fault, run the tests of the room, and take the fault out again; returns what `run` does."""
+    def planted(
+        self, file: str, mutation: Mutation, tests: tuple[str, ...], limit: float
+    ) -> tuple[str, float, str]:  # fmt: skip
+        """Plant a fault, run tests, and take the fault out again; returns what `run` does."""
         path, module = self._root / file, file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
         source, times = path.read_text(encoding="utf-8"), path.stat()
         is_kernel = "@njit" in source
@@ -181,7 +188,7 @@ class Workspace:
             os.utime(path, (times.st_atime, times.st_mtime + 1000 * self._faults))
             if is_kernel:
                 self._stamp()
-            return self.run(room, module, limit)
+            return self.run(tests, module, limit)
         finally:
             path.write_text(source, encoding="utf-8")
             os.utime(path, (times.st_atime, times.st_mtime))
@@ -274,22 +281,31 @@ def _plant_all(options: argparse.Namespace, results: list[dict[str, Any]]) -> No
     done = {result["key"] for result in results}
     waiting = [one for one in draw(options.seed, options.count, options.rooms) if key_of(*one) not in done]
     rooms = sorted({room_of(file.removesuffix(".py").replace("/", ".")) for file, _ in waiting})
-    lock, limits = threading.Lock(), {}
+    lock = threading.Lock()
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         spaces = [Workspace(Path(folder) / str(number)) for number in range(options.jobs)]
-        for room in rooms:
-            outcome, seconds, failed = spaces[0].run(room, "", 3600.0)
-            print(f"{room}: the tests take {seconds:.0f} s without a fault", flush=True)
+
+        def measure(tests: tuple[str, ...]) -> float:
+            with lock:
+                space = spaces.pop()
+            outcome, seconds, failed = space.run(tests, "", 3600.0)
+            with lock:
+                spaces.append(space)
+            print(f"{', '.join(tests)}: {seconds:.0f} s without a fault", flush=True)
             if outcome != "passed":
-                sys.exit(f"the quick tests of {room} fail without a fault: {failed}")
-            limits[room] = 4.0 * seconds + 240.0
+                sys.exit(f"{', '.join(tests)}: the quick tests fail without a fault: {failed}")
+            return 4.0 * seconds + 240.0
+
+        sets = sorted({tests_of(room) for room in rooms})
+        with ThreadPoolExecutor(options.jobs) as pool:
+            limits = dict(zip(sets, pool.map(measure, sets), strict=True))
 
         def attempt(one: tuple[str, Mutation]) -> None:
             file, mutation = one
             room = room_of(file.removesuffix(".py").replace("/", "."))
             with lock:
                 space = spaces.pop()
-            outcome, seconds, test = space.planted(file, mutation, room, limits[room])
+            outcome, seconds, test = space.planted(file, mutation, tests_of(room), limits[tests_of(room)])
             with lock:
                 spaces.append(space)
                 result = {
