@@ -25,7 +25,6 @@ from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.plugins import (
-    FeatureFrontEnd,
     FrontEnd,
     GicpSubmapFrontEnd,
     ModelFrontEnd,
@@ -39,7 +38,6 @@ _FRONT_ENDS: dict[str, FrontEnd] = {
     "ModelFrontEnd": ModelFrontEnd(),
     "GicpSubmapFrontEnd": GicpSubmapFrontEnd(),
     "GicpSubmapFrontEnd-8": GicpSubmapFrontEnd(submap=8),
-    "FeatureFrontEnd": FeatureFrontEnd(),
 }
 _TUMBLES: dict[str, dict[str, Any]] = {
     "tri_low": {"functor": "TriAxialTumble"},

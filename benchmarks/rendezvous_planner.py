@@ -1,12 +1,10 @@
 """The planner of approaches: how many random queries of a scenario it solves with a certificate, and how fast.
 
     python benchmarks/rendezvous_planner.py [--queries 150] [--scenarios base nook ...] [--multi] [--slsqp 5]
-        [--table 2000]
 
 A target like Envisat at 1/20 tumbles at 5 deg/s (`fast`: 10) about a random axis-1 motion from a random attitude; the
 chaser rests 1.5 m away, or nearby (`placed`). Queries whose ends break a limit count as infeasible, not as failures. A
-failure of the cold start is tried again from the bent ones. With --table, approaches to a table of that many queries
-are solved first, and the optimiser is started from the nearest entry and from the cheapest spline.
+failure of the cold start is tried again from the bent ones.
 """
 
 from __future__ import annotations
@@ -25,12 +23,9 @@ from safe_inspect.dynamics.quaternion import normalise  # noqa: E402
 from safe_inspect.dynamics.tumble import classify, tumble  # noqa: E402
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes  # noqa: E402
 from safe_inspect.rendezvous.planner.approach import PlannerOptions, plan_approach  # noqa: E402
-from safe_inspect.rendezvous.planner.checks import terminal_problem  # noqa: E402
-from safe_inspect.rendezvous.planner.problem import approach_problem  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Limits, PlanQuery, PlanStatus  # noqa: E402
-from safe_inspect.rendezvous.planner.scp import ScpOptions, optimise_scp  # noqa: E402
+from safe_inspect.rendezvous.planner.scp import optimise_scp  # noqa: E402
 from safe_inspect.rendezvous.planner.slsqp import optimise_slsqp  # noqa: E402
-from safe_inspect.rendezvous.planner.table import build_table, table_queries  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 
 ENVISAT = np.array([[17023.3, 397.1, -2171.4], [397.1, 124825.7, 344.2], [-2171.4, 344.2, 129112.2]])
@@ -142,52 +137,15 @@ def cross_check(scenario: str, queries: int, seed: int) -> None:
     )
 
 
-def starts_of_a_table(scenario: str, queries: int, entries: int, seed: int) -> None:
-    """Solve queries from the nearest entry of a table and from the cheapest spline, and print both."""
-    generator = np.random.default_rng([seed, SCENARIOS.index(scenario)])
-    used = time.process_time()
-    options = PlannerOptions()
-    table = build_table(table_queries(random_query(scenario, np.random.default_rng(12345)), entries), options)
-    built = time.process_time() - used
-    near, found = 0, {"cold": [], "table": []}
-    for _ in range(queries):
-        problem = approach_problem(random_query(scenario, generator), 0.0, 60.0, 20, 121)
-        if terminal_problem(problem):
-            continue
-        used = time.process_time()
-        neighbours = table(problem)
-        search = time.process_time() - used
-        if not neighbours:
-            continue
-        near += 1
-        for name, start in (("cold", problem.cold()), ("table", neighbours[0])):
-            used = time.process_time()
-            result = optimise_scp(problem, start, ScpOptions())
-            spent = time.process_time() - used + (search if name == "table" else 0.0)
-            found[name].append((result.feasible, result.iterations, spent, result.cost))
-    print(f"{scenario:7} table of {len(table)} in {built:.0f} s; {near}/{queries} queries have a neighbour")
-    for name, rows in found.items():
-        feasible, iterations, spent, cost = np.array(rows, dtype=float).reshape(-1, 4).T
-        print(
-            f"        {name:5} {int(feasible.sum())}/{len(rows)} feasible, {iterations.mean():.2f} iterations,"
-            f" processor {spent.mean():.4f} s, cost {np.median(cost):.5f} N^2 s",
-            flush=True,
-        )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--queries", type=int, default=150)
     parser.add_argument("--scenarios", nargs="+", choices=SCENARIOS, default=SCENARIOS)
     parser.add_argument("--multi", action="store_true", help="always try the bent starts too")
     parser.add_argument("--slsqp", type=int, default=0, help="queries of each scenario to solve by SLSQP too")
-    parser.add_argument("--table", type=int, default=0, help="entries of a table to start from, beside cold starts")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     for scenario in arguments.scenarios:
-        if arguments.table:
-            starts_of_a_table(scenario, arguments.queries, arguments.table, arguments.seed)
-            continue
         if arguments.queries:
             run(scenario, arguments.queries, arguments.multi, arguments.seed)
         if arguments.slsqp:

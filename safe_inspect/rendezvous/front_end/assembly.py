@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
-from safe_inspect.rendezvous.front_end.feature_front_end import FeatureFrontEndRun
 from safe_inspect.rendezvous.front_end.feature_matching import FeatureMatching
 from safe_inspect.rendezvous.front_end.gicp import GicpRegistration
 from safe_inspect.rendezvous.front_end.gicp_front_end import SubmapFrontEndRun, SubmapOdometry
@@ -14,7 +13,7 @@ from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
-__all__ = ["ModelTracking", "SubmapOdometry", "feature_front_end", "model_front_end", "submap_front_end"]
+__all__ = ["ModelTracking", "SubmapOdometry", "model_front_end", "submap_front_end"]
 
 
 def model_front_end(
@@ -58,22 +57,3 @@ def submap_front_end(
         streams: The random streams of the mission.
     """
     return SubmapFrontEndRun(Cleaning(camera), GicpRegistration(voxel), FeatureMatching(), T_BC, odometry, streams)
-
-
-def feature_front_end(
-    camera: DepthCamera,
-    T_BC: FloatArray,  # noqa: N803
-    features: tuple[float, float, float, int],
-    scale: float,
-    streams: Streams,
-) -> FeatureFrontEndRun:
-    """Return the front end of a mission.
-
-    Args:
-        camera: Geometry of the camera.
-        T_BC: Its pose in B, shape (4, 4).
-        features: Grid, radius and tolerance [m], and least number of inliers; see `FeatureMatching`.
-        scale: Factor of the covariances.
-        streams: The random streams of the mission.
-    """
-    return FeatureFrontEndRun(Cleaning(camera), FeatureMatching(*features), T_BC, scale, streams)

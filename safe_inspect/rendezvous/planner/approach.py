@@ -10,7 +10,6 @@ import numpy as np
 
 from safe_inspect.rendezvous.planner.certificate import certify
 from safe_inspect.rendezvous.planner.checks import start_problem
-from safe_inspect.rendezvous.planner.cost import Cost, ForceCost
 from safe_inspect.rendezvous.planner.problem import ApproachProblem, approach_problem, sampled_plan
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanReport, PlanStatus
 from safe_inspect.rendezvous.planner.scp import ScpOptions, ScpResult, optimise_scp
@@ -21,8 +20,6 @@ from safe_inspect.types import FloatArray
 
 #: Finds control points near those that it starts from.
 ApproachOptimiser = Callable[[ApproachProblem, FloatArray, ScpOptions], ScpResult]
-#: Gives further starts of a problem, as the table of solved approaches does.
-Starts = Callable[[ApproachProblem], list[FloatArray]]
 _TRIED = 3  # of the ranked waits and durations
 #: How far a start is bent to the side where the cheapest spline leads nowhere [m].
 _BEND = 0.5
@@ -39,8 +36,6 @@ class PlannerOptions:
         retry: Whether they are tried where it does not.
         scp: How the iteration goes.
         optimise: The optimiser.
-        cost: What is minimised.
-        starts: Further starts, tried before the bent ones.
     """
 
     control_points: int = 20
@@ -49,8 +44,6 @@ class PlannerOptions:
     retry: bool = True
     scp: ScpOptions = field(default_factory=ScpOptions)
     optimise: ApproachOptimiser = optimise_scp
-    cost: Cost = field(default_factory=ForceCost)
-    starts: Starts | None = None
 
 
 def plan_approach(query: PlanQuery, options: PlannerOptions | None = None) -> Plan:
@@ -85,7 +78,7 @@ def plan_approach(query: PlanQuery, options: PlannerOptions | None = None) -> Pl
         for problem in problems[:_TRIED]:
             starts = [problem.cold()] if some else []
             if options.multi_start or not some:
-                starts += [*(options.starts(problem) if options.starts else []), *_bent_starts(problem)]
+                starts += _bent_starts(problem)
             for start in starts:
                 best = _better(best, _plan_from(problem, start, options))
         assert best is not None, "each problem has a start"
@@ -95,35 +88,6 @@ def plan_approach(query: PlanQuery, options: PlannerOptions | None = None) -> Pl
     return replace(best, report=replace(best.report, seconds=time.perf_counter() - began))
 
 
-def warm_approach(query: PlanQuery, previous: Plan, options: PlannerOptions | None = None) -> Plan:
-    """Return a plan that starts from a previous one's control points, with the query's newest estimate.
-
-    The wait is what is left until the previous plan starts. Where this fails, or the chaser moves before that, the plan
-    is made anew.
-
-    Args:
-        query: The query.
-        previous: A plan of this planner.
-        options: How plans are made.
-    """
-    options, began = options or PlannerOptions(), time.perf_counter()
-    if query.length != 1.0:
-        units = PlanUnits.of(query)
-        scaled = warm_approach(units.query, units.scaled(previous), options)
-        return units.restored(scaled, time.perf_counter() - began)
-    wait = max(previous.t_start - query.t0, 0.0)
-    exact = replace(query, waits=(wait,), durations=(previous.duration,))
-    if len(previous.control_points) == options.control_points and not start_problem(exact):
-        problems, _ = ranked_problems(exact, options.control_points, options.samples)
-        if problems:
-            start = problems[0].ends.copy()
-            start[problems[0].basis.free] = previous.control_points[problems[0].basis.free]
-            plan = _plan_from(problems[0], start, options)
-            if plan.solved:
-                return replace(plan, report=replace(plan.report, seconds=time.perf_counter() - began))
-    return plan_approach(query, options)
-
-
 def _plan_from(problem: ApproachProblem, start: FloatArray, options: PlannerOptions) -> Plan:
     """Return the plan of one start; without a certificate the samples are doubled once."""
     query, wait, duration = problem.query, problem.wait, problem.basis.duration
@@ -131,7 +95,7 @@ def _plan_from(problem: ApproachProblem, start: FloatArray, options: PlannerOpti
     for samples in (options.samples, 2 * options.samples - 1):
         if samples != options.samples:
             problem = approach_problem(query, wait, duration, options.control_points, samples)
-        result = options.optimise(replace(problem, cost_function=options.cost), start, options.scp)
+        result = options.optimise(problem, start, options.scp)
         iterations += result.iterations
         report = PlanReport(cost=result.cost, iterations=iterations, starts=1, violation=result.violation)
         if not result.feasible:

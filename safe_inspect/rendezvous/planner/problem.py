@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate, to_matrix
 from safe_inspect.dynamics.tide import tidal_acceleration
 from safe_inspect.dynamics.tumble import angular_acceleration, tumble
-from safe_inspect.rendezvous.planner.cost import Cost, ForceCost
 from safe_inspect.rendezvous.planner.path import ApproachPath
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
 from safe_inspect.rendezvous.planner.spline import SplineBasis, spline_basis
@@ -31,7 +30,6 @@ class ApproachProblem:
         mating_direction: Unit vectors to the mating point in W at the samples [-], shape (K, 3).
         margin: Clearance to keep beyond the chaser's radius at the samples [m], shape (K,).
         camera_axis: The camera's axis in W at the samples, shape (K, 3), or None.
-        cost_function: What is minimised.
     """
 
     query: PlanQuery
@@ -44,7 +42,6 @@ class ApproachProblem:
     mating_direction: FloatArray
     margin: FloatArray
     camera_axis: FloatArray | None
-    cost_function: Cost = field(default_factory=ForceCost)
 
     @property
     def limits(self) -> Limits:
@@ -52,8 +49,17 @@ class ApproachProblem:
         return self.query.limits
 
     def cost(self, points: FloatArray) -> float:
-        """Return the cost of control points [m], shape (n, 3)."""
-        return self.cost_function.value(self.basis, self.limits.mass, points)
+        """Return half the integral of the squared force, ``m^2 / 2 int |a|^2`` [N^2 s].
+
+        Args:
+            points: Control points [m], shape (n, 3).
+        """
+        return 0.5 * self.limits.mass**2 * float(np.einsum("ia,ij,ja->", points, self.basis.gram, points))
+
+    @property
+    def hessian(self) -> FloatArray:
+        """Hessian of the cost for the control points of each axis [N^2 s / m^2], shape (n, n)."""
+        return np.asarray(self.limits.mass**2 * self.basis.gram)
 
     def cold(self) -> FloatArray:
         """Return the control points of the cheapest approach that nothing is in the way of."""

@@ -184,13 +184,14 @@ def _step(
     used, slack = np.unique(rows.group[active], return_inverse=True)
     hull = np.kron(linear.rows, np.eye(3))
     shift = linear.rows @ current
-    slope, curvature = problem.cost_function.model(basis, problem.limits.mass, points)
+    curvature = problem.hessian
+    slope = curvature @ points
     columns = np.asarray(np.concatenate((hull, row)).T, dtype=np.float64)
     ones = len(hull) + np.argsort(slack, kind="stable")
     matrix = _with_slacks(columns, columns.shape[1], ones, np.bincount(slack, minlength=len(used)))
     dense = np.zeros((size, size))
     for axis in range(3):
-        dense[axis::3, axis::3] = curvature[axis, free, free]
+        dense[axis::3, axis::3] = curvature[free, free]
     none = np.zeros(0, dtype=np.int64)
     hessian = _with_slacks(dense, size + len(used), none, np.zeros(len(used), dtype=np.int64))
     solved = _solve(

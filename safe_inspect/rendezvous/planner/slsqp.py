@@ -57,7 +57,7 @@ def optimise_slsqp(problem: ApproachProblem, points: FloatArray, options: ScpOpt
     result = minimize(
         lambda x: problem.cost(whole(x)),
         feasible_points[free].ravel(),
-        jac=lambda x: problem.cost_function.model(basis, problem.limits.mass, whole(x))[0][free].ravel(),
+        jac=lambda x: (problem.hessian @ whole(x))[free].ravel(),
         method="SLSQP",
         bounds=np.stack((-np.tile(linear.box, len(linear.rows[0])), np.tile(linear.box, len(linear.rows[0]))), axis=1),
         constraints=[

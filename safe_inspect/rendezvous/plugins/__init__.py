@@ -19,7 +19,7 @@ from safe_inspect.rendezvous.plugins.estimation import (
     PolhodeCharacteriser,
     TruthFrontEnd,
 )
-from safe_inspect.rendezvous.plugins.perception import FeatureFrontEnd, GicpSubmapFrontEnd, ModelFrontEnd
+from safe_inspect.rendezvous.plugins.perception import GicpSubmapFrontEnd, ModelFrontEnd
 from safe_inspect.rendezvous.plugins.planning import SLSQPPlanner, SplineSCPPlanner
 from safe_inspect.rendezvous.plugins.sensing import TimeOfFlightCamera, TruthEstimator
 from safe_inspect.rendezvous.plugins.target import (
@@ -39,7 +39,6 @@ __all__ = [
     "Characteriser",
     "DepthCameraModel",
     "EnvisatTarget",
-    "FeatureFrontEnd",
     "FlatSpin",
     "FrontEnd",
     "GicpSubmapFrontEnd",

@@ -13,7 +13,6 @@ from safe_inspect.units import NonNegativeLength, PositiveLength, quantity
 
 if TYPE_CHECKING:
     from safe_inspect.rendezvous.front_end.context import FrontEndContext
-    from safe_inspect.rendezvous.front_end.feature_front_end import FeatureFrontEndRun
     from safe_inspect.rendezvous.front_end.gicp_front_end import SubmapFrontEndRun
     from safe_inspect.rendezvous.front_end.model.run import ModelFrontEndRun
 
@@ -107,34 +106,5 @@ class GicpSubmapFrontEnd(FrontEnd):
         )
         run: SubmapFrontEndRun = parts.submap_front_end(
             context.camera, context.T_BC, self.voxel, odometry, context.streams
-        )
-        return run
-
-
-class FeatureFrontEnd(FrontEnd):
-    """Matches features of each frame with those of the last one, and of an earlier one at random, as the paper does.
-
-    Fast point feature histograms, matches whose distances agree, and a robust fit by graduated non-convexity. Clouds of
-    this camera have few distinct features: it is here for comparison.
-
-    Attributes:
-        voxel: Edge of the grid that thins a cloud [m].
-        radius: Radius of a feature [m].
-        tolerance: Error of a point [m].
-        least_inliers: Fewer pairs give no pose.
-        covariance_scale: Factor of the covariances, calibrated on simulation.
-    """
-
-    voxel: PositiveLength = 0.02  # type: ignore[valid-type]
-    radius: PositiveLength = 0.1  # type: ignore[valid-type]
-    tolerance: PositiveLength = 0.015  # type: ignore[valid-type]
-    least_inliers: int = Field(default=6, ge=3)
-    covariance_scale: float = Field(default=10.0, gt=0.0)
-
-    def __call__(self, context: FrontEndContext) -> FeatureFrontEndRun:
-        """Return the front end of a mission."""
-        features = (self.voxel, self.radius, self.tolerance, self.least_inliers)
-        run: FeatureFrontEndRun = _assembly().feature_front_end(
-            context.camera, context.T_BC, features, self.covariance_scale, context.streams
         )
         return run

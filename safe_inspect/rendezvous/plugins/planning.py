@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from safe_inspect.rendezvous.plugins.base import ApproachPlanner, DataFile
+from safe_inspect.rendezvous.plugins.base import ApproachPlanner
 
 if TYPE_CHECKING:
     from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
@@ -20,22 +19,17 @@ class SplineSCPPlanner(ApproachPlanner):
         control_points: Control points of each axis.
         samples: Samples at which the constraints are held.
         multi_start: Whether bent splines are tried too where the cheapest one leads to a plan.
-        table: File of solved approaches (`PlanTable.save`), whose neighbours of a query are further starts; null for
-            none.
     """
 
     control_points: int = Field(default=20, ge=8)
     samples: int = Field(default=121, ge=11)
     multi_start: bool = False
-    table: DataFile | None = None
 
     def __call__(self, query: PlanQuery) -> Plan:
         """Return a plan, whose status says if it may be flown."""
         from safe_inspect.rendezvous.planner.approach import PlannerOptions, plan_approach
-        from safe_inspect.rendezvous.planner.table import read_table
 
-        starts = None if self.table is None else read_table(Path(self.table))
-        return plan_approach(query, PlannerOptions(self.control_points, self.samples, self.multi_start, starts=starts))
+        return plan_approach(query, PlannerOptions(self.control_points, self.samples, self.multi_start))
 
 
 class SLSQPPlanner(ApproachPlanner):

@@ -9,7 +9,7 @@ from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.front_end.feature_matching import FeatureMatching
 from safe_inspect.rendezvous.front_end.gicp import GicpRegistration
-from safe_inspect.rendezvous.plugins import FeatureFrontEnd, GicpSubmapFrontEnd
+from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd
 from safe_inspect.rendezvous.poses import difference, inverse, move, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 
@@ -76,15 +76,6 @@ def test_it_finds_its_place_again_after_failures(streams: Streams, shoot: Shoot)
         assert _degrees(again, truth) < 3.0
     else:
         pytest.fail("not found again")
-
-
-def test_features_alone_relate_some_clean_frames(streams: Streams, shoot: Shoot) -> None:
-    truth = spin(8, period=0.5)
-    run = FeatureFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
-    edges = [edge for k, one in enumerate(truth) for edge in run.step(shoot(one, k, "clean", 0.5 * k), None, np.eye(3))]
-    for edge in edges:
-        assert edge.first < edge.second
-        assert (np.linalg.eigvalsh(edge.covariance) > 0.0).all()
 
 
 def test_no_features_give_no_pose() -> None:

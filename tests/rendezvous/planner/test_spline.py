@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.planner.cost import ForceCost, PowerCost
 from safe_inspect.rendezvous.planner.spline import spline_basis
 
 
@@ -63,19 +62,3 @@ def test_time_scales_the_derivatives(points):
 def test_too_few_control_points_are_rejected():
     with pytest.raises(ValueError, match="control_points must be at least 8"):
         spline_basis(7, 121, 60.0)
-
-
-@pytest.mark.parametrize("cost", [ForceCost(), PowerCost()])
-def test_the_gradient_of_a_cost_is_its_slope(cost, basis, points):
-    gradient, hessian = cost.model(basis, 9.6, points)
-    change = np.random.default_rng(2).normal(size=points.shape) * 1e-5
-    slope = (cost.value(basis, 9.6, points + change) - cost.value(basis, 9.6, points - change)) / 2.0
-    assert np.isclose(slope, (gradient * change).sum(), rtol=1e-7)
-    assert (np.linalg.eigvalsh(hessian) > -1e-9 * np.abs(hessian).max()).all()
-
-
-def test_power_is_integrated_exactly(basis, points):
-    times = np.linspace(0.0, 60.0, 200_001)
-    _, v, a = basis.at(points, times)
-    squares = ((9.6 * v * a) ** 2 + 1e-3 * a**2).sum(axis=1)
-    assert np.isclose(PowerCost().value(basis, 9.6, points), np.trapezoid(squares, times), rtol=1e-6)
