@@ -22,7 +22,10 @@ def lines() -> list[str]:
     for kind in registry.kinds():
         for name, plugin in registry.items(kind):
             if plugin.__module__.startswith("safe_inspect."):
-                found |= set(_fields(f"{kind} {name}", plugin.model_json_schema()))
+                schema = plugin.model_json_schema()
+                found |= set(_fields(f"{kind} {name}", schema))
+                for part, inner in schema.get("$defs", {}).items():
+                    found |= set(_fields(f"part {part}", inner))
     for file, model in {**FILES, "rendezvous": RendezvousConfig}.items():
         schema = model_schema(model)
         for name, part in {file: schema, **schema.get("$defs", {})}.items():
