@@ -10,6 +10,7 @@ from safe_inspect.dynamics import Dynamics
 from safe_inspect.simulators import TruncatedNormalParameter
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TeamView
+from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.simulators.world import World
 
 
@@ -42,7 +43,18 @@ def test_rows_are_copied_one_for_one():
         state(4).put(np.array([1]), state(3))
 
 
-def test_a_view_of_the_team_names_what_is_offered():
-    view = TeamView(state(1), World(("blue0",), {"blue0": 0}, np.array([12.0]), 10.0))
-    with pytest.raises(AttributeError, match="the view of the team of this task has no 'sun_angle'"):
-        view.sun_angle  # noqa: B018
+def test_what_a_task_does_not_offer_is_named():
+    group = Group("blue0", 0, 1, {})
+    world = World(("blue0",), {"blue0": 0}, np.array([12.0]), 10.0)
+    now = state(1)
+    view = View(now, world, group)
+    step = Step(view, view, *np.zeros((3, 1, 3)), np.zeros(1, dtype=bool), 10.0)
+    for what, thing in (
+        ("view of the team", TeamView(now, world)), ("view", view), ("step", step), ("state", now), ("world", world)
+    ):  # fmt: skip
+        with pytest.raises(AttributeError, match=f"the {what} of this task has no 'sun_angle'; ") as caught:
+            thing.sun_angle  # noqa: B018
+        assert caught.value.name == "sun_angle"
+        assert not hasattr(thing, "sun_angle")
+    with pytest.raises(AttributeError, match="did you mean `position`"):
+        now.positon  # noqa: B018
