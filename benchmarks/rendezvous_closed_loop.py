@@ -38,8 +38,9 @@ from safe_inspect.rendezvous.chaser import ChaserState, last  # noqa: E402
 from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
 from safe_inspect.rendezvous.control.design import TubeDesign  # noqa: E402
 from safe_inspect.rendezvous.control.lqr import AxisStatus  # noqa: E402
-from safe_inspect.rendezvous.control.mpc import plain_mpc  # noqa: E402
+from safe_inspect.rendezvous.control.mpc import InitialState, TubeMPC  # noqa: E402
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
+from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
 from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
 from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
@@ -94,7 +95,6 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
                 axis=Axis(chaser.mass, mission.step),
                 limits=TrackingLimits(limits.force, chaser.limits.tracking_speed, chaser.limits.keep_in),
                 force_error=chaser.actuator.force_noise,
-                period=mission.update_ticks // mission.control_ticks,
                 gain=demands.gain,
             )
         )
@@ -240,7 +240,10 @@ def main() -> None:
         draws += drawn
         noise = generator.uniform(-1.0, 1.0, (len(plan.times), 6))
         limits = TrackingLimits(config.chaser.limits.force, config.chaser.limits.tracking_speed, design.limits.keep_in)
-        for name, tracker in (("tube", design.tracker()), ("plain", plain_mpc(design.axis, limits))):
+        for name, tracker in (
+            ("tube", design.tracker()),
+            ("plain", TubeMPC(design.axis, no_tube(1), limits, initial=InitialState.MEASURED)),
+        ):
             results[name].append(fly(config, target, tracker, found, known, noise))
         if (number + 1 - arguments.first) % 50 == 0 or number + 1 == arguments.first + arguments.flights:
             figures: dict[str, Any] = {name: report(flights) for name, flights in results.items() if flights}

@@ -13,12 +13,10 @@ from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.design import DesignOptions, TubeDesign, axis_bound, design_tube
 from safe_inspect.rendezvous.control.gains import candidate_gains, clearance_margin, stiffening_gains
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.tube import Tube, jump_tube, no_tube, truth_tube
+from safe_inspect.rendezvous.control.tube import Tube, no_tube, truth_tube
 from safe_inspect.rendezvous.estimate import StateEstimate
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import FloatArray
-
-_TUBES = {"truth": truth_tube, "jump": jump_tube}
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +30,6 @@ class DesignRequest:
         axis: The chaser along one axis.
         limits: What tracking must keep.
         force_error: Largest error of a force of the actuators [N].
-        period: Steps of control between two updates of the reference.
         length: Length of the scenario [m].
         frequencies: Least and largest natural frequency of the gains that are tried [rad/s].
         gain: Gain of the tube that the plan was made for, shape (2,) or (K, 2), which is kept where the force allows
@@ -45,30 +42,26 @@ class DesignRequest:
     axis: Axis
     limits: TrackingLimits
     force_error: float
-    period: int
     length: float = 1.0
     frequencies: tuple[float, float] = (0.15, 1.0)
     gain: FloatArray | None = None
 
 
-def design_by_clearance(request: DesignRequest, kind: str) -> TubeDesign:
+def design_by_clearance(request: DesignRequest) -> TubeDesign:
     """Return the tube that leaves most clearance along a plan, or why there is none.
 
     The gain that the plan was made for is kept where force, keep-in and speed allow it: its margin is the plan's, but
     for the change of the bound, so that plan and tube agree after a few turns. Else the tube that is narrowest over all
-    times is tried first; where it is wider than the plan's clearance, that of each gain which the force allows, and for
-    ``truth`` of gains that stiffen from the best one.
+    times is tried first; where it is wider than the plan's clearance, that of each gain which the force allows, and of
+    gains that stiffen from the best one.
 
     Args:
         request: The plan.
-        kind: ``truth`` or ``jump``.
     """
     plan, axis = request.plan, request.axis
     grid = tuple(np.geomspace(*request.frequencies, 20))
     reserve = 0.03 * (request.limits.force / 0.30)
-    options = DesignOptions(
-        kind, request.period, request.force_error, reserve=reserve, length=request.length, frequencies=grid
-    )
+    options = DesignOptions(request.force_error, reserve=reserve, length=request.length, frequencies=grid)
     if request.gain is not None:
         gain = _resampled(request.gain, len(plan.times))
         kept = design_tube(plan, request.bound, axis, request.limits, replace(options, gains=(gain,), reserve=0.0))
@@ -77,7 +70,7 @@ def design_by_clearance(request: DesignRequest, kind: str) -> TubeDesign:
     first = design_tube(plan, request.bound, axis, request.limits, options)
     if not first.accepted or (first.margin <= request.clearance).all():
         return first
-    build, disturbance = _TUBES[kind], axis_bound(axis, request.bound, options)
+    disturbance = axis_bound(axis, request.bound, options)
     available = first.force_reserve + first.tube.force
 
     def spare(tube: Tube) -> float:
@@ -85,10 +78,10 @@ def design_by_clearance(request: DesignRequest, kind: str) -> TubeDesign:
             return -np.inf
         return float((request.clearance - clearance_margin(tube, request.length)).min())
 
-    constant = [build(axis, gain, disturbance) for gain in candidate_gains(axis, grid)]
+    constant = [truth_tube(axis, gain, disturbance) for gain in candidate_gains(axis, grid)]
     best = max([*constant, first.tube], key=spare)
-    if kind == "truth" and best.gain.ndim == 1:
-        stiffer = [build(axis, gain, disturbance) for gain in stiffening_gains(axis, best.gain, len(plan.times))]
+    if best.gain.ndim == 1:
+        stiffer = [truth_tube(axis, gain, disturbance) for gain in stiffening_gains(axis, best.gain, len(plan.times))]
         best = max([best, *stiffer], key=spare)
     options = replace(options, gains=(best.gain,), reserve=0.0)
     return design_tube(plan, request.bound, axis, request.limits, options)

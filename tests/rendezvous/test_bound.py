@@ -37,7 +37,7 @@ def many(query) -> ErrorSamples:
 def test_without_errors_the_bound_is_zero(plan, updates):
     samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(), updates), streams(20))
     for bound in (max_sample_bound(samples), conformal_bound(samples, 0.2, 10)):
-        for values in (bound.position, bound.velocity, bound.force, bound.jump):
+        for values in (bound.position, bound.velocity, bound.force):
             assert not values.any()
 
 
@@ -50,7 +50,6 @@ def test_small_errors_act_linearly(plan, updates):
     one, two = bound(1.0), bound(2.0)
     for a, b in ((one.position, two.position), (one.velocity, two.velocity), (one.force, two.force)):
         np.testing.assert_allclose(b, 2.0 * a, rtol=1e-3)
-    np.testing.assert_allclose(two.jump, 2.0 * one.jump, rtol=1e-3)
 
 
 def test_rarer_updates_make_larger_bounds(plan):
@@ -89,16 +88,6 @@ def test_errors_of_centre_and_navigation_shift_the_reference(plan):
     np.testing.assert_allclose(own.velocity, np.broadcast_to(-drawn[:, None], own.velocity.shape), atol=1e-12)
 
 
-def test_jumps_are_the_changes_of_the_error_at_updates(bound_query):
-    """Without latency the step before an update is one step short of the window's end."""
-    samples = sample_errors(dataclasses.replace(bound_query, updates=Updates(2.0)), streams(30))
-    at = np.arange(1, samples.jump_position.shape[1] + 1) * 10
-    change = samples.position[:, at] - samples.position[:, at - 1]
-    drift = 0.2 * 2.0 * np.abs(samples.velocity).max()
-    assert np.abs(samples.jump_position - change).max() <= drift
-    assert np.abs(samples.jump_position).max() > 5.0 * drift
-
-
 def test_successive_errors_are_correlated(plan):
     query = BoundQuery(plan, INERTIA, EstimateErrors(centre=1.0), Updates(1.0, 0.0, 0.8))
     errors = sample_errors(query, streams(400)).position[:, ::5]
@@ -133,14 +122,6 @@ def test_the_conformal_bound_covers_what_it_promises(many):
     assert bound.level == pytest.approx(0.95)
 
 
-def test_the_bound_of_jumps_covers_at_least_what_it_promises(many):
-    bound = conformal_bound(many[:400], 0.05)
-    rest = many[400:]
-    position = np.abs(rest.jump_position).max(axis=(1, 2)) <= bound.jump[0]
-    velocity = np.abs(rest.jump_velocity).max(axis=(1, 2)) <= bound.jump[1]
-    assert (position & velocity).mean() > 0.93
-
-
 def test_a_smaller_epsilon_makes_a_larger_bound(many):
     widths = [conformal_bound(many, epsilon).position.max() for epsilon in (0.2, 0.1, 0.05, 0.01)]
     assert np.all(np.diff(widths) > 0.0)
@@ -163,7 +144,7 @@ def test_a_trial_does_not_depend_on_the_others(bound_query):
     alone = sample_errors(bound_query, streams(8)[5:6])
     together = sample_errors(bound_query, streams(8))[5:6]
     np.testing.assert_array_equal(alone.position, together.position)
-    np.testing.assert_array_equal(alone.jump_velocity, together.jump_velocity)
+    np.testing.assert_array_equal(alone.velocity, together.velocity)
 
 
 def test_the_query_is_left_as_it_is(bound_query):

@@ -13,7 +13,6 @@ from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Upda
 from safe_inspect.rendezvous.bound.samples import ErrorSamples, sample_errors
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.design import DesignOptions, TubeDesign, design_tube
-from safe_inspect.rendezvous.control.gains import natural_gain
 from safe_inspect.rendezvous.control.lqr import AxisStatus
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 
@@ -95,21 +94,8 @@ def test_a_tube_above_the_speed_limit_is_refused(plan, bound):
     assert "lower speed" in design_tube(plan, bound, AXIS, limits).refusal
 
 
-def test_the_jump_tube_adds_the_bound_to_the_clearance(plan, bound):
-    gain = natural_gain(AXIS, 0.8, 0.9)
-    options = DesignOptions("jump", 5, gains=(gain,))
-    small = dataclasses.replace(bound, jump=np.array([0.005, 0.0005]))
-    design = design_tube(plan, small, AXIS, LIMITS, options)
-    np.testing.assert_array_equal(design.tube.gain, gain)
-    np.testing.assert_allclose(design.tube.clearance - design.tube.position, bound.position)
-    assert design.tube.certificate <= 1.0 + 1e-9
-    assert design.tracker().initial.value == "free"
-
-
 def test_other_times_are_refused(plan, bound):
     with pytest.raises(ValueError, match=r"sampled every 0\.1 s"):
         design_tube(plan, bound, Axis(9.58, 0.1), LIMITS)
     with pytest.raises(ValueError, match="301 samples"):
         design_tube(plan, dataclasses.replace(bound, times=bound.times[:-1]), AXIS, LIMITS)
-    with pytest.raises(ValueError, match="use truth or jump"):
-        DesignOptions("both")

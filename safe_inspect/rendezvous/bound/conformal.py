@@ -26,9 +26,7 @@ class Bound:
         position: b_p [m], shape (K,).
         velocity: b_v [m/s], shape (K,).
         force: b_F, of the feed-forward force [N], shape (K,).
-        jump: Largest jump of the reference's position [m] and velocity [m/s] at an update, shape (2,).
-        level: Probability with which a new trial keeps the bound of position, velocity and force as a whole; likewise
-            that of the jumps, by itself.
+        level: Probability with which a new trial keeps the bound of position, velocity and force as a whole.
         trials: Number of trials that it is computed from.
     """
 
@@ -36,7 +34,6 @@ class Bound:
     position: FloatArray
     velocity: FloatArray
     force: FloatArray
-    jump: FloatArray
     level: float
     trials: int
 
@@ -53,13 +50,11 @@ def max_sample_bound(samples: ErrorSamples) -> Bound:
     Source:
         Albee et al. 2021.
     """
-    largest = [float(np.abs(values).max(initial=0.0)) for values in (samples.jump_position, samples.jump_velocity)]
     return Bound(
         samples.times,
         np.abs(samples.position).max(axis=(0, 2)),
         np.abs(samples.velocity).max(axis=(0, 2)),
         np.abs(samples.force).max(axis=(0, 2)),
-        np.array(largest),
         1.0 - 1.0 / (len(samples) + 1),
         len(samples),
     )
@@ -70,8 +65,7 @@ def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: 
 
     The first trials give the root mean square error at each time, sigma_p(t), sigma_v(t) and sigma_F(t). Each of the n
     others has one score, ``s = max |delta| / sigma`` over times, axes and quantities; the bound is
-    ``s_(ceil((n + 1)(1 - epsilon))) sigma(t)``, of the scores in ascending order. Jumps, which only one kind of tube
-    needs, have a score of their own: within one they would widen the rest.
+    ``s_(ceil((n + 1)(1 - epsilon))) sigma(t)``, of the scores in ascending order.
 
     Args:
         samples: The trials, exchangeable.
@@ -94,17 +88,11 @@ def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: 
         )
     scale, rest = samples[:scale_trials], samples[scale_trials:]
     position, velocity, force = _scaled(_errors(scale), _errors(rest), rank)
-    jumps = _scaled(_jumps(scale), _jumps(rest), rank)
-    largest = np.array([values.max(initial=0.0) for values in jumps])
-    return Bound(samples.times, position, velocity, force, largest, rank / (count + 1), len(samples))
+    return Bound(samples.times, position, velocity, force, rank / (count + 1), len(samples))
 
 
 def _errors(samples: ErrorSamples) -> Groups:
     return samples.position, samples.velocity, samples.force
-
-
-def _jumps(samples: ErrorSamples) -> Groups:
-    return samples.jump_position, samples.jump_velocity
 
 
 def _scaled(scale: Groups, rest: Groups, rank: int) -> list[FloatArray]:

@@ -27,30 +27,19 @@ class ErrorSamples:
         position: [m], shape (n, K, 3).
         velocity: [m/s], shape (n, K, 3).
         force: Mass times the error of the acceleration [N], shape (n, K, 3).
-        jump_position: Changes of the error in position at updates [m], shape (n, U, 3), U = 0 without updates.
-        jump_velocity: Changes of that in velocity [m/s], shape (n, U, 3).
     """
 
     times: FloatArray
     position: FloatArray
     velocity: FloatArray
     force: FloatArray
-    jump_position: FloatArray
-    jump_velocity: FloatArray
 
     def __len__(self) -> int:
         return len(self.position)
 
     def __getitem__(self, trials: slice | IntArray) -> ErrorSamples:
         """Return some of the trials."""
-        return ErrorSamples(
-            self.times,
-            self.position[trials],
-            self.velocity[trials],
-            self.force[trials],
-            self.jump_position[trials],
-            self.jump_velocity[trials],
-        )
+        return ErrorSamples(self.times, self.position[trials], self.velocity[trials], self.force[trials])
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +80,7 @@ def sample_errors(query: BoundQuery, streams: Streams) -> ErrorSamples:
     window = np.clip((k - latency) // period, 0, estimates - 1)
     offset = k - window * period
     # The first update after the start is in use from step period + latency on.
-    change = np.arange(1, estimates)
-    jumps = [error[:, change, latency] - error[:, change - 1, length - 1] for error in errors[:2]]
-    return ErrorSamples(query.plan.times, *(error[:, window, offset] for error in errors), *jumps)
+    return ErrorSamples(query.plan.times, *(error[:, window, offset] for error in errors))
 
 
 def _windows(query: BoundQuery, draws: _Draws, period: int, length: int) -> tuple[FloatArray, FloatArray, FloatArray]:

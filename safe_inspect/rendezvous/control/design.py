@@ -18,11 +18,9 @@ from safe_inspect.rendezvous.control.gains import (
 )
 from safe_inspect.rendezvous.control.mpc import TubeMPC
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.tube import AxisBound, Tube, jump_tube, truth_tube
+from safe_inspect.rendezvous.control.tube import AxisBound, Tube
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import FloatArray
-
-_TUBES = {"truth": truth_tube, "jump": jump_tube}
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,6 @@ class DesignOptions:
     """How a tube is designed.
 
     Attributes:
-        tube: ``truth`` (about the true reference) or ``jump`` (about the one that is followed).
-        period: Steps of control between two updates, for ``jump``.
         process_force: Largest force that is not commanded, along each axis [N].
         process_position: Change of the position in a step by other causes, such as the sampling of the reference [m].
         process_velocity: Likewise of the velocity [m/s].
@@ -42,8 +38,6 @@ class DesignOptions:
         frequencies: Natural frequencies of that grid [rad/s].
     """
 
-    tube: str = "truth"
-    period: int = 5
     process_force: float = 3e-3
     process_position: float = 5e-6
     process_velocity: float = 5e-6
@@ -51,15 +45,6 @@ class DesignOptions:
     gains: tuple[FloatArray, ...] | None = None
     length: float = 1.0
     frequencies: tuple[float, ...] = FREQUENCIES
-
-    def __post_init__(self) -> None:
-        """Check the tube's name.
-
-        Raises:
-            ValueError: There is no such tube.
-        """
-        if self.tube not in _TUBES:
-            raise ValueError(f"tube: {self.tube!r} is not known; use truth or jump")
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +96,7 @@ def axis_bound(axis: Axis, bound: Bound, options: DesignOptions | None = None) -
     """Return what disturbs an axis: the bound of the reference, and the force that is not commanded."""
     options = options or DesignOptions()
     process = np.abs(axis.B) * options.process_force + np.array([options.process_position, options.process_velocity])
-    return AxisBound(bound.position, bound.velocity, bound.force, process, bound.jump, options.period)
+    return AxisBound(bound.position, bound.velocity, bound.force, process)
 
 
 def design_tube(
@@ -149,7 +134,6 @@ def design_tube(
         disturbance,
         limits.force - planned - bound.force,
         options.gains or candidate_gains(axis, options.frequencies),
-        _TUBES[options.tube],
         options.reserve,
         stiffen=options.gains is None,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +10,6 @@ import numpy as np
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.tube import AxisBound, Tube, truth_tube
 from safe_inspect.types import FloatArray
-
-TubeBuilder = Callable[[Axis, FloatArray, AxisBound], Tube]
 
 # Clearance beyond the tube, as a share of the scenario's length: half for the certificate between samples, half for the
 # nominal error |z|.
@@ -112,7 +110,6 @@ def best_tube(
     bound: AxisBound,
     available: FloatArray,
     gains: Iterable[FloatArray] | None = None,
-    build: TubeBuilder = truth_tube,
     wanted: float = 0.0,
     stiffen: bool | None = None,
 ) -> tuple[Tube, FloatArray]:
@@ -125,10 +122,9 @@ def best_tube(
         axis: The axis.
         bound: What disturbs it.
         available: Force left to feedback at each step, ``F_max - |F_plan|`` of the worst axis [N], shape (K,).
-        gains: Gains to try, shape (2,), or for `truth_tube` (K, 2); by default `candidate_gains`.
-        build: Gives the tube of a gain.
+        gains: Gains to try, shape (2,) or (K, 2); by default `candidate_gains`.
         wanted: Force that shall remain at all times [N].
-        stiffen: Whether the `stiffening_gains` of the best are tried for `truth_tube`; by default without `gains`.
+        stiffen: Whether the `stiffening_gains` of the best are tried too; by default without `gains`.
 
     Returns:
         The tube, and the force that remains for the nominal feedback v at each step [N], shape (K,).
@@ -139,9 +135,9 @@ def best_tube(
         enough = least >= wanted
         return not enough, float(tube.clearance.max() + tube.clearance[-1]) if enough else -least
 
-    best = min((build(axis, gain, bound) for gain in gains or candidate_gains(axis)), key=rank)
+    best = min((truth_tube(axis, gain, bound) for gain in gains or candidate_gains(axis)), key=rank)
     stiffen = gains is None if stiffen is None else stiffen
-    if stiffen and build is truth_tube and not rank(best)[0]:
-        stiffer = (build(axis, gain, bound) for gain in stiffening_gains(axis, best.gain, len(bound.position)))
+    if stiffen and not rank(best)[0]:
+        stiffer = (truth_tube(axis, gain, bound) for gain in stiffening_gains(axis, best.gain, len(bound.position)))
         best = min((best, *stiffer), key=rank)
     return best, available - best.force

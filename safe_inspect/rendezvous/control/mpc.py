@@ -11,7 +11,7 @@ from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
 from safe_inspect.rendezvous.control.lqr import AxisStatus, TrackerOutput
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracking_qp import AxisLimits, TrackingQP, TrackingSolution
-from safe_inspect.rendezvous.control.tube import Tube, no_tube
+from safe_inspect.rendezvous.control.tube import Tube
 from safe_inspect.types import FloatArray
 
 # Horizons, as multiples of the one asked for, that are tried where the first step has no solution.
@@ -21,8 +21,7 @@ _LONGER = (2, 4)
 class InitialState(enum.Enum):
     """How the nominal error z_0 follows from the measured one."""
 
-    NOMINAL = "nominal"  # z_0 = the last z_1; for a ``truth`` tube, whose error may not start anew
-    FREE = "free"  # any z_0 with x - z_0 inside the tube; for a ``jump`` tube
+    NOMINAL = "nominal"  # z_0 = the last z_1: the error of a tube may not start anew
     MEASURED = "measured"  # z_0 = x; plain model predictive control
 
 
@@ -49,22 +48,20 @@ class TubeMPC:
         limits: TrackingLimits | None = None,
         horizon: int = 20,
         weights: TrackingWeights | None = None,
-        initial: InitialState | None = None,
+        initial: InitialState = InitialState.NOMINAL,
     ) -> None:
         """Set the programmes up.
 
         Args:
             axis: The axes' model.
-            tube: The tube; its `start` decides `initial` where that is not given.
+            tube: The tube.
             limits: Limits before tightening.
             horizon: Steps N of the programme.
             weights: Weights of the cost; by default those of the largest force.
             initial: How z_0 is found.
         """
         self.axis, self.tube, self.limits = axis, tube, limits or TrackingLimits()
-        self.initial = initial or (InitialState.NOMINAL if tube.start is None else InitialState.FREE)
-        if self.initial is InitialState.FREE and tube.start is None:
-            raise ValueError("a free initial state needs a `jump` tube; use initial: nominal for a `truth` tube")
+        self.initial = initial
         self._horizon, self._weights = horizon, weights or TrackingWeights.of_force(self.limits.force)
         self._regulator = lqr_gain(axis, self._weights)
         self._programmes: dict[int, TrackingQP] = {}
@@ -125,15 +122,5 @@ class TubeMPC:
     def _programme(self, factor: int) -> TrackingQP:
         """Return the programme with `factor` times the horizon."""
         if factor not in self._programmes:
-            start = self.tube.start if self.initial is InitialState.FREE else None
-            self._programmes[factor] = TrackingQP(
-                self.axis.A, self.axis.B, factor * self._horizon, self._weights, start
-            )
+            self._programmes[factor] = TrackingQP(self.axis.A, self.axis.B, factor * self._horizon, self._weights)
         return self._programmes[factor]
-
-
-def plain_mpc(
-    axis: Axis, limits: TrackingLimits | None = None, horizon: int = 20, weights: TrackingWeights | None = None
-) -> TubeMPC:
-    """Return model predictive control that ignores disturbances, for comparison."""
-    return TubeMPC(axis, no_tube(1), limits, horizon, weights, InitialState.MEASURED)

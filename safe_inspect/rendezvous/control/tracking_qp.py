@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.rendezvous.control.gains import TrackingWeights
-from safe_inspect.rendezvous.control.zonotope import Zonotope
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.types import FloatArray
 
@@ -70,10 +69,8 @@ class TrackingQP:
     """Limon's programme in error coordinates, condensed to (z_0, v_0 .. v_{N-1}, p_s).
 
     ``min sum_{k<N} |z_k - z_s|_Q^2 + |v_k|_R^2 + S p_s^2``, subject to ``z_{k+1} = A z_k + B v_k``, ``z_N = z_s``,
-    ``z_s = (p_s, 0)``, and z_k (k >= 1, or 0 where z_0 is free) and v_k within their limits. The artificial steady
-    state z_s keeps the programme feasible where the reference is out of reach.
-
-    Either ``z_0 = x``, or, with a set Z, ``x - z_0`` inside Z.
+    ``z_0 = x``, ``z_s = (p_s, 0)``, and z_k (k >= 1) and v_k within their limits. The artificial steady state z_s
+    keeps the programme feasible where the reference is out of reach.
 
     Source:
         Limon, Alvarado, Alamo and Camacho, "MPC for tracking piecewise constant references for constrained linear
@@ -86,7 +83,6 @@ class TrackingQP:
         b: FloatArray,
         horizon: int = 20,
         weights: TrackingWeights | None = None,
-        start: Zonotope | None = None,
     ) -> None:
         """Set up the constant matrices.
 
@@ -95,10 +91,9 @@ class TrackingQP:
             b: B, shape (2,).
             horizon: N.
             weights: Q, R and S.
-            start: Z, for a free initial state; None for ``z_0 = x``.
         """
         weights = weights or TrackingWeights()
-        self.horizon, self._start = horizon, start
+        self.horizon = horizon
         size = horizon + 3
         # states[k] @ variables = z_k
         states = np.zeros((horizon + 1, 2, size))
@@ -115,30 +110,15 @@ class TrackingQP:
         cost[np.arange(2, 2 + horizon), np.arange(2, 2 + horizon)] += weights.force
         cost[-1, -1] += weights.offset
         self.cost = 2.0 * cost
-        self.equalities = states[horizon] - steady
-        if start is None:
-            self.equalities = np.vstack((self.equalities, states[0]))
-            self._first = 1
-            self.inequalities = states[1:].reshape(-1, size)
-        else:
-            self._first = 0
-            facets = np.zeros((len(start.normals), size))
-            facets[:, :2] = start.normals
-            self.inequalities = np.vstack((states.reshape(-1, size), facets))
+        self.equalities = np.vstack((states[horizon] - steady, states[0]))
+        self.inequalities = states[1:].reshape(-1, size)
         self._solver: Any = None
         self._solved: Any = None
 
     def bounds(self, state: FloatArray, limits: AxisLimits) -> tuple[FloatArray, ...]:
         """Return (right-hand side of the equalities; bounds of the inequalities; bounds of the variables)."""
-        count = self.horizon + 1 - self._first
-        lower, upper = np.tile(limits.lower, count), np.tile(limits.upper, count)
-        right = np.zeros(2)
-        if self._start is None:
-            right = np.concatenate((right, state))
-        else:
-            centre = self._start.normals @ state
-            lower = np.concatenate((lower, centre - self._start.offsets))
-            upper = np.concatenate((upper, centre + self._start.offsets))
+        lower, upper = np.tile(limits.lower, self.horizon), np.tile(limits.upper, self.horizon)
+        right = np.concatenate((np.zeros(2), state))
         least = np.full(self.horizon + 3, -_NO_BOUND)
         largest = np.full(self.horizon + 3, _NO_BOUND)
         least[2:-1], largest[2:-1] = limits.least_force, limits.largest_force

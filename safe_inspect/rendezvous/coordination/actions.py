@@ -164,7 +164,6 @@ def make_tube(context: MissionContext) -> None:
         axis=context.axis,
         limits=context.tracking_limits,
         force_error=actuator.force_noise + abs(actuator.scale_error) * context.limits.force + tide,
-        period=mission.update_ticks // mission.control_ticks,
         length=mission.length,
         gain=context.demands.gain,
     )

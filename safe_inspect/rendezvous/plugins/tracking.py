@@ -21,14 +21,13 @@ class TubeMPCTracker(Tracker):
     """Tube model predictive control; of the gains that the force allows it takes the one that leaves most clearance.
 
     Attributes:
-        tube: ``truth`` bounds the distance to the true reference, ``jump`` that to the estimated one, ``none`` is
-            plain model predictive control.
+        tube: ``truth`` bounds the distance to the true reference, ``none`` is plain model predictive control.
         horizon: Steps of the programme.
         least_frequency: Least natural frequency of the feedback gains that are tried [rad/s].
         largest_frequency: Largest one [rad/s].
     """
 
-    tube: Literal["truth", "jump", "none"] = "truth"
+    tube: Literal["truth", "none"] = "truth"
     horizon: int = Field(default=20, ge=2)
     least_frequency: PositiveAngularRate = 0.15  # type: ignore[valid-type]
     largest_frequency: PositiveAngularRate = 1.0  # type: ignore[valid-type]
@@ -40,7 +39,7 @@ class TubeMPCTracker(Tracker):
         if self.tube == "none":
             return design_without_tube(request)
         frequencies = (self.least_frequency, self.largest_frequency)
-        return design_by_clearance(replace(request, frequencies=frequencies), self.tube)
+        return design_by_clearance(replace(request, frequencies=frequencies))
 
     def __call__(self, design: TubeDesign) -> TubeMPC:
         """Return the tracker of one approach."""
