@@ -15,6 +15,8 @@ _OPERATORS = {
     ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.FloorDiv: "*", ast.Mod: "*", ast.Pow: "*",
     ast.BitAnd: "|", ast.BitOr: "&", ast.LShift: ">>", ast.RShift: "<<", ast.BitXor: "&", ast.MatMult: "*",
 }  # fmt: skip
+#: Functions for which the order of two arguments means nothing.
+_SYMMETRIC = {"max", "min", "hypot", "maximum", "minimum", "logical_and", "logical_or"}
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -202,7 +204,8 @@ class _Finder(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> None:
         plain = [argument for argument in node.args if not isinstance(argument, ast.Starred)]
-        if len(plain) == len(node.args) and len(plain) > 1:
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if len(plain) == len(node.args) and len(plain) > 1 and name not in _SYMMETRIC:
             for left, right in itertools.pairwise(plain):
                 if self._text(left) != self._text(right):
                     start, end = self._span(left)[0], self._span(right)[1]

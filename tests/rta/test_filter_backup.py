@@ -10,7 +10,7 @@ from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.evaluation.safety.audit import Audit, fly_filtered
 from safe_inspect.rta.constraints import NAMES, CrossTrackSpeed, RelativeState
 from safe_inspect.rta.constraints.rows import Margins
-from safe_inspect.rta.filters import BackupFilter
+from safe_inspect.rta.filters import BackupFilter, ContinuousFilter
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N
@@ -410,3 +410,8 @@ def test_bad_input_is_named(run):
         run(RelativeState(state.position, velocity, state.sun_angle), np.zeros((4, 3)))
     with pytest.raises(ValueError, match="too long a part of the orbit"):
         BackupFilter({"step_size": 600.0})
+
+
+def test_without_constraints_there_is_no_safety_quantity():
+    for one in (BackupFilter(names=[]), ContinuousFilter(names=[])):
+        assert one.phi(safe_starts(BackupFilter(), 4, 20)).shape == (20, 0)

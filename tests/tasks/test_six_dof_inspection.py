@@ -24,6 +24,7 @@ TASK = "safe_inspect/WeightedSixDofInspection-v0"
 TEAM = "safe_inspect/MultiagentWeightedSixDofInspection-v0"
 FILE = configs_root() / "weighted-six-dof-inspection" / "experiment.yml"
 N, LIMIT = 0.001027, 0.034907
+AXIS = "config.config.env_config.simulator.config.initial_sensor_unit_vec"
 
 
 def environment(orientation, *, position=(60.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), w=(0.0, 0.0, 0.0), overrides=()):
@@ -51,6 +52,20 @@ def facing_chief(env):
     look = Rotation.from_quat(env.state.orientation[:, 0]).apply([1.0, 0.0, 0.0])
     way = -env.state.position[:, 0] / np.linalg.norm(env.state.position[:, 0], axis=1, keepdims=True)
     return (look * way).sum(axis=1)
+
+
+@pytest.mark.parametrize("axis", [[0.0, 3.0, 4.0], [0.0, 0.6, 0.8], [0.0, 6e-9, 8e-9]])
+def test_the_length_of_the_camera_axis_has_no_meaning(axis):
+    """The camera looks 53 degrees off y: it sees the chief only where the body is turned for that."""
+    seen = []
+    for turned in (axis, [1.0, 0.0, 0.0]):
+        way = np.array(turned) / np.linalg.norm(turned)
+        orientation = Rotation.align_vectors([[-1.0, 0.0, 0.0]], [way])[0].as_quat()
+        env = environment(orientation, overrides=[f"{AXIS}={axis}"])
+        env.step(np.zeros((1, 1, 6)))
+        seen.append(env.state.points["chief"].team_count[0])
+    assert seen[0] > 0
+    assert seen[1] == 0
 
 
 def test_starts_are_those_of_the_published_task():
