@@ -10,7 +10,7 @@ from safe_inspect.evaluation.leaderboard.board import FlownRow
 from safe_inspect.evaluation.leaderboard.standings import Standing
 from safe_inspect.planning.record import Entry, Record
 
-#: Won, delta-v, steps, points and burns; what the search planned, what the inspector spends, and whether the plan is own.
+#: Won, delta-v, steps, points, burns; what the search planned, what the inspector spends, whether the plan is own.
 ROWS = [
     (True, 0.10, 30, 100, 4.0, 0.10, 0.20, True),
     (True, 0.20, 50, 100, 6.0, 0.25, 0.20, False),
