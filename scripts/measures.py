@@ -181,7 +181,7 @@ def options() -> tuple[int, dict[str, set[str]]]:
     found = {}
     for kind in registry.kinds():
         for name, plugin in registry.items(kind):
-            if plugin.__module__.startswith("safe_inspect."):
+            if plugin.__module__.startswith("safe_inspect.") and ".testing." not in plugin.__module__:
                 found[f"{plugin.__module__}:{name}"] = set(plugin.model_fields)
     return len(registry.kinds()), found
 
