@@ -175,15 +175,16 @@ def yaml_lines() -> tuple[int, int]:
 
 
 def options() -> tuple[int, dict[str, set[str]]]:
-    """Return how many kinds of plugins there are, and the fields of each plugin of the package."""
+    """Return how many kinds of plugins the package has, and the fields of each of its plugins."""
     from safe_inspect.plugins.registry import registry
 
-    found = {}
+    found, kinds = {}, set()
     for kind in registry.kinds():
         for name, plugin in registry.items(kind):
             if plugin.__module__.startswith("safe_inspect.") and ".testing." not in plugin.__module__:
                 found[f"{plugin.__module__}:{name}"] = set(plugin.model_fields)
-    return len(registry.kinds()), found
+                kinds.add(kind)
+    return len(kinds), found
 
 
 def details() -> tuple[dict[str, int], dict[str, list[str]]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from safe_inspect.cli.main import main
@@ -21,8 +20,6 @@ _OPEN = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
     (tmp_path / "open.obj").write_text(_OPEN)
-    (tmp_path / "junk.npz").write_text("junk")
-    np.savez(tmp_path / "other.npz", x=np.zeros(3))
     return tmp_path
 
 
@@ -50,9 +47,6 @@ def files(tmp_path: Path) -> Path:
             "tumble={functor: RandomTumble, config: {least_rate: 5 deg/s, largest_rate: 2 deg/s}}",
             "least_rate (0.08727 rad/s) is more than largest_rate",
         ),
-        ("planner.config.table=FILES/junk.npz", "junk.npz: no table of approaches can be read (it is no .npz file)"),
-        ("planner.config.table=FILES/other.npz", "other.npz: no table of approaches can be read"),
-        ("planner.config.table=FILES/none.npz", "none.npz: no table of approaches can be read"),
     ],
 )
 def test_a_mistake_is_one_message(override: str, message: str, files: Path, capsys: pytest.CaptureFixture[str]) -> None:

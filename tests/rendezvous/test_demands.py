@@ -34,7 +34,7 @@ def request_(plan, query) -> DesignRequest:
 
 @pytest.fixture(scope="module")
 def design(request_) -> TubeDesign:
-    return design_by_clearance(request_, "truth")
+    return design_by_clearance(request_)
 
 
 def test_without_a_tube_only_the_first_margin_is_asked_for() -> None:
@@ -95,13 +95,13 @@ def test_demands_on_the_rest_of_a_plan_are_those_of_its_later_times(design) -> N
 
 def test_the_gain_that_a_plan_was_made_for_is_kept_where_the_force_allows_it(request_, design) -> None:
     gain = natural_gain(AXIS, 0.2, 0.9)
-    kept = design_by_clearance(dataclasses.replace(request_, gain=gain), "truth")
+    kept = design_by_clearance(dataclasses.replace(request_, gain=gain))
     assert kept.accepted
     np.testing.assert_array_equal(kept.tube.gain, gain)
     too_stiff = dataclasses.replace(request_, gain=natural_gain(AXIS, 5.0, 0.9))
-    np.testing.assert_array_equal(design_by_clearance(too_stiff, "truth").tube.gain, design.tube.gain)
+    np.testing.assert_array_equal(design_by_clearance(too_stiff).tube.gain, design.tube.gain)
     # A gain that changes on the way is stretched to a plan of another length.
     varying = natural_gain(AXIS, np.linspace(0.2, 0.25, 101), 0.9)
-    stretched = design_by_clearance(dataclasses.replace(request_, gain=varying), "truth").tube.gain
+    stretched = design_by_clearance(dataclasses.replace(request_, gain=varying)).tube.gain
     assert stretched.shape == (len(request_.plan.times), 2)
     np.testing.assert_array_equal(stretched[[0, -1]], varying[[0, -1]])

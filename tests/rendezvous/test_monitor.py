@@ -15,7 +15,7 @@ from safe_inspect.rendezvous.control.tightening import TrackedReference, Trackin
 @pytest.fixture(scope="module")
 def bound(plan) -> Bound:
     ones = np.ones(len(plan.times))
-    return Bound(plan.times, 0.03 * ones, 3e-3 * ones, 2e-3 * ones, np.array([0.01, 1e-3]), 0.95, 300)
+    return Bound(plan.times, 0.03 * ones, 3e-3 * ones, 2e-3 * ones, 0.95, 300)
 
 
 @pytest.fixture(scope="module")
