@@ -10,7 +10,7 @@ from algorithms import build, parts_of, targets
 from dummy_environment import CHOOSING, ONE, TEAM, THREE
 from training_values import QUICK
 
-from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
+from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 from safe_inspect.experiments.settings.translation import translate_rllib
 
 pytestmark = pytest.mark.ray

@@ -8,8 +8,8 @@ import sys
 import pytest
 import yaml
 
+from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.models.learning import check_learning
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.training_run import read_settings
@@ -365,4 +365,4 @@ def test_a_key_of_the_net_says_where_it_belongs(key):
 def test_a_policy_without_a_reward_cannot_learn():
     experiment = load_experiment("configs/translational-inspection/experiment.yml", ["rewards=[]"])
     with pytest.raises(ConfigError, match="blue0_ctrl: no reward, so that nothing can be learned"):
-        check_learning(experiment, read_settings)
+        checked_settings(experiment)

@@ -29,12 +29,12 @@ from ray.rllib.utils.metrics import (
     WEIGHTS_SEQ_NO,
 )
 
-from safe_inspect.experiments.adapters.callbacks import set_threads
 from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
 from safe_inspect.experiments.learning.ppo_nets import nets_of, part_of
 from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, joined
 from safe_inspect.experiments.learning.stock_learner import why_not_learned, why_stock_learner
-from safe_inspect.experiments.sampling.distributions import distribution_of_module
+from safe_inspect.experiments.modules.distributions import distribution_of_module
+from safe_inspect.experiments.sampling.callbacks import set_threads
 from safe_inspect.types import AnyArray, IntArray
 
 #: Name in `learner_config_dict` of the number of nets that learn side by side.

@@ -10,10 +10,9 @@ import torch
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
 
-from safe_inspect.experiments.learning.fast_nets.fast_adam import FastAdam, is_plain
-from safe_inspect.experiments.learning.fast_nets.tanh_net import TanhNet, linear_layers
-from safe_inspect.experiments.learning.fast_nets.tanh_pass import TanhPass
-from safe_inspect.experiments.learning.net_passes import AutogradPass, Outputs, Pass
+from safe_inspect.experiments.learning.fast_adam import FastAdam, is_plain
+from safe_inspect.experiments.learning.net_passes import AutogradPass, Outputs, Pass, TanhPass
+from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers
 
 _PROBE = 16
 _ROUNDING = 1e-5  # of the fast tanh, through some layers

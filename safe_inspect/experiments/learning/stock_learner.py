@@ -8,7 +8,7 @@ import torch
 from ray.rllib.core.rl_module.apis.self_supervised_loss_api import SelfSupervisedLossAPI
 from ray.rllib.core.rl_module.apis.value_function_api import ValueFunctionAPI
 
-from safe_inspect.experiments.sampling.distributions import distribution_of_module
+from safe_inspect.experiments.modules.distributions import distribution_of_module
 
 
 def why_stock_learner(config: Any) -> str:

@@ -11,6 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
+from safe_inspect.config.keys.run_keys import COMPILING
+
 #: Column of progress.csv, and where RLlib reports it.
 COLUMNS: dict[str, str] = {
     "iteration": "training_iteration",
@@ -32,9 +34,6 @@ COLUMNS: dict[str, str] = {
     "evaluation_inspected_fraction": "evaluation/env_runners/inspected_fraction",
     "evaluation_delta_v": "evaluation/env_runners/delta_v",
 }
-
-#: Name of the seconds that iterations have waited for the compiler.
-COMPILING = "compiling_seconds"
 
 _REWARD = "env_runners/reward/"
 _INTERVENTIONS = "env_runners/interventions"

@@ -16,13 +16,13 @@ from typing import Any, TextIO
 
 from ray import tune
 
-from safe_inspect.experiments.runs.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.files.run_folder import RunFolder, copy_attempt, read_run_record
+from safe_inspect.experiments.files.trial_parameters import parameters_text, read_parameters
 from safe_inspect.experiments.runs.progress import Heartbeat, TrainingProgress, flatten
-from safe_inspect.experiments.runs.run_folder import RunFolder, copy_attempt, read_run_record
+from safe_inspect.experiments.runs.search_space import TRIAL_KEY
 from safe_inspect.experiments.runs.training_log import TrainingLog
-from safe_inspect.experiments.runs.trial_parameters import parameters_text, read_parameters
 from safe_inspect.experiments.settings.search import trial_folder_name
-from safe_inspect.experiments.settings.search_space import TRIAL_KEY
 from safe_inspect.interrupts import Interrupted, handled
 
 _monitor: Monitor | None = None

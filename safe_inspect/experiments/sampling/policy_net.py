@@ -10,8 +10,8 @@ import torch
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
 
-from safe_inspect.experiments.learning.fast_nets.tanh_net import TanhNet, linear_layers
-from safe_inspect.experiments.sampling.distributions import distribution_of_module
+from safe_inspect.experiments.modules.distributions import distribution_of_module
+from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers
 from safe_inspect.types import AnyArray
 
 #: The results of the matrix products of fewer rows depend on their number, in the last bit.

@@ -8,7 +8,7 @@ from ray.rllib.callbacks.callbacks import RLlibCallback
 from ray.rllib.utils import force_list
 
 from safe_inspect.config.keys.rllib_keys import BATCHED_ALGORITHMS
-from safe_inspect.experiments.adapters.callbacks import RunCallbacks
+from safe_inspect.experiments.sampling.callbacks import RunCallbacks
 
 _HOOKS = ("on_episode_created", "on_episode_start", "on_episode_step", "on_episode_end")
 
