@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
+from pathlib import Path
 
 import pytest
 from training_values import MAKER
 
-from safe_inspect.config.keys import old_keys, run_keys
+from safe_inspect.config.keys import old_keys, rllib_release, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.settings.translation import translate_rllib, translate_tune
@@ -122,12 +123,20 @@ def test_tune_and_ray_take_what_we_pass():
     assert set(run_keys.RAY_KEYS) - {"temporary_folder"} <= arguments
 
 
-def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded():
+def test_the_names_of_the_release_are_those_of_the_installed_one(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "scripts"))
+    from rllib_keys import names_of_release
+
+    assert json.loads(rllib_release.RELEASE.read_text(encoding="utf-8")) == names_of_release()
+
+
+def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded(monkeypatch):
     from safe_inspect.experiments.learning.algorithm import build_config
     from safe_inspect.experiments.settings.environments import environment_settings
 
     good = translate_rllib({"algorithm": "SAC", "tau": 0.25})
     assert build_config(good, environment_settings({}, good.settings, maker=MAKER)).tau == 0.25
+    monkeypatch.setattr(rllib_release, "_installed", lambda: "another release")
     bad = translate_rllib({"algorithm": "SAC", "taus": 0.25})
     with pytest.raises(ConfigError, match="SAC has no key `taus`; did you mean `tau`"):
         build_config(bad, environment_settings({}, bad.settings, maker=MAKER))

@@ -10,6 +10,7 @@ import yaml
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.experiment import load_experiment
+from safe_inspect.config.keys import rllib_release
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.training_run import read_settings
@@ -178,10 +179,23 @@ def test_searched_values_are_checked_one_by_one():
 
 
 def test_keys_of_another_algorithm_wait_for_ray():
-    found = translate_rllib({"algorithm": "SAC", "clip_actor": 0.01, "gamma": 0.9})
-    assert found.unchecked == ("clip_actor",)
+    found = translate_rllib({"algorithm": "SAC", "n_step": 3, "gamma": 0.9})
+    assert found.unchecked == ("n_step",)
     assert not found.problems
     assert "minibatch_size" not in found.settings  # PPO's defaults are PPO's
+
+
+@pytest.mark.parametrize(("algorithm", "key", "meant"), [("SAC", "taus", "tau"), ("APPO", "vtrase", "vtrace")])
+def test_a_key_that_an_algorithm_does_not_have_is_found_without_ray(algorithm, key, meant, monkeypatch):
+    (problem,) = translate_rllib({"algorithm": algorithm, key: 0.25}).problems
+    assert problem.message == f"there is no key `{key}`"
+    assert f"`{meant}`" in problem.hint
+    monkeypatch.setattr(rllib_release, "_installed", lambda: "3.0.0")  # whose names only the loaded Ray knows
+    found = translate_rllib({"algorithm": algorithm, key: 0.25})
+    assert found.unchecked == (key,)
+    assert not found.problems
+    monkeypatch.setattr(rllib_release, "_installed", lambda: None)
+    assert translate_rllib({"algorithm": algorithm, key: 0.25}).problems
 
 
 def test_tune_names_the_algorithm_and_must_agree():

@@ -13,6 +13,7 @@ from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.config.keys.other_words import key_hint
 from safe_inspect.config.keys.rllib_keys import Key
+from safe_inspect.config.keys.rllib_release import keys_of_release
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments.settings.capabilities import choose_fast_paths
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
@@ -146,6 +147,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         old_keys.RESERVED_PARTS,
         old_keys.SPELLINGS,
         open=algorithm not in keys.CLOSED_ALGORITHMS,
+        names=keys_of_release(algorithm),
         searchable=not nested,
     )
     found = translate_keys(mapping, path, tables)
