@@ -81,7 +81,7 @@ def row_of(flat: Mapping[str, float]) -> dict[str, float]:
     return row
 
 
-def agents_of(flat: Mapping[str, float]) -> list[str]:
+def _agents_of(flat: Mapping[str, float]) -> list[str]:
     """Return the names of the agents whose values are reported one by one."""
     return sorted({key.removeprefix(_AGENTS).partition("/")[0] for key in flat if key.startswith(_AGENTS)})
 
@@ -235,7 +235,7 @@ class TrainingProgress:
         """Return the line of an iteration."""
         limit = self._stop.get("training_iteration", math.inf)
         total = f"/{limit:.0f}" if limit < _ENDLESS else ""
-        agents = agents_of(flat)
+        agents = _agents_of(flat)
         points = (
             "env_runners/success_rate" not in flat or "env_runners/inspected_fraction" in flat
         )  # a task may have none to inspect

@@ -19,7 +19,7 @@ _OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
 _TOLD = 3  # keys in a label
 
 
-def progress_files(folder: str | os.PathLike[str]) -> list[Path]:
+def _progress_files(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the ``progress.csv`` of a run, or those of its trials where it is a search.
 
     Raises:
@@ -42,7 +42,7 @@ def one_recipe(folder: str | os.PathLike[str]) -> list[Path]:
     Raises:
         SafeInspectError: There is none, or the trials of the search differ in more than their seed.
     """
-    files = progress_files(folder)
+    files = _progress_files(folder)
     recipes = {"": files} if len(files) == 1 else recipes_of([folder])
     if len(recipes) > 1:
         raise SafeInspectError(
@@ -69,7 +69,7 @@ def recipes_of(folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] 
     if labels and len(labels) == len(folders):
         files = [one_recipe(folder) for folder in folders]
         return _together((label, path) for label, paths in zip(labels, files, strict=True) for path in paths)
-    runs = [path for folder in folders for path in progress_files(folder)]
+    runs = [path for folder in folders for path in _progress_files(folder)]
     configurations = [_configuration(path) for path in runs]
     keys = [digest(configuration) for configuration in configurations]
     found = _together(zip(keys, runs, strict=True))

@@ -145,12 +145,12 @@ class RunCallback(tune.Callback):
     def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **_: Any) -> None:
         """Pass on that a trial starts."""
         if _monitor is not None:
-            _monitor.on_start(trial_name(trial))
+            _monitor.on_start(_trial_name(trial))
 
     def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
         """Pass on an iteration."""
         if _monitor is not None:
-            _monitor.on_result(trial_name(trial), result)
+            _monitor.on_result(_trial_name(trial), result)
 
     def on_checkpoint(self, iteration: int, trials: list[Any], trial: Any, checkpoint: Any, **_: Any) -> None:
         """Pass on a checkpoint that is complete."""
@@ -176,7 +176,7 @@ def folder_name(trial: Any) -> str:
     return f"trial_{str(trial.trial_id).rpartition('_')[2]}" if number is None else trial_folder_name(number)
 
 
-def trial_name(trial: Any) -> str:
+def _trial_name(trial: Any) -> str:
     """Return the name of a trial, which it keeps when a scheduler gives it the configuration of another one."""
     return trial.storage.trial_dir_name or folder_name(trial)
 

@@ -23,7 +23,7 @@ from safe_inspect.plugins.registry import import_user_module
 EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], TeamEnvironment]
 
 
-def make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> TeamEnvironment:
+def _make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> TeamEnvironment:
     """Build the environments of a resolved configuration."""
     return TeamEnvironment(build_spec(experiment), num_envs, seed=seed, first_slot=first_slot)
 
@@ -40,7 +40,7 @@ def require_steps(team: TeamEnvironment) -> None:
         )
 
 
-def find_maker(path: str) -> EnvironmentMaker:
+def _find_maker(path: str) -> EnvironmentMaker:
     """Return the function that ``module:function`` names."""
     module, _, function = path.partition(":")
     maker: EnvironmentMaker = getattr(import_user_module(module), function)
@@ -87,7 +87,7 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
         evaluation: Whether they serve the evaluation.
     """
     path = config.get("maker", DEFAULT_MAKER)
-    maker = find_maker(path) if path else make_environment
+    maker = _find_maker(path) if path else _make_environment
     experiment = experiment_in(config)
     with Reported(config):
         return maker(experiment, num_envs, seed_of(config, evaluation), slot)
