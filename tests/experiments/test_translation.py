@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.models.learning import check_learning
+from safe_inspect.config.learning import check_learning
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.training_run import read_settings

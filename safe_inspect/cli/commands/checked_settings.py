@@ -6,7 +6,7 @@ import sys
 from importlib import import_module
 
 from safe_inspect.config.experiment import Experiment
-from safe_inspect.config.models.learning import check_learning, flight_note, placed
+from safe_inspect.config.learning import check_learning, flight_note, placed
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.modules.unfit_weights import unfit_weights
 from safe_inspect.experiments.runs.training_run import Settings, read_settings

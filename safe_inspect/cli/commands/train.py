@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.experiment import Experiment, load_experiment
-from safe_inspect.config.models.learning import placed
+from safe_inspect.config.learning import placed
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError

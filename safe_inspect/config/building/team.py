@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
+from safe_inspect.config.loading.located import path_text
 from safe_inspect.config.loading.templates import MAX_COUNT
 from safe_inspect.config.models.experiment import EnvironmentConfig, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
@@ -65,8 +66,9 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
         for field, kind in named.functor.references().items():
             value = getattr(named.functor, field)
             if kind == "done" and value not in done_names and len(agents) == len(config.agent_config):
-                message = f"no agent has a done function named {value!r}; {did_you_mean(value, done_names)}"
-                report((*where, "config", field), message)
+                place = path_text((*where, "config", field))
+                text = f"no agent has a done function named {value!r}, so that {named.name} never ends an episode"
+                warnings.warn(f"{place}: {text}; {did_you_mean(value, done_names)}", stacklevel=2)
     safety = config.config.config.env_config.rta
     if safety is not None and safety.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
         message = "the environment's `rta` counts on ended deputies that coast; let them `coast`, or switch it off"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from safe_inspect.config.experiment import build_experiment
 from safe_inspect.config.loading.located import LocatedDict
-from safe_inspect.config.loading.overrides import apply_overrides
+from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight, require_finite_rows

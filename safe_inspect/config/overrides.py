@@ -4,7 +4,7 @@ A component of the path is a key, or for the items of a list an index (``list.0`
 the item's ``name``, the class it names, or its controller or sensor. A path whose first
 component is not at the root is the end of a path, and stands for the one place
 that it fits. Where no file has the last component, it stands for the one place that may have it
-(`safe_inspect.config.loading.known_places`); a word of another library is not taken for a key. ``~path`` removes a key
+(`safe_inspect.config.known_places`); a word of another library is not taken for a key. ``~path`` removes a key
 or an item.
 """
 
@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from safe_inspect.config.keys.other_words import OTHER_WORDS, key_hint
-from safe_inspect.config.loading.known_places import (
+from safe_inspect.config.known_places import (
     in_plugin,
     learning_keys,
     may_have,
