@@ -32,7 +32,6 @@ class AgentSpec:
         dones: What ends the episode, by name.
         policy: Name of the policy that flies the agent; agents of one name share one policy.
         scripted_policy: What flies the agent inside the environment; None: actions come from outside.
-        teacher: A scripted policy that is asked what it would do in place of the actions from outside.
     """
 
     name: str
@@ -43,7 +42,6 @@ class AgentSpec:
     dones: tuple[Named[DoneFunction], ...]
     policy: str = ""
     scripted_policy: ScriptedPolicy | None = None
-    teacher: ScriptedPolicy | None = None
 
     def same_terms(self, other: AgentSpec) -> bool:
         """Return whether another agent differs in its names alone, so that both can be computed together."""
@@ -54,7 +52,6 @@ class AgentSpec:
             and self.rewards == other.rewards
             and self.dones == other.dones
             and self.scripted_policy == other.scripted_policy
-            and self.teacher == other.teacher
         )
 
     @property

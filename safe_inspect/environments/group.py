@@ -94,14 +94,13 @@ class AgentGroup:
             for named in agent.dones
             if type(named.functor).remember is not DoneFunction.remember
         }
-        self._pilot = agent.scripted_policy or agent.teacher
         self.group = Group(
             self.name,
             first,
             len(specs),
             agent.sensors,
             self.safety_filter,
-            self._pilot,
+            agent.scripted_policy,
             self.remembering,
             decides=action_layout(agent).coast is not None and not self.scripted,
         )
@@ -124,13 +123,14 @@ class AgentGroup:
         Raises:
             SafeInspectError: The task does not offer all that the policy says it needs.
         """
-        if not isinstance(self._pilot, ScriptedPolicy):
+        pilot = self.agent.scripted_policy
+        if not isinstance(pilot, ScriptedPolicy):
             return
         offered = {*view.world.offers.view, *view.world.offers.world, *view.writable.arrays}
-        lacking = [f"`{name}`" for name in self._pilot.needed() if name not in offered]
+        lacking = [f"`{name}`" for name in pilot.needed() if name not in offered]
         if lacking:
             raise SafeInspectError(
-                f"{self._pilot.registered_name} cannot fly {self.name}: it reads {', '.join(lacking)}, which this task "
+                f"{pilot.registered_name} cannot fly {self.name}: it reads {', '.join(lacking)}, which this task "
                 "does not have; fly another policy, or another task"
             )
 
@@ -188,13 +188,13 @@ class AgentGroup:
         after.memory[self.name, DECISION, REMAINING][...] = left
 
     def fly(self, view: View) -> FloatArray:
-        """Return the control of the scripted policy or the teacher, within the limits [N, N m], shape (R, C).
+        """Return the control of the scripted policy, within the limits [N, N m], shape (R, C).
 
         A thrust along Hill's axes is turned into body axes, at the attitude at hand, where the thrusters turn with the
         body; it is then shortened rather than clipped, so that its direction stays.
         """
-        policy, size = self.agent.scripted_policy or self.agent.teacher, self.thrusters.size
-        assert policy is not None, "only scripted and taught groups fly themselves"
+        policy, size = self.agent.scripted_policy, self.thrusters.size
+        assert policy is not None, "only scripted groups fly themselves"
         commands, limits = size if policy.commands_attitude else 3, self.limits
         if commands < size:
             limits = ThrustLimits(limits.low[:3], limits.high[:3])

@@ -182,16 +182,3 @@ def test_training_goes_on_from_its_state(algorithm, tmp_path):
     for key, value in algo.env_runner.module.state_dict().items():
         np.testing.assert_array_equal(value, other.env_runner.module.state_dict()[key])
     assert other.train()["env_runners"]["num_env_steps_sampled_lifetime"] == 800
-
-
-def test_a_policy_that_sees_more_is_held_near_the_one_that_it_began_with():
-    import torch
-
-    from safe_inspect.experiments.learning.initial_policy import InitialPolicy
-
-    wide = configs_root() / "multiagent-translational-inspection" / "experiment-burn-and-coast-see-others.yml"
-    nets = {"fcnet_hiddens": [256, 256], "fcnet_activation": "tanh", "vf_share_layers": False}
-    module = module_of(experiment_of(path=wide), initial_weights="burn-and-coast", **nets)
-    seen = np.random.default_rng(0).normal(size=(5, module.observation_space.shape[0])).astype(np.float32)
-    wanted = module.forward_inference({"obs": torch.from_numpy(seen)})["action_dist_inputs"].detach().numpy()
-    np.testing.assert_allclose(InitialPolicy(module, "burn-and-coast", 0.5).inputs(seen), wanted, atol=1e-5)

@@ -199,8 +199,6 @@ OWN_KEYS: dict[str, Key] = {
     "learner": Key("text", choices=("fast", "stock")),
     "learner_threads": _POSITIVE,
     "callbacks": Key("names", optional=True),
-    "imitation": Key("mapping", optional=True),
-    "initial_kl_coeff": Key("schedule", low=0, optional=True),
     "rl_module": Key("object", optional=True),
     "env_to_module_connector": Key("objects", optional=True),
     "module_to_env_connector": Key("objects", optional=True),
@@ -212,8 +210,6 @@ CHANGING_KEYS = ("rl_module", "env_to_module_connector", "module_to_env_connecto
 
 #: What policies that learn together may have of their own.
 POLICY_KEYS = (
-    "imitation",
-    "initial_kl_coeff",
     "lr",
     "grad_clip",
     "grad_clip_by",

@@ -33,14 +33,11 @@ _OWN = (
     "learner_threads",
     "evaluation_config",
     "callbacks",
-    "imitation",
-    "initial_kl_coeff",
     "rl_module",
     "env_to_module_connector",
     "module_to_env_connector",
     "learner_connector",
 )
-INITIAL_KL_COEFF = "initial_kl_coeff"
 _UNSET = -1  # RLlib's mark of a removed attribute
 
 
@@ -98,13 +95,9 @@ def build_config(
 
         config.env_runners(env_runner_cls=BatchedTeamRunner if policies else BatchedEnvRunner)
     if settings["learner"] == "fast":
-        from safe_inspect.experiments.learning.ppo_learner import INITIAL, THREADS, FastPPOLearner
+        from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
 
-        own = {
-            THREADS: settings["learner_threads"],
-            INITIAL: initial_policies(settings, policies or {}),
-            **config.learner_config_dict,
-        }
+        own = {THREADS: settings["learner_threads"], **config.learner_config_dict}
         config.training(learner_class=FastPPOLearner, learner_config_dict=own)
     evaluation = settings.get("evaluation_config")
     if evaluation is not None:
@@ -131,28 +124,6 @@ def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[st
         message = f"decisions that last (CoastGlue) are learned with {needs}, not with {given}"
         hint = "change it, or remove CoastGlue"
         raise ConfigError(Problem(message, f"rllib_configs.{wrong[0]}", hint=hint))
-
-
-def initial_policies(settings: Mapping[str, Any], policies: Mapping[str, PolicySettings]) -> dict[str, tuple[str, Any]]:
-    """Return where each policy with the key `initial_kl_coeff` has its initial weights from, and the coefficients.
-
-    Raises:
-        ConfigError: A policy has the key and begins with no weights.
-    """
-    own = {name: policy.settings for name, policy in policies.items() if policy.trains} or {SINGLE: {}}
-    found: dict[str, tuple[str, Any]] = {}
-    for name, more in own.items():
-        given = {**settings, **more}
-        source = {**settings["model_config"], **more.get("model_config", {})}.get("initial_weights")
-        if given.get(INITIAL_KL_COEFF) is None:
-            continue
-        if source:
-            found[name] = (str(source), given[INITIAL_KL_COEFF])
-        elif not given.get("imitation"):  # its weights come when it has been flown
-            message = "a policy that begins with fresh weights has no initial policy to stay near to"
-            hint = "give `initial_weights` in `model_config`, or `imitation`"
-            raise ConfigError(Problem(message, f"rllib_configs.{INITIAL_KL_COEFF}", hint=hint))
-    return found
 
 
 def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:

@@ -22,7 +22,6 @@ from ray.rllib.core import ALL_MODULES
 from ray.rllib.utils.metrics import (
     DIFF_NUM_GRAD_UPDATES_VS_SAMPLER_POLICY,
     MODULE_TRAIN_BATCH_SIZE_MEAN,
-    NUM_ENV_STEPS_SAMPLED_LIFETIME,
     NUM_ENV_STEPS_TRAINED,
     NUM_ENV_STEPS_TRAINED_LIFETIME,
     NUM_MODULE_STEPS_TRAINED,
@@ -30,9 +29,7 @@ from ray.rllib.utils.metrics import (
     WEIGHTS_SEQ_NO,
 )
 
-from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.adapters.callbacks import set_threads
-from safe_inspect.experiments.learning.initial_policy import InitialPolicy
 from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
 from safe_inspect.experiments.learning.ppo_nets import nets_of, part_of
 from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, joined
@@ -42,8 +39,6 @@ from safe_inspect.types import AnyArray, IntArray
 
 #: Name in `learner_config_dict` of the number of nets that learn side by side.
 THREADS = "threads"
-#: Name in `learner_config_dict` of the initial weights and the coefficients of the divergence from them, by policy.
-INITIAL = "initial"
 
 _LOGGER = logging.getLogger(__name__)
 _ROWS_AT_ONCE = 1024
@@ -67,10 +62,6 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         if self.config.num_learners:  # in a process of its own
             set_threads(self.config.env_config)
         self._stock = why_stock_learner(self.config)
-        self._initial = {
-            name: InitialPolicy(self.module[name].unwrapped(), *given)
-            for name, given in self.config.learner_config_dict.get(INITIAL, {}).items()
-        }
 
     def update(self, *arguments: Any, **keywords: Any) -> Any:
         """Learn from a batch; see RLlib's `Learner.update`."""
@@ -85,8 +76,6 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             reason = next(filter(None, (why_not_learned(self, name) for name in batches)), "")
             if batches and not reason:
                 return self._learn(batches, sum(map(len, episodes)), **keywords)
-        if reason and self._initial:
-            raise SafeInspectError(f"`initial_kl_coeff` wants the fast learner, which cannot learn, as {reason}")
         if reason and not self._told:
             warnings.warn(f"RLlib's stock learner learns, as {reason}", stacklevel=2)
             self._told = True
@@ -112,7 +101,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             batch.advise(self._values(name, batch.all_observations), self.config.gamma, self.config.lambda_)
             seed = (int(self.config.seed or 0), name, self._weights_seq_no)
             order = minibatches(len(batch), minibatch_size, num_epochs, shuffle_batch_per_epoch, seed)
-            trainings[name] = self._trainings(name, batch, order, timesteps.get(NUM_ENV_STEPS_SAMPLED_LIFETIME, 0))
+            trainings[name] = self._trainings(name, batch, order)
             self._log_steps(name, order, batch.weights)
         self._run([training for found in trainings.values() for training in found])
         for name, found in trainings.items():
@@ -135,11 +124,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
                 found.append(values.cpu().numpy().copy())
         return np.concatenate(found)
 
-    def _trainings(self, name: str, batch: Batch, order: IntArray, steps: int) -> list[NetTraining]:
-        initial = self._initial.get(name)
-        pull = 0.0 if initial is None else initial.coefficient(steps)
-        if initial is not None:
-            self.metrics.log_value((name, "curr_initial_kl_coeff"), pull, window=1)
+    def _trainings(self, name: str, batch: Batch, order: IntArray) -> list[NetTraining]:
         config = self.config.get_config_for_module(name)
         terms = Terms(
             config.clip_param,
@@ -148,9 +133,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             float(self.entropy_coeff_schedulers_per_module[name].get_current_value()),
             float(self.curr_kl_coeffs_per_module[name]) if config.use_kl_loss else 0.0,
             bool(config.use_kl_loss),
-            pull,
         )
-        inputs = None if initial is None or not pull else initial.inputs(batch.observations)
         clip = None
         if config.grad_clip:
             clip = partial(self._get_clip_function(), grad_clip=config.grad_clip, grad_clip_by=config.grad_clip_by)
@@ -160,7 +143,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         nets = nets_of(module, clip is not None and config.grad_clip_by == "global_norm")
         self._log_path(name, next(filter(None, (net.why_autograd for net in nets)), ""))
         return [
-            NetTraining(net, part_of(optimiser, net.parameters), batch, order, terms, clip, distribution, inputs)
+            NetTraining(net, part_of(optimiser, net.parameters), batch, order, terms, clip, distribution)
             for net in nets
         ]
 

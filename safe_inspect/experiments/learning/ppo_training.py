@@ -34,8 +34,6 @@ from safe_inspect.types import AnyArray, IntArray
 
 #: A part's share of the whole loss.
 TOTAL = "total_loss"
-#: The divergence of the policy from the initial one.
-INITIAL_KL = "mean_initial_kl_loss"
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,6 @@ class Terms:
         entropy: The present `entropy_coeff`.
         divergence: The present coefficient of the divergence; 0 without `use_kl_loss`.
         measured: Whether the divergence is reported: `use_kl_loss`.
-        initial: The present coefficient of the divergence from the initial policy, `initial_kl_coeff`.
     """
 
     clip: float
@@ -58,7 +55,6 @@ class Terms:
     entropy: float
     divergence: float
     measured: bool
-    initial: float = 0.0
 
 
 class NetTraining:
@@ -74,7 +70,6 @@ class NetTraining:
         terms: The coefficients of the loss.
         clip_gradients: Clips gradients in place and may return their norm; None: they stay as they are.
         distribution: Of the actions.
-        initial_inputs: What the initial policy gives for the batch's steps, shape (R, I); None: the loss does not ask.
 
     Attributes:
         losses: After `run`, what the last minibatch gave, under RLlib's names.
@@ -90,14 +85,12 @@ class NetTraining:
         terms: Terms,
         clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None,
         distribution: Any = None,
-        initial_inputs: AnyArray | None = None,
     ) -> None:
         self._net, self._optimiser, self._batch, self._order, self._terms = net, optimiser, batch, order, terms
         self._clip_gradients = clip_gradients
         self._work, self._sizes = _work_for(distribution)
         size = order.shape[1]
         self._sums = np.zeros(3)
-        self._initial_inputs, self._initial_sums = initial_inputs, np.zeros(3)
         self._value_sums = np.zeros(2)
         self._gradient = torch.empty((size, batch.inputs.shape[1]))
         self._value_gradient = torch.empty(size)
@@ -139,11 +132,6 @@ class NetTraining:
         old = (batch.inputs, batch.log_probabilities, batch.advantages)
         coefficients = (terms.clip, terms.entropy, terms.divergence)
         self._work(*given, *old, *coefficients, self._gradient.numpy(), self._sums)
-        if self._initial_inputs is not None:  # advantages of 0 leave the divergence alone
-            initial = (self._initial_inputs, batch.log_probabilities, np.zeros_like(batch.advantages))
-            gradient = torch.empty_like(self._gradient)
-            self._work(*given, *initial, terms.clip, 0.0, terms.initial, gradient.numpy(), self._initial_sums)
-            self._gradient += gradient
         return self._gradient
 
     def _values_gradient(self, rows: IntArray, values: AnyArray) -> torch.Tensor:
@@ -168,9 +156,6 @@ class NetTraining:
             found[POLICY_LOSS_KEY] = -surrogate
             found[ENTROPY_KEY] = entropy
             found[LEARNER_RESULTS_KL_KEY] = divergence if terms.measured else 0.0
-            if self._initial_inputs is not None:
-                found[INITIAL_KL] = float(self._initial_sums[KL]) / count
-                found[TOTAL] += terms.initial * found[INITIAL_KL]
         if values is not None:
             targets = self._batch.targets[self._order[-1]]
             clipped, unclipped = (float(self._value_sums[place]) / count for place in (CLIPPED, UNCLIPPED))

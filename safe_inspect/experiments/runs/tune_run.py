@@ -15,12 +15,7 @@ from ray.exceptions import RayActorError
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.adapters import environment
-from safe_inspect.experiments.adapters.algorithm import (
-    INITIAL_KL_COEFF,
-    build_config,
-    claimed_processors,
-    environment_settings,
-)
+from safe_inspect.experiments.adapters.algorithm import build_config, claimed_processors, environment_settings
 from safe_inspect.experiments.adapters.objects import (
     callbacks_of,
     check_objects,
@@ -32,7 +27,6 @@ from safe_inspect.experiments.adapters.objects import (
 )
 from safe_inspect.experiments.adapters.registration import register_environments
 from safe_inspect.experiments.adapters.suggestions import making
-from safe_inspect.experiments.imitation.warm_start import warm_start
 from safe_inspect.experiments.modules.frozen import check_frozen
 from safe_inspect.experiments.runs import cluster, run_folder
 from safe_inspect.experiments.runs.checkpoints import Checkpoint
@@ -102,7 +96,7 @@ def run_tune(
     )
 
     def made(trial: Trial) -> AlgorithmConfig:
-        return _config(run, settings, trial, folder, number, start, stream)
+        return _config(run, settings, trial, folder, number, start)
 
     def suggested(index: int, values: Mapping[str, Any]) -> dict[str, Any]:
         trial = trial_of(
@@ -156,7 +150,6 @@ def _config(
     folder: RunFolder,
     number: int,
     start: Checkpoint | None,
-    stream: TextIO,
 ) -> AlgorithmConfig:
     experiment = run.experiment
     if not settings.single:
@@ -170,11 +163,7 @@ def _config(
             "seconds": start.seconds,
         }
     environments = environment_settings(experiment, trial.rllib.settings, **more)
-    rllib, policies = trial.rllib, settings.policies
-    held = [rllib.settings, *(policy.settings for policy in policies.values())]
-    if start is None or any(given.get(INITIAL_KL_COEFF) is not None for given in held):
-        rllib, policies = warm_start(experiment, rllib, policies, folder.path / "imitation" / trial.name, stream)
-    config = build_config(rllib, environments, policies)
+    config = build_config(trial.rllib, environments, settings.policies)
     if number and isinstance(config.seed, int):
         config.seed += 10_000 * number  # the noise of the actions is not to repeat either
     return config

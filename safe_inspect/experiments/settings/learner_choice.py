@@ -21,9 +21,8 @@ def choose_learner(settings: dict[str, Any]) -> tuple[list[str], list[Problem]]:
         if is_searched(settings[key]):
             message = f"`{key}` says how to compute, not what to learn; give one"
             return [], [Problem(message, f"rllib_configs.{key}")]
-    held = settings.get("initial_kl_coeff") is not None and settings["algorithm"] == "PPO"
     if settings["learner"] == "stock":
-        return [], _held_by_stock("it is asked for (`learner`)") if held else []
+        return [], []
     if settings["algorithm"] != "PPO":
         settings["learner"] = "stock"  # these have learners of their own; there is nothing to choose
         return [], []
@@ -31,12 +30,7 @@ def choose_learner(settings: dict[str, Any]) -> tuple[list[str], list[Problem]]:
     if not reason:
         return [], []
     settings["learner"] = "stock"
-    return [f"RLlib's stock learner learns: {reason}"], _held_by_stock(reason) if held else []
-
-
-def _held_by_stock(reason: str) -> list[Problem]:
-    message = f"only the fast learner has the key `initial_kl_coeff`, and RLlib's stock one learns: {reason}"
-    return [Problem(message, "rllib_configs.initial_kl_coeff", hint="remove one of the two")]
+    return [f"RLlib's stock learner learns: {reason}"], []
 
 
 def _why_stock(settings: dict[str, Any]) -> str:

@@ -14,7 +14,6 @@ from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.config.keys.other_words import key_hint
 from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings.imitation import IMITATION, imitation_problems
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
 from safe_inspect.experiments.settings.learner_choice import choose_learner
 from safe_inspect.experiments.settings.runner_choice import choose_runner
@@ -177,11 +176,6 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         elif model.settings.get("use_lstm") and model.settings.get("free_log_std"):
             message = "RLlib's recurrent policies take no `free_log_std`"
             problems.append(Problem(message, f"{model_path}.free_log_std", hint="remove one of it and `use_lstm`"))
-    if settings.get(IMITATION) is not None:
-        problems += imitation_problems(settings[IMITATION], f"{path}.{IMITATION}", algorithm)
-    if settings.get("initial_kl_coeff") is not None and algorithm != "PPO":
-        message = "only PPO has the key `initial_kl_coeff`"
-        problems.append(Problem(message, f"{path}.initial_kl_coeff", hint="remove it"))
     if isinstance(settings.get("evaluation_config"), Mapping):
         evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm, True)
         settings["evaluation_config"] = evaluation.settings

@@ -1,1 +1,0 @@
-"""Warm start: a policy clones a scripted one before its training begins."""
