@@ -68,7 +68,7 @@ class Reach:
         if file != self._file:
             self._switch(_SHARED)
             for one in gc.get_objects():
-                if isinstance(one, functools._lru_cache_wrapper) and one.__module__.startswith("safe_inspect."):
+                if type(one) is functools._lru_cache_wrapper and str(one.__module__).startswith("safe_inspect."):
                     one.cache_clear()
             self._switch(file)
         yield
@@ -125,7 +125,7 @@ def _run(request: dict[str, Any]) -> int:
 
 def _forked(request: dict[str, Any]) -> int | str:
     """Run tests in a fork, and return the exit code, or "timeout"."""
-    child = os.fork()
+    parent, child = os.getppid(), os.fork()
     if not child:
         code = 1
         try:
@@ -139,7 +139,7 @@ def _forked(request: dict[str, Any]) -> int | str:
             os._exit(code)
     end = time.monotonic() + request["limit"]
     answer: int | str = "timeout"
-    while time.monotonic() < end:
+    while time.monotonic() < end and os.getppid() == parent:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
             answer = os.waitstatus_to_exitcode(status)
