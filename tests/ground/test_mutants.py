@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -95,3 +96,26 @@ def test_the_table_counts_by_room(mutants: Any) -> None:
     assert rows[1][:4] == ["a", "10", "8", "80.0%"]
     assert rows[1][4:6] == ["49.0%", "94.3%"]  # Wilson
     assert rows[3][:4] == ["all", "15", "13", "86.7%"]
+
+
+def test_only_files_that_run_a_function_are_tried_on_it(mutants: Any, tmp_path: Path) -> None:
+    module, tests = "safe_inspect/dynamics/tumble.py", ("tests/dynamics",)
+    source = (mutants.ROOT / module).read_text(encoding="utf-8")
+    lines = mutants.functions_of(source)
+    files = [
+        file for file in mutants.files_of(tests) if not mutants._PROCESSES.search((mutants.ROOT / file).read_text())
+    ]
+    runs, other = files[:2]
+    inside = next(one for one in mutants.mutations(source) if one.line in lines)
+    outside = next(one for one in mutants.mutations(source) if one.line not in lines)
+    known = {file: {"seconds": 1.0, "functions": {}, "digest": mutants.digest_of(file)} for file in files}
+    known[runs]["functions"] = {module: [lines[inside.line]]}
+    (tmp_path / "reach.json").write_text(json.dumps(known))
+    reach = mutants.Reach(tmp_path / "reach.json")
+    tried = reach.files(module, inside, tests)
+    assert runs in tried
+    assert other not in tried
+    assert set(reach.files(module, outside, tests)) >= set(files)
+    known[other]["digest"] = "of an earlier text"
+    (tmp_path / "reach.json").write_text(json.dumps(known))
+    assert other in mutants.Reach(tmp_path / "reach.json").unknown(tests)
