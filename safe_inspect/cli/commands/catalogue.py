@@ -1,4 +1,4 @@
-"""What ``safe-inspect list``, ``validate`` and ``schema`` do."""
+"""The commands ``safe-inspect list``, ``validate`` and ``schema``."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import argparse
 import inspect
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
-from safe_inspect.cli.common import print_doubts
+from safe_inspect.cli.common import add_experiment_arguments, print_doubts
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.messages.file_schemas import FILES, model_schema
@@ -33,6 +34,23 @@ _SCHEMAS: dict[str, type[BaseModel]] = {**FILES, "rendezvous": RendezvousConfig}
 _FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
 
 
+def add_list_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``list``."""
+    parser.add_argument("kind", nargs="?", help="tasks, policies, or only plugins of this kind, such as reward")
+    parser.add_argument("name", nargs="?", help="only the plugin of this name")
+
+
+def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``validate``."""
+    add_experiment_arguments(parser)
+
+
+def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``schema``."""
+    parser.add_argument("file", nargs="?", default="experiment", help="kind of file (default: experiment)")
+    parser.add_argument("--output", type=Path, help="write it to a file")
+
+
 def run_list(arguments: argparse.Namespace) -> int:
     """Print the tasks, the shipped policies, or plugins."""
     lists = {"tasks": _tasks, "policies": _policies}
@@ -41,7 +59,7 @@ def run_list(arguments: argparse.Namespace) -> int:
             raise SafeInspectError(f"`list {arguments.kind}` takes no name; remove {arguments.name!r}")
         print(lists[arguments.kind]())
     else:
-        print(catalogue(arguments.kind, arguments.name))
+        print(_catalogue(arguments.kind, arguments.name))
     return 0
 
 
@@ -100,7 +118,7 @@ def run_schema(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def catalogue(kind: str | None = None, name: str | None = None) -> str:
+def _catalogue(kind: str | None = None, name: str | None = None) -> str:
     """Return the plugins with their fields, defaults and units, one block for each.
 
     Args:

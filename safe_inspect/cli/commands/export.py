@@ -1,4 +1,4 @@
-"""What ``safe-inspect export`` does."""
+"""The command ``safe-inspect export``."""
 
 from __future__ import annotations
 
@@ -7,12 +7,26 @@ import os
 from importlib import import_module
 from pathlib import Path
 
+from safe_inspect.cli.common import add_overrides
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
 from safe_inspect.experiments.runs.checkpoints import SINGLE
 from safe_inspect.outputs import check_ending
+
+
+def add_export_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the export."""
+    parser.add_argument("checkpoint", metavar="CHECKPOINT", help="folder of a checkpoint, or of a run: its newest one")
+    parser.add_argument("--policy", metavar="NAME", help="which policy, where the checkpoint holds several")
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE", help="the file (default: the policy's name with .onnx, here)"
+    )
+    parser.add_argument(
+        "--cfg", metavar="CFG", help="experiment that it was trained with (default: that of the checkpoint's run)"
+    )
+    add_overrides(parser)
 
 
 def run_export(arguments: argparse.Namespace) -> int:

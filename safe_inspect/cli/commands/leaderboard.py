@@ -1,4 +1,4 @@
-"""What ``safe-inspect leaderboard`` does."""
+"""The command ``safe-inspect leaderboard``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from safe_inspect.cli.arguments import positive
 from safe_inspect.cli.commands.evaluate import fly_candidates
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.data import configs_root
@@ -32,6 +33,22 @@ from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted,
 from safe_inspect.outputs import check_writable, new_file
 from safe_inspect.planning.record import Record
 from safe_inspect.version import __version__
+
+
+def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the leaderboard."""
+    parser.add_argument(
+        "files", nargs="*", type=Path, metavar="FILE", help="YAML files of boards; a further file adds its rows to the "
+        "boards of the same title (default: configs/leaderboard.yml)",
+    )  # fmt: skip
+    parser.add_argument("--output", type=Path, metavar="FILE", help="write the page to this Markdown file")
+    parser.add_argument(
+        "--results", type=Path, metavar="FOLDER", default=Path("output/leaderboard"), help="where the episodes of "
+        "every row are kept; a row that stands there and is the same is not flown again (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--board", action="append", default=[], metavar="TITLE", help="only this board")
+    parser.add_argument("--episodes", type=positive, help="in place of the number of the files, for a quick look")
+    parser.add_argument("--num-envs", type=positive, default=256, help="episodes at a time (default: 256)")
 
 
 @dataclass(frozen=True)
