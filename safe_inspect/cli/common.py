@@ -66,7 +66,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the mistake and where help is, and exit."""
-        mistyped = re.fullmatch(r"argument command: invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        mistyped = re.fullmatch(r"argument COMMAND: invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if mistyped:
             commands = [name.strip(" '") for name in mistyped[2].split(",")]
             message = f"there is no command {mistyped[1]!r}; {did_you_mean(mistyped[1], commands)}"
@@ -135,18 +135,18 @@ def add_experiment_file(parser: argparse.ArgumentParser, *, needed: bool = True)
         needed: Whether the command line is refused without one.
     """
     parser.add_argument(
-        "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; and "
-        "KEY=VALUE to replace a value by its dotted path, or ~KEY to remove it",
+        "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; "
+        "KEY=VALUE replaces a value by its dotted path, ~KEY removes it",
     )  # fmt: skip
-    parser.add_argument("--cfg", metavar="FILE", help="another way to give the experiment")
+    parser.add_argument("--cfg", metavar="FILE", help="the experiment, as an option")
     parser.set_defaults(experiment_needed=needed)
 
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
     """Add overrides of a configuration that another argument names."""
     parser.add_argument(
-        "overrides", nargs="*", default=[], metavar="KEY=VALUE", help="replaces a value, by its dotted path; ~KEY "
-        "removes it",
+        "overrides", nargs="*", default=[], metavar="KEY=VALUE", help="replaces a value of the configuration by its "
+        "dotted path; ~KEY removes it",
     )  # fmt: skip
 
 
@@ -154,7 +154,7 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = 
     """Add what names an experiment, see `add_experiment_file`, and the compute platform."""
     add_experiment_file(parser, needed=needed)
     parser.add_argument(
-        "--compute-platform", default="local", metavar="NAME", help="which of the task's rllib_configs (default: local)"
+        "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
     )
 
 

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from safe_inspect.cli.common import Parser
 from safe_inspect.cli.main import command_parser
 from safe_inspect.config.messages.file_schemas import FILES, model_schema
 from safe_inspect.plugins.registry import registry
@@ -36,7 +37,8 @@ def lines() -> list[str]:
     return sorted(found | set(_arguments("", command_parser())))
 
 
-def _arguments(command: str, parser: argparse.ArgumentParser) -> Iterator[str]:
+def _arguments(command: str, parser: Parser) -> Iterator[str]:
+    parser.load()
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, inner in action.choices.items():

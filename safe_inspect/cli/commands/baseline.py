@@ -30,16 +30,16 @@ def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
         "random, inspector, or the name of any scripted policy",
     )  # fmt: skip
     parser.add_argument(
-        "--cfg", metavar="CFG", default=_DEFAULT_CFG, help="experiment file or id (default: %(default)s)"
+        "--cfg", metavar="FILE", default=_DEFAULT_CFG, help="experiment file, or id of a task (default: %(default)s)"
     )
     add_overrides(parser)
-    parser.add_argument("--episodes", type=positive, default=100, help="number of episodes (default: 100)")
-    parser.add_argument("--seed", type=seed, default=0, help="seed of the episodes (default: 0)")
+    parser.add_argument("--episodes", type=positive, default=100, metavar="N", help="number of episodes (default: 100)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the episodes (default: 0)")
     parser.add_argument(
         "--effort", choices=("quick", "normal", "thorough"), help="how long the optimiser searches (default: normal)"
     )
-    parser.add_argument("--output", type=Path, metavar="FILE", help="write the result to this file, or go on with it")
-    parser.add_argument("--force", action="store_true", help="replace a file that is of another task, seed or effort")
+    parser.add_argument("--output", type=Path, metavar="FILE", help="write the result to this file, or continue it")
+    parser.add_argument("--force", action="store_true", help="replace a file of another task, seed or effort")
 
 
 def run_baseline(arguments: argparse.Namespace) -> int:

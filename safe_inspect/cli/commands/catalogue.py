@@ -36,8 +36,13 @@ _FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
 
 def add_list_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``list``."""
-    parser.add_argument("kind", nargs="?", help="tasks, policies, or only plugins of this kind, such as reward")
-    parser.add_argument("name", nargs="?", help="only the plugin of this name")
+    parser.add_argument(
+        "kind",
+        nargs="?",
+        metavar="KIND",
+        help=f"one of: tasks, policies, {', '.join(registry.kinds())} (default: all plugins)",
+    )
+    parser.add_argument("name", nargs="?", metavar="NAME", help="name of one plugin")
 
 
 def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,8 +52,14 @@ def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``schema``."""
-    parser.add_argument("file", nargs="?", default="experiment", help="kind of file (default: experiment)")
-    parser.add_argument("--output", type=Path, help="write it to a file")
+    parser.add_argument(
+        "file",
+        nargs="?",
+        metavar="KIND",
+        default="experiment",
+        help=f"kind of file, one of: {', '.join(_SCHEMAS)} (default: experiment)",
+    )
+    parser.add_argument("--output", type=Path, metavar="FILE", help="write the schema to this file (default: print it)")
 
 
 def run_list(arguments: argparse.Namespace) -> int:

@@ -48,24 +48,23 @@ _VOLATILE = {"date", "command"}
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the evaluation."""
     parser.add_argument(
-        "words", nargs="*", metavar="SOURCE", help="a checkpoint's or a run's folder, an ONNX file, or the name of a "
-        "baseline (zero-thrust, random, inspector), of any scripted policy or of a shipped one; and KEY=VALUE to "
-        "replace values",
+        "words", nargs="*", metavar="SOURCE", help="folder of a checkpoint or a training run, ONNX file, or name of a "
+        "policy (see `safe-inspect list policies`); KEY=VALUE replaces a value of the configuration",
     )  # fmt: skip
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a policy that the package ships")
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
     _add_flight_arguments(parser)
     add_output_folder(parser, "the results")
-    parser.add_argument("--record", type=positive, metavar="K", help="write the trajectories of the first K episodes")
+    parser.add_argument("--record", type=positive, metavar="N", help="record the trajectories of the first N episodes")
     parser.set_defaults(overrides=[])
 
 
 def add_compare_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the comparison."""
     parser.add_argument(
-        "words", nargs="*", metavar="SOURCE", help="the folder of an evaluation; or what `evaluate` takes, flown in "
-        "the episodes of the first evaluation; the others are compared with the first",
+        "words", nargs="*", metavar="SOURCE", help="folder of an evaluation, or a source that `evaluate` takes, which "
+        "is run on the episodes of the first evaluation; every source is compared with the first",
     )  # fmt: skip
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a policy that the package ships")
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
     _add_flight_arguments(parser)
     add_output_folder(parser, "the evaluations that are flown")
     parser.set_defaults(overrides=[], record=None)
@@ -74,12 +73,14 @@ def add_compare_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cfg",
-        metavar="CFG",
-        help="experiment file or id of a task (default: the one that each policy was trained in)",
+        metavar="FILE",
+        help="experiment file, or id of a task (default: the task in which each policy was trained)",
     )
-    parser.add_argument("--episodes", type=positive, help="number of episodes (default: 100)")
-    parser.add_argument("--seed", type=seed, help="seed of the episodes (default: 0)")
-    parser.add_argument("--num-envs", type=positive, default=256, help="episodes at a time (default: 256)")
+    parser.add_argument("--episodes", type=positive, metavar="N", help="number of episodes (default: 100)")
+    parser.add_argument("--seed", type=seed, metavar="N", help="seed of the episodes (default: 0)")
+    parser.add_argument(
+        "--num-envs", type=positive, default=256, metavar="N", help="number of episodes run at a time (default: 256)"
+    )
     drawn = parser.add_mutually_exclusive_group()
     drawn.add_argument(
         "--sampled",
@@ -91,13 +92,18 @@ def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
         "--mode", dest="sampled", action="store_const", const=False, help="take the most likely action, or the mean"
     )
     parser.add_argument(
-        "--metric", action="append", default=[], metavar="METRIC", help="measure this too: a name of `safe-inspect "
+        "--metric", action="append", default=[], metavar="NAME", help="additional metric: a name from `safe-inspect "
         "list metric`, a dotted path, or {functor: NAME, config: {...}}",
     )  # fmt: skip
-    parser.add_argument("--reference", type=Path, metavar="FILE", help="delta-v of the open-loop optimum, by episode")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     parser.add_argument(
-        "--compute-platform", default="local", metavar="NAME", help="which of the task's rllib_configs (default: local)"
+        "--reference",
+        type=Path,
+        metavar="FILE",
+        help="file of `safe-inspect baseline optimiser`; adds the ratio to the optimum",
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
+    parser.add_argument(
+        "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
     )
 
 

@@ -18,14 +18,14 @@ from safe_inspect.outputs import check_ending
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the export."""
-    parser.add_argument("checkpoint", metavar="CHECKPOINT", help="folder of a checkpoint, or of a run: its newest one")
-    parser.add_argument("--policy", metavar="NAME", help="which policy, where the checkpoint holds several")
     parser.add_argument(
-        "--output", type=Path, metavar="FILE", help="the file (default: the policy's name with .onnx, here)"
+        "checkpoint", metavar="CHECKPOINT", help="folder of a checkpoint, or of a training run (its newest checkpoint)"
     )
+    parser.add_argument("--policy", metavar="NAME", help="name of the policy, if the checkpoint contains several")
     parser.add_argument(
-        "--cfg", metavar="CFG", help="experiment that it was trained with (default: that of the checkpoint's run)"
+        "--output", type=Path, metavar="FILE", help="ONNX file (default: POLICY.onnx in the working directory)"
     )
+    parser.add_argument("--cfg", metavar="FILE", help="experiment of the training (default: that of the run)")
     add_overrides(parser)
 
 

@@ -43,30 +43,37 @@ def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
 def add_film_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``film``."""
     _add_episode_arguments(parser, "episode.gif", "film (.gif or .mp4)")
-    parser.add_argument("--frames", type=positive, default=200, help="number of pictures (default: 200)")
-    parser.add_argument("--fps", type=positive, default=25, help="pictures a second (default: 25)")
-    parser.add_argument("--width", type=positive, default=800, help="width in pixels (default: 800)")
-    parser.add_argument("--turn", type=float, default=0.0, metavar="DEGREES", help="let the camera go round so far")
+    parser.add_argument("--frames", type=positive, default=200, metavar="N", help="number of frames (default: 200)")
+    parser.add_argument("--fps", type=positive, default=25, metavar="N", help="frames per second (default: 25)")
+    parser.add_argument("--width", type=positive, default=800, metavar="N", help="width in pixels (default: 800)")
+    parser.add_argument(
+        "--turn", type=float, default=0.0, metavar="DEGREES", help="rotate the camera by this angle over the film"
+    )
 
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``view``."""
     _add_episode_arguments(parser, "episode.html", "page (.html)")
-    parser.add_argument("--title", help="title of the page (default: the source, and the episode)")
+    parser.add_argument("--title", metavar="TEXT", help="title of the page (default: source and episode)")
 
 
 def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``curves``."""
     parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help="folders of training runs, of a search or of its trials; those that "
-        "differ in their seed alone are one recipe",
+        "runs", nargs="*", metavar="RUN", help="folder of a training run, a search or a trial; runs that differ only "
+        "in their seed are one recipe",
     )  # fmt: skip
     parser.add_argument(
-        "--label", action="append", default=[], metavar="LABEL", help="once for each RUN, where equal labels make one "
-        "recipe, or once for each recipe",
+        "--label", action="append", default=[], metavar="TEXT", help="label: once for each RUN (runs with equal "
+        "labels are one recipe), or once for each recipe",
     )  # fmt: skip
     parser.add_argument(
-        "--recipe", action="append", default=[], nargs="+", metavar="WORD", help="a label and the RUNs of one recipe"
+        "--recipe",
+        action="append",
+        default=[],
+        nargs="+",
+        metavar="TEXT",
+        help="a label followed by the RUNs of one recipe",
     )
     parser.add_argument(
         "--centre",
@@ -74,7 +81,7 @@ def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
         default="mean",
         help="mean or interquartile mean over seeds (default: mean)",
     )
-    parser.add_argument("--each", action="store_true", help="draw every seed too")
+    parser.add_argument("--each", action="store_true", help="also draw a line for each seed")
     parser.add_argument(
         "--output", type=Path, default=Path("curves.png"), metavar="FILE", help="figure (default: curves.png)"
     )
@@ -82,13 +89,15 @@ def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: str) -> None:
     parser.add_argument(
-        "source", metavar="SOURCE", help="a checkpoint's or a run's folder, an ONNX file, the name of a shipped policy "
-        "or of a baseline (inspector, random, zero-thrust), or what `evaluate --record` or `rendezvous --output` wrote",
+        "source", metavar="SOURCE", help="folder of a checkpoint or a training run, ONNX file, name of a policy, or "
+        "the output of `evaluate --record` or `rendezvous --output`",
     )  # fmt: skip
     add_overrides(parser)
-    parser.add_argument("--cfg", metavar="CFG", help="experiment file (default: the one the policy was trained with)")
-    parser.add_argument("--episode", type=_number, default=0, metavar="K", help="number of the episode (default: 0)")
-    parser.add_argument("--seed", type=seed, default=0, help="seed of the episodes (default: 0)")
+    parser.add_argument(
+        "--cfg", metavar="FILE", help="experiment file, or id of a task (default: the policy's own task)"
+    )
+    parser.add_argument("--episode", type=_number, default=0, metavar="N", help="number of the episode (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the episodes (default: 0)")
     parser.add_argument(
         "--until", type=_seconds, metavar="SECONDS", help="show the episode, or the mission, up to this time"
     )

@@ -38,9 +38,11 @@ def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the recording of a sensor log."""
     add_experiment_file(parser)
     add_output_folder(parser, "the log", required=True)
-    parser.add_argument("--seconds", type=positive_number, default=120.0, metavar="S", help="length (default: 120)")
     parser.add_argument(
-        "--period", type=positive_number, default=1.0, metavar="S", help="time between two frames (default: 1)"
+        "--seconds", type=positive_number, default=120.0, metavar="SECONDS", help="length of the log (default: 120)"
+    )
+    parser.add_argument(
+        "--period", type=positive_number, default=1.0, metavar="SECONDS", help="time between two frames (default: 1)"
     )
     parser.add_argument(
         "--mission", type=natural, default=0, metavar="N", help="draw the tumble of mission N (default: 0)"

@@ -24,23 +24,31 @@ from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the safety report."""
     add_experiment_arguments(parser)
-    parser.add_argument("--steps", type=positive, default=1_000_000, help="filtered steps (default: 1000000)")
-    parser.add_argument("--num-envs", type=positive, default=1024, help="environments at a time (default: 1024)")
-    parser.add_argument("--seed", type=seed, default=0, help="seed of initial states and adversaries (default: 0)")
-    parser.add_argument("--off", action="store_true", help="leave the filter as configured instead of enabling it")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the worst episode's safety quantities")
+    parser.add_argument(
+        "--steps", type=positive, default=1_000_000, metavar="N", help="number of filtered steps (default: 1000000)"
+    )
+    parser.add_argument(
+        "--num-envs", type=positive, default=1024, metavar="N", help="number of environments (default: 1024)"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="N", help="seed of initial states and adversaries (default: 0)"
+    )
+    parser.add_argument("--off", action="store_true", help="use the filter as configured; otherwise it is switched on")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the safety quantities of the worst episode")
     parser.add_argument(
         "--audit", type=positive, metavar="N",
-        help="instead fly states that graze the limits, under this filter and N of random parameters and constraints",
+        help="start from states near the limits, with this filter and N filters of random parameters and constraints",
     )  # fmt: skip
 
 
 def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the acceptance rates."""
     add_experiment_arguments(parser)
-    parser.add_argument("--draws", type=positive, default=100_000, help="initial states (default: 100000)")
-    parser.add_argument("--seed", type=seed, default=0, help="seed of the draws (default: 0)")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the drawn and the accepted states")
+    parser.add_argument(
+        "--draws", type=positive, default=100_000, metavar="N", help="number of initial states (default: 100000)"
+    )
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the draws (default: 0)")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the drawn and the accepted states")
 
 
 def run_safety(arguments: argparse.Namespace) -> int:

@@ -34,10 +34,17 @@ from safe_inspect.rta.team import TeamSafety
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the training."""
     add_experiment_arguments(parser, needed=False)
-    parser.add_argument("--output", type=Path, metavar="FOLDER", help="where run folders are made")
-    parser.add_argument("--resume", type=Path, metavar="RUN", help="go on with the run in this folder")
     parser.add_argument(
-        "--dry-run", action="store_true", help="validate, build, step and print the layout; Ray is not started"
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="parent of the run folder (default: output_path of the experiment)",
+    )
+    parser.add_argument("--resume", type=Path, metavar="FOLDER", help="continue the training run in this folder")
+    parser.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="validate, build and step the environment, print its layout, and stop; Ray is not started",
     )
 
 
