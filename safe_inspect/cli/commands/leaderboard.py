@@ -48,7 +48,7 @@ def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--board", action="append", default=[], metavar="TITLE", help="only this board")
     parser.add_argument("--episodes", type=positive, help="in place of the number of the files, for a quick look")
-    parser.add_argument("--num-envs", type=positive, default=256, help="episodes at a time (default: 256)")
+    parser.add_argument("--num-envs", type=positive, default=512, help="episodes at a time (default: 512)")
 
 
 @dataclass(frozen=True)
