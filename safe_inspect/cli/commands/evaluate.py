@@ -79,7 +79,7 @@ def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--episodes", type=positive, metavar="N", help="number of episodes (default: 100)")
     parser.add_argument("--seed", type=seed, metavar="N", help="seed of the episodes (default: 0)")
     parser.add_argument(
-        "--num-envs", type=positive, default=256, metavar="N", help="number of episodes run at a time (default: 256)"
+        "--num-envs", type=positive, default=512, metavar="N", help="number of episodes run at a time (default: 512)"
     )
     drawn = parser.add_mutually_exclusive_group()
     drawn.add_argument(

@@ -51,7 +51,7 @@ def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--episodes", type=positive, metavar="N", help="override the number of episodes")
     parser.add_argument(
-        "--num-envs", type=positive, default=256, metavar="N", help="number of episodes run at a time (default: 256)"
+        "--num-envs", type=positive, default=512, metavar="N", help="number of episodes run at a time (default: 512)"
     )
 
 

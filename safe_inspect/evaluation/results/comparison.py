@@ -93,7 +93,7 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
     if len(priced) > 1:
         names = [name for name in names if name != "return" and not name.startswith("reward/")]
     units = {name: unit for item in reversed(evaluations) for name, unit in item.units.items()}
-    estimates = {item.label: item.team.estimates(item.units) for item in evaluations}
+    estimates = {item.label: item.estimates[""] for item in evaluations}
     return Comparison(
         evaluations,
         {
