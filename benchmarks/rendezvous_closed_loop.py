@@ -32,14 +32,13 @@ from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
 from safe_inspect.rendezvous.bound.conformal import Bound  # noqa: E402
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates  # noqa: E402
-from safe_inspect.rendezvous.bound.transport import Path, to_inertial, torque_free  # noqa: E402
 from safe_inspect.rendezvous.campaign.tables import interval  # noqa: E402
 from safe_inspect.rendezvous.chaser import ChaserState, last  # noqa: E402
 from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
-from safe_inspect.rendezvous.control.design import TubeDesign  # noqa: E402
-from safe_inspect.rendezvous.control.lqr import AxisStatus  # noqa: E402
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign  # noqa: E402
 from safe_inspect.rendezvous.control.mpc import InitialState, TubeMPC  # noqa: E402
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
+from safe_inspect.rendezvous.control.tracker import AxisStatus  # noqa: E402
 from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
 from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
 from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
@@ -48,8 +47,8 @@ from safe_inspect.rendezvous.mission import dynamics_of, limits_of  # noqa: E402
 from safe_inspect.rendezvous.models import RendezvousConfig  # noqa: E402
 from safe_inspect.rendezvous.planner.certificate import certify  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
+from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free  # noqa: E402
 from safe_inspect.rendezvous.target.model import Target  # noqa: E402
-from safe_inspect.rendezvous.tracking import DesignRequest  # noqa: E402
 
 _SETTINGS = (
     "tumble={functor: RandomTumble}",
@@ -241,7 +240,7 @@ def main() -> None:
         noise = generator.uniform(-1.0, 1.0, (len(plan.times), 6))
         limits = TrackingLimits(config.chaser.limits.force, config.chaser.limits.tracking_speed, design.limits.keep_in)
         for name, tracker in (
-            ("tube", design.tracker()),
+            ("tube", TubeMPC(design.axis, design.tube, limits)),
             ("plain", TubeMPC(design.axis, no_tube(1), limits, initial=InitialState.MEASURED)),
         ):
             results[name].append(fly(config, target, tracker, found, known, noise))

@@ -24,14 +24,10 @@ from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.plugins import (
-    FrontEnd,
-    GicpSubmapFrontEnd,
-    ModelFrontEnd,
-    TimeOfFlightCamera,
-)
+from safe_inspect.rendezvous.plugins import FrontEnd, GicpSubmapFrontEnd, ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, inverse, pose, rotation_exp
 from safe_inspect.rendezvous.recording.watch import WatchedFrame, WatchSensors, watch
+from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import FloatArray
 
 _FRONT_ENDS: dict[str, FrontEnd] = {

@@ -13,13 +13,15 @@ from safe_inspect.dynamics import quaternion
 from safe_inspect.rendezvous.chaser import Actuator, ChaserDynamics
 from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
 from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.lqr import AxisStatus, LQRTracker, TrackerOutput
+from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import AxisStatus, TrackerOutput
 from safe_inspect.rendezvous.coordination import actions, guards
 from safe_inspect.rendezvous.coordination.context import MissionContext, clearances
 from safe_inspect.rendezvous.coordination.coordinator import Coordinator, Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.departure import CommandedMotion
+from safe_inspect.rendezvous.coordination.reference import tide_of
 from safe_inspect.rendezvous.coordination.table import TABLE
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth
 from safe_inspect.rendezvous.estimation.consistency import normalised_error
@@ -29,7 +31,6 @@ from safe_inspect.rendezvous.models import ChaserConfig, RendezvousConfig
 from safe_inspect.rendezvous.planner.query import Limits
 from safe_inspect.rendezvous.scenario import check_start, checked_target, mission_streams
 from safe_inspect.rendezvous.summary import summarise_mission
-from safe_inspect.rendezvous.tracking import tide_of
 from safe_inspect.rendezvous.truth import MissionTruth, TruthStep
 from safe_inspect.types import FloatArray
 
@@ -144,7 +145,7 @@ class Mission:
             axis=axis,
             tracking_limits=TrackingLimits(own.force, own.tracking_speed, own.keep_in),
             streams=self._streams,
-            hold=LQRTracker(axis, own.force),
+            hold=LQRTrackerRun(axis, own.force),
             report=self._event,
             estimate=estimate,
             motion=CommandedMotion.of(estimate),

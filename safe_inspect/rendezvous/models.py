@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from safe_inspect.config.models.experiment import Model
 from safe_inspect.plugins.functor import functor_field, misplaced
+from safe_inspect.rendezvous.bound.conformal import ConformalBound
 from safe_inspect.units import (
     Length,
     NonNegativeAngularRate,
@@ -283,7 +284,7 @@ class RendezvousConfig(Model):
     tumble: _plugin("tumble", "TriAxialTumble")  # type: ignore[valid-type]
     estimator: _plugin("state_estimator", "TruthEstimator")  # type: ignore[valid-type]
     planner: _plugin("approach_planner", "SplineSCPPlanner")  # type: ignore[valid-type]
-    bound: _plugin("uncertainty_bound", "ConformalBound")  # type: ignore[valid-type]
+    bound: ConformalBound = ConformalBound()
     tracker: _plugin("tracker", "TubeMPCTracker")  # type: ignore[valid-type]
 
     @model_validator(mode="after")

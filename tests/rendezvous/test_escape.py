@@ -10,9 +10,9 @@ from safe_inspect.rendezvous.bound.query import EstimateErrors
 from safe_inspect.rendezvous.coordination.escape import find_escape, remains_clear, safe_radius
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.planner.query import Limits
-from safe_inspect.rendezvous.target.envisat import envisat
+from safe_inspect.rendezvous.target.envisat import EnvisatTarget
 
-_TARGET = envisat(0.05, np.array([0.25, 0.0, 0.42]))
+_TARGET = EnvisatTarget()()
 _LIMITS = Limits()
 
 

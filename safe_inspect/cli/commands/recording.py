@@ -13,14 +13,10 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
 from safe_inspect.plugins.registry import registry
+from safe_inspect.rendezvous.back_end.run import ISAM2BackEnd
+from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.plugins import (
-    FrontEnd,
-    ISAM2BackEnd,
-    PipelineEstimator,
-    PolhodeCharacteriser,
-    TimeOfFlightCamera,
-)
+from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
 from safe_inspect.rendezvous.recording.estimation import Estimators, estimate_log
 from safe_inspect.rendezvous.recording.mating_point import in_principal_axes, mating_point_text, pick_point
 from safe_inspect.rendezvous.recording.plausibility import check_log
@@ -30,6 +26,7 @@ from safe_inspect.rendezvous.recording.report import estimate_table, summary_of,
 from safe_inspect.rendezvous.recording.target_file import read_target
 from safe_inspect.rendezvous.recording.watch import WatchSensors
 from safe_inspect.rendezvous.scenario import check_scenario
+from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 
 FIGURE = "estimate.png"
 

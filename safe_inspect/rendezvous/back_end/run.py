@@ -3,66 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
+from pydantic import Field
 
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.back_end.inertial import BiasJump, ImuBuffer
-from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
+from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.edges import Edge
+from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.types import FloatArray
+from safe_inspect.units import NonNegativeDuration
 
 
-class BackEndRun(Protocol):
-    """The back end of one mission; frames are those of the front end, in ascending order."""
+class ISAM2BackEnd(Plugin):
+    """A factor graph that iSAM2 solves: inertial, relative poses, and a centre of mass that rests in W.
 
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """The frames that it holds, in ascending order."""
+    Attributes:
+        largest: Number of frames beyond which the older half is replaced by priors.
+        memory: Time over which errors of poses to the model stay alike [s]; 0 for independent ones.
+    """
 
-    @property
-    def rotation(self) -> FloatArray:
-        """R_B'B by the gyroscopes, from B now to B' at the last frame, shape (3, 3)."""
+    largest: int = Field(default=600, ge=10)
+    memory: NonNegativeDuration = 2.0  # type: ignore[valid-type]
 
-    def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
-        """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s]."""
-
-    def coast(self, period: float, commanded: FloatArray) -> None:
-        """Take a period without a sample as flown as commanded; see `ImuBuffer.coast`."""
-
-    def correct(self, jump: BiasJump) -> None:
-        """Take the biases as changed by a jump from the next sample on; see `ImuBuffer.correct`."""
-
-    def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
-        """Add a frame at the time of the last sample; see `PoseGraph.update`."""
-
-    def estimate(self) -> GraphEstimate:
-        """Return what is known at the last frame."""
-
-    def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
-
-    def chaser_poses(self, newest: int | None = None) -> FloatArray:
-        """Return T_WB of all frames or of the newest, smoothed, shape (F, 4, 4)."""
-
-    def relative_poses(self, newest: int | None = None) -> dict[int, FloatArray]:
-        """Return T_GB, smoothed, of those of all frames or of the newest that an edge has reached."""
+    def __call__(self, imu: ImuNoise, period: float, start: ChaserStart, centre: CentrePrior) -> GraphBackEnd:
+        """Return the back end of a mission that starts at frame 0, with samples of the unit every `period` [s]."""
+        graph = PoseGraph(imu, start, centre, largest=self.largest, memory=self.memory)
+        return GraphBackEnd(ImuBuffer(imu, period), graph)
 
 
 class GraphBackEnd:
-    """iSAM2 on the factor graph of `PoseGraph`.
+    """The back end of one mission; frames are those of the front end, in ascending order.
 
     Args:
-        options: What is assumed.
-        period: Time between samples of the inertial unit [s].
-        start: The chaser at the first frame, which is frame 0.
-        centre: Where the centre of mass may be.
+        buffer: Integrates the inertial samples between frames.
+        graph: The factor graph.
     """
 
-    def __init__(self, options: GraphOptions, period: float, start: ChaserStart, centre: CentrePrior) -> None:
-        self._buffer = ImuBuffer(options.imu, period)
-        self._graph = PoseGraph(options, start, centre)
+    def __init__(self, buffer: ImuBuffer, graph: PoseGraph) -> None:
+        self._buffer, self._graph = buffer, graph
 
     @property
     def frames(self) -> tuple[int, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,11 +42,6 @@ class JointErrors(EstimateErrors):
     """
 
     joint: FloatArray = field(default_factory=lambda: np.zeros((14, 14)), compare=False)
-
-
-def least_trials(epsilon: float) -> int:
-    """Return the number of trials that a conformal bound with a probability of error needs, ``1 / epsilon - 1``."""
-    return math.ceil(1.0 / epsilon - 1e-9) - 1
 
 
 @dataclass(frozen=True)

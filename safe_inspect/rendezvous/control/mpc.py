@@ -3,19 +3,53 @@
 from __future__ import annotations
 
 import enum
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance, design_without_tube
 from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
-from safe_inspect.rendezvous.control.lqr import AxisStatus, TrackerOutput
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import AxisStatus, Tracker, TrackerOutput
 from safe_inspect.rendezvous.control.tracking_qp import AxisLimits, TrackingQP, TrackingSolution
 from safe_inspect.rendezvous.control.tube import Tube
 from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveAngularRate
 
-# Horizons, as multiples of the one asked for, that are tried where the first step has no solution.
+#: Horizons, as multiples of the one asked for, that are tried where the first step has no solution.
 _LONGER = (2, 4)
+#: Number of natural frequencies that are tried between the least and the largest.
+_FREQUENCIES = 20
+
+
+class TubeMPCTracker(Tracker):
+    """Tube model predictive control; of the gains that the force allows it takes the one that leaves most clearance.
+
+    Attributes:
+        tube: ``truth`` bounds the distance to the true reference, ``none`` is plain model predictive control.
+        horizon: Steps of the programme.
+        least_frequency: Least natural frequency of the feedback gains that are tried [rad/s].
+        largest_frequency: Largest one [rad/s].
+    """
+
+    tube: Literal["truth", "none"] = "truth"
+    horizon: int = Field(default=20, ge=2)
+    least_frequency: PositiveAngularRate = 0.15  # type: ignore[valid-type]
+    largest_frequency: PositiveAngularRate = 1.0  # type: ignore[valid-type]
+
+    def design(self, request: DesignRequest) -> TubeDesign:
+        """Return the tube of a plan, or why there is none."""
+        if self.tube == "none":
+            return design_without_tube(request)
+        frequencies = np.geomspace(self.least_frequency, self.largest_frequency, _FREQUENCIES)
+        return design_by_clearance(request, tuple(frequencies))
+
+    def __call__(self, design: TubeDesign) -> TubeMPC:
+        """Return the tracker of one approach."""
+        initial = InitialState.MEASURED if self.tube == "none" else InitialState.NOMINAL
+        return TubeMPC(design.axis, design.tube, design.limits, self.horizon, initial=initial)
 
 
 class InitialState(enum.Enum):

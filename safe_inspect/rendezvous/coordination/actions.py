@@ -9,7 +9,7 @@ import numpy as np
 from safe_inspect.dynamics.tide import largest_tide
 from safe_inspect.rendezvous.bound.conformal import Bound
 from safe_inspect.rendezvous.bound.query import BoundQuery, Updates
-from safe_inspect.rendezvous.control.design import TubeDesign
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign
 from safe_inspect.rendezvous.control.monitor import reference_problem
 from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.coordination.context import Following, MissionContext
@@ -18,10 +18,10 @@ from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.departure import departure_velocity
 from safe_inspect.rendezvous.coordination.escape import EscapeOptions, find_escape, remains_clear
 from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time, sees_target
+from safe_inspect.rendezvous.coordination.reference import reference_of
 from safe_inspect.rendezvous.planner.certificate import certify
 from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
-from safe_inspect.rendezvous.tracking import DesignRequest, reference_of
 
 #: Rounding of references, in metres and metres a second.
 _ROUNDING = 1e-6

@@ -15,6 +15,7 @@ from safe_inspect.rendezvous.bound.conformal import Bound
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.design import TubeDesign
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import TrackerRun
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.departure import CommandedMotion
@@ -22,7 +23,6 @@ from safe_inspect.rendezvous.coordination.escape import Escape
 from safe_inspect.rendezvous.estimate import StateEstimate
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
-from safe_inspect.rendezvous.plugins.base import TrackerRun
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import from_matrix, to_matrix
-from safe_inspect.rendezvous.back_end.options import ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.back_end.states import ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.bound.query import EstimateErrors, JointErrors
 from safe_inspect.rendezvous.characterise.history import TargetEstimate
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate

@@ -7,10 +7,9 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth
-from safe_inspect.rendezvous.plugins.base import DepthCameraModel
 from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.sensors.imu import Imu, ImuNoise, InertialSample
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
+from safe_inspect.rendezvous.sensors.tof import DepthFrame, TimeOfFlightCamera
 from safe_inspect.types import FloatArray
 
 
@@ -26,7 +25,7 @@ class SensorSuite:
     """
 
     def __init__(
-        self, context: EstimatorContext, camera: DepthCameraModel, noise: ImuNoise, ticks: int, *, render: bool
+        self, context: EstimatorContext, camera: TimeOfFlightCamera, noise: ImuNoise, ticks: int, *, render: bool
     ) -> None:
         self._context, self._camera, self._ticks = context, camera.geometry, ticks
         self._renderer = camera(context.target) if render else None

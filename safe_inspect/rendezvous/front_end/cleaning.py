@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from safe_inspect.rendezvous.poses import move
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
@@ -77,6 +76,8 @@ class Cleaning:
             frame: The frame.
             T_BC: Pose of the camera in B, shape (4, 4).
         """
+        from scipy import ndimage  # slow to import
+
         directions = self.camera.directions
         used = frame.valid & (frame.depth >= self.nearest) & (frame.depth <= self.farthest)
         # A part that seems apart from the rest, behind an edge for instance, is no place where nothing is seen.
@@ -101,6 +102,8 @@ class Cleaning:
 
 def _outwards(seen: BoolArray) -> FloatArray:
     """Return the directions in which a blurred mask falls, shape (2, height, width); 0 far from its border."""
+    from scipy import ndimage  # slow to import
+
     blurred = ndimage.gaussian_filter(seen.astype(np.float64), _BLUR, mode="nearest")
     slope = -np.stack(np.gradient(blurred))
     length = np.sqrt((slope**2).sum(axis=0))
@@ -109,6 +112,8 @@ def _outwards(seen: BoolArray) -> FloatArray:
 
 def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
     """Return the pixels with a used neighbour whose depth differs by more than `edge` [m]."""
+    from scipy import ndimage  # slow to import
+
     # What is not used never differs: the largest and the least of the neighbours are taken over the used ones alone.
     largest = ndimage.maximum_filter(np.where(used, depth, -np.inf), size=3)
     return np.asarray((largest - depth > edge) | (depth - _least_depth(depth, used) > edge))
@@ -116,11 +121,15 @@ def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
 
 def _least_depth(depth: FloatArray, used: BoolArray) -> FloatArray:
     """Return the least depth of the used ones of a pixel and its neighbours, infinite without any [m]."""
+    from scipy import ndimage  # slow to import
+
     return np.asarray(ndimage.minimum_filter(np.where(used, depth, np.inf), size=3))
 
 
 def _large_clusters(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:
     """Return the used pixels of the largest groups of voxels that touch each other."""
+    from scipy import ndimage  # slow to import
+
     rays = directions[used]
     if len(rays) == 0:
         return used

@@ -1,11 +1,13 @@
-"""What a front end is made with, and what it is asked for at each frame."""
+"""Front ends: the plugin kind, what one is made with, and what it is asked for at each frame."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
@@ -44,3 +46,18 @@ class FrontEndRun(Protocol):
             predicted: T_GB of this frame as the back end predicts it, shape (4, 4); None without a prediction.
             rotation: R_B'B from the gyro, from B now to B' at the last call, shape (3, 3).
         """
+
+
+class FrontEnd(Plugin):
+    """Base of front ends: from depth frames to relative poses of the target.
+
+    Attributes:
+        needs_frames: Whether it looks at the points of a frame; without, none are rendered, and it is given the truth.
+    """
+
+    kind: ClassVar[str] = "front_end"
+    needs_frames: ClassVar[bool] = True
+
+    @abstractmethod
+    def __call__(self, context: FrontEndContext) -> FrontEndRun:
+        """Return the front end of a mission."""

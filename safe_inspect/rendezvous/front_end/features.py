@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from safe_inspect.rendezvous.poses import move, pose
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -42,6 +41,8 @@ def point_features(points: FloatArray, normals: FloatArray, radius: float, neigh
         radius: Radius of the neighbourhood [m].
         neighbours: Largest number of neighbours.
     """
+    from scipy.spatial import cKDTree  # slow to import
+
     count = len(points)
     distance, index = cKDTree(points).query(points, k=min(neighbours + 1, count), distance_upper_bound=radius)
     distance, index = distance[:, 1:], index[:, 1:]
@@ -71,6 +72,8 @@ def point_features(points: FloatArray, normals: FloatArray, radius: float, neigh
 
 def match(first: FeatureCloud, second: FeatureCloud) -> IntArray:
     """Return pairs of points that are nearest to each other in the space of features, shape (m, 2)."""
+    from scipy.spatial import cKDTree  # slow to import
+
     if not len(first.points) or not len(second.points):
         return np.zeros((0, 2), np.int64)
     forth = cKDTree(second.features).query(first.features)[1]

@@ -43,7 +43,7 @@ class GicpRegistration:
         view_shift: The same of the translation [m].
     """
 
-    voxel: float = 0.01
+    voxel: float = 0.012
     neighbours: int = 12
     reach: tuple[float, ...] = (0.06, 0.03)
     view_turn: float = np.deg2rad(0.5)

@@ -9,16 +9,15 @@ import numpy as np
 
 from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
 from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.lqr import LQRTracker
+from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
 from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth
 from safe_inspect.rendezvous.estimation.suite import SensorSuite
 from safe_inspect.rendezvous.mission import dynamics_of
 from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.plugins.base import DepthCameraModel
 from safe_inspect.rendezvous.scenario import mission_streams
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
+from safe_inspect.rendezvous.sensors.tof import DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.truth import MissionTruth
 from safe_inspect.types import FloatArray
 
@@ -34,7 +33,7 @@ class WatchSensors:
         period: Time between two frames, a multiple of the step of control [s].
     """
 
-    camera: DepthCameraModel
+    camera: TimeOfFlightCamera
     imu: ImuNoise = field(default_factory=ImuNoise)
     imu_ticks: int = 2
     period: float = 0.2
@@ -73,7 +72,7 @@ def watch(config: RendezvousConfig, sensors: WatchSensors, number: int, seconds:
     position = np.array(chaser.position)
     level = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
     pointing, controller = CameraPointing(level), AttitudeController(np.array(chaser.inertia), chaser.limits.torque)
-    hold = LQRTracker(Axis(chaser.mass, mission.step), chaser.limits.force)
+    hold = LQRTrackerRun(Axis(chaser.mass, mission.step), chaser.limits.force)
     start = BodyState(position, np.array(chaser.velocity), level, np.zeros(3))
     truth = MissionTruth(
         dynamics_of(config),

@@ -103,7 +103,7 @@ def test_while_the_camera_swings_to_the_target_the_inertial_frame_does_not_turn(
 @pytest.mark.parametrize("profile", ["clean", "nominal", "harsh"])
 def test_the_covariance_of_a_pose_adapts_to_the_noise_of_the_camera(profile: str) -> None:
     """Squared errors of the rotations to the model over their covariances, for each degree of freedom."""
-    overrides = [_DRAWN[1], f"estimator.config.camera.config.profile={profile}", "mission.time_limit=30 s"]
+    overrides = [_DRAWN[1], f"estimator.config.camera.profile={profile}", "mission.time_limit=30 s"]
     mission = Mission(load_rendezvous(_FILE, overrides).config, 60_001)
     arrays = mission.run().log.arrays()
     edges = mission._estimator.pipeline.history()  # type: ignore[attr-defined]
@@ -130,7 +130,7 @@ def test_a_motion_whose_attitude_is_hardly_known_is_not_believed() -> None:
     result = Mission(
         load_rendezvous(
             _FILE,
-            ["tumble={functor: RandomTumble}", "estimator.config.camera.config.profile=harsh", "mission.observe=90 s",
+            ["tumble={functor: RandomTumble}", "estimator.config.camera.profile=harsh", "mission.observe=90 s",
              "mission.time_limit=34 s"],
         ).config,
         50020,

@@ -24,6 +24,8 @@ from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
 _CONVERGED = 2e-5
+#: Distance to a face from which points do not count [m].
+_CUT = 0.03
 #: Distance between the points of the shape that are compared with the silhouette, relative to the swept radius, for
 #: tracking and for a search.
 _SPACING, _COARSE_SPACING = 0.02, 0.08
@@ -91,9 +93,9 @@ class ModelRegistration:
         target: Target,
         camera: DepthCamera,
         T_BC: FloatArray,  # noqa: N803
-        sigma0: float = 3e-3,
-        k: float = 1.5e-3,
-        cut: float = 0.03,
+        sigma0: float,
+        k: float,
+        cut: float = _CUT,
     ) -> None:
         self.faces = faces_of(target.boxes)
         self.samples = surface_points(self.faces, _SPACING * target.swept_radius)

@@ -9,22 +9,20 @@ from scipy.optimize import minimize
 
 from safe_inspect.rendezvous.planner.constraints import ConstraintRows, constraint_rows
 from safe_inspect.rendezvous.planner.problem import ApproachProblem
-from safe_inspect.rendezvous.planner.scp import LinearLimits, ScpOptions, ScpResult, within_limits
+from safe_inspect.rendezvous.planner.scp import ITERATIONS, RESERVE, LinearLimits, ScpResult, within_limits
 from safe_inspect.types import FloatArray
 
 _ACCURACY = 1e-7  # of SciPy's stopping rule
 _FEASIBLE = 1e-4  # m: it ends on the constraints, not inside them
 
 
-def optimise_slsqp(problem: ApproachProblem, points: FloatArray, options: ScpOptions | None = None) -> ScpResult:
-    """Return the approach that SLSQP reaches from a start, by another method than `scp.optimise_scp`.
+def optimise_slsqp(problem: ApproachProblem, points: FloatArray) -> ScpResult:
+    """Return the approach that SLSQP reaches from a start in at most four times as many iterations as `optimise_scp`.
 
     Args:
         problem: The approach.
         points: Control points to start from [m], shape (n, 3); those of the ends are kept.
-        options: The number of iterations, four times as many, and the reserve are used.
     """
-    options = options or ScpOptions()
     feasible_points = within_limits(problem, points)
     if feasible_points is None:
         return ScpResult(points, problem.cost(points), np.inf, 0, False)
@@ -44,7 +42,7 @@ def optimise_slsqp(problem: ApproachProblem, points: FloatArray, options: ScpOpt
 
     def value(x: FloatArray) -> FloatArray:
         rows, index = worst(x)
-        return np.asarray(rows.value[index] - options.reserve)
+        return np.asarray(rows.value[index] - RESERVE)
 
     def jacobian(x: FloatArray) -> FloatArray:
         rows, index = worst(x)
@@ -65,7 +63,7 @@ def optimise_slsqp(problem: ApproachProblem, points: FloatArray, options: ScpOpt
             {"type": "ineq", "fun": lambda x: hull @ x - lower, "jac": lambda x: hull},
             {"type": "ineq", "fun": lambda x: upper - hull @ x, "jac": lambda x: -hull},
         ],
-        options={"maxiter": 4 * options.iterations, "ftol": _ACCURACY},
+        options={"maxiter": 4 * ITERATIONS, "ftol": _ACCURACY},
     )
     found = whole(result.x)
     violation = float(constraint_rows(problem, found).violations().max())

@@ -1,42 +1,11 @@
-"""What a factor graph assumes: noise of the inertial unit, priors, and its size."""
+"""What a back end starts from, and what it knows after a frame."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.types import FloatArray
-
-
-@dataclass(frozen=True)
-class GraphOptions:
-    """What a factor graph assumes; standard deviations are of one axis.
-
-    Attributes:
-        imu: Errors of the inertial unit.
-        attitude: Of the chaser's attitude at the start [rad].
-        position: Of its position at the start [m].
-        velocity: Of its velocity at the start [m/s].
-        kinematic: Of the rotation kinematic factor, which holds the centre of mass at rest in W [m].
-        model_centre: Of the model's origin as the centre of mass [m].
-        huber: Residual beyond which an edge counts less, in standard deviations.
-        relinearise: Change beyond which iSAM2 linearises a variable anew [rad, m, m/s].
-        largest: Number of frames beyond which the older half is replaced by priors.
-        memory: Time over which errors of poses to the model stay alike [s]: their covariances are multiplied by
-            ``(1 + rho) / (1 - rho)`` with ``rho = exp(-dt / memory)``; 0 for independent ones.
-    """
-
-    imu: ImuNoise = field(default_factory=ImuNoise)
-    attitude: float = 1e-4
-    position: float = 1e-4
-    velocity: float = 1e-3
-    kinematic: float = 5e-3
-    model_centre: float = 1e-3
-    huber: float = 1.345
-    relinearise: float = 1e-3
-    largest: int = 600
-    memory: float = 0.0
 
 
 class ChaserStart(NamedTuple):
