@@ -18,10 +18,10 @@ from safe_inspect.rendezvous.characterise.polhode import HALF_TURNS
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.model.alignment import ObservedView, align, axis_candidates
 from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.models import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.plugins import TimeOfFlightCamera
 from safe_inspect.rendezvous.poses import inverse, pose, rotation_exp, rotation_log
-from safe_inspect.rendezvous.recording.watch import WatchSensors, watch
+from safe_inspect.rendezvous.recording.watch import watch
 
 _VIEWS, _POINTS = 12, 400
 
@@ -33,15 +33,16 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--trials", type=int, default=5)
     arguments = parser.parse_args()
-    config = RendezvousConfig()
-    camera, target = TimeOfFlightCamera(profile=arguments.profile), config.target()
+    camera = TimeOfFlightCamera(profile=arguments.profile)
+    config = RendezvousConfig(sensors=SensorsConfig(camera=camera, frame_period=4.0))
+    target = config.target()
     mount = pose(R_BC, np.array(config.chaser.camera_position))
     registration = ModelRegistration(target, camera.geometry, mount)
     cleaning = Cleaning(camera.geometry, edge=np.inf)
     rows = []
     for seed in range(arguments.seeds):
         random = np.random.default_rng(seed)
-        seen = list(watch(config, WatchSensors(camera, period=4.0), seed, 120.0))
+        seen = list(watch(config, seed, 120.0))
         glued = inverse(seen[0].T_MB)
         clouds = [cleaning(one.frame, mount).thinned(_POINTS) for one in seen]
         for _ in range(arguments.trials):

@@ -44,7 +44,7 @@ _FIGURES = (
     "graph_ms",
 )  # fmt: skip
 _AHEAD = 60.0
-_PROFILE = "estimator.config.camera.config.profile"
+_PROFILE = "sensors.camera.config.profile"
 _GROUPS = {
     "nominal": (f"{_PROFILE}=nominal",),
     "clean": (f"{_PROFILE}=clean",),

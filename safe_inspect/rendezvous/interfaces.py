@@ -12,13 +12,16 @@ from safe_inspect.rendezvous.control.design import TubeDesign
 from safe_inspect.rendezvous.control.lqr import AxisStatus, TrackerOutput
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
+from safe_inspect.rendezvous.estimate import BodyState, StateEstimate, unknown_estimate
+from safe_inspect.rendezvous.estimation.context import EstimatorContext
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.planner.certificate import Certificate, certify
 from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.path import ApproachPath, SampledPath
 from safe_inspect.rendezvous.planner.problem import mating_state, sampled_plan
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
+from safe_inspect.rendezvous.readings import Command, PoseFrame, Reading, Readings, StateReading
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame, DepthRenderer
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 from safe_inspect.rendezvous.tracking import DesignRequest, design_without_tube
@@ -34,6 +37,7 @@ __all__ = [
     "CentrePrior",
     "Certificate",
     "ChaserStart",
+    "Command",
     "DepthCamera",
     "DepthFrame",
     "DepthRenderer",
@@ -44,15 +48,20 @@ __all__ = [
     "FrontEndContext",
     "GraphEstimate",
     "History",
-    "InertialTruth",
+    "ImuNoise",
+    "InertialSample",
     "JointErrors",
     "Limits",
     "Plan",
     "PlanQuery",
     "PlanReport",
     "PlanStatus",
+    "PoseFrame",
+    "Reading",
+    "Readings",
     "SampledPath",
     "StateEstimate",
+    "StateReading",
     "Target",
     "TargetEstimate",
     "TrackedReference",
@@ -66,4 +75,5 @@ __all__ = [
     "mating_state",
     "plan_mistake",
     "sampled_plan",
+    "unknown_estimate",
 ]

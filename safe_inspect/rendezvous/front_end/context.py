@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,16 +20,13 @@ class FrontEndContext:
         camera: Geometry of the depth camera.
         T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
         target: The target where its shape is known, else None.
-        streams: The random streams of one mission.
-        truth: Returns the true T_MB at the time of the frame that is being processed, for a simulated front end
-            (``needs_frames = False``); None for every other one, and outside of a simulation.
+        streams: Random streams of the estimator's own.
     """
 
     camera: DepthCamera
     T_BC: FloatArray
     target: Target | None
     streams: Streams
-    truth: Callable[[], FloatArray] | None = None
 
 
 class FrontEndRun(Protocol):

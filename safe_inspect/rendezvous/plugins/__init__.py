@@ -15,13 +15,13 @@ from safe_inspect.rendezvous.plugins.base import (
 from safe_inspect.rendezvous.plugins.bound import JointConformalBound, MaxSampleBound
 from safe_inspect.rendezvous.plugins.estimation import (
     ISAM2BackEnd,
+    MeasuredPoses,
     PipelineEstimator,
     PolhodeCharacteriser,
-    TruthFrontEnd,
 )
 from safe_inspect.rendezvous.plugins.perception import GicpSubmapFrontEnd, ModelFrontEnd
 from safe_inspect.rendezvous.plugins.planning import SLSQPPlanner, SplineSCPPlanner
-from safe_inspect.rendezvous.plugins.sensing import TimeOfFlightCamera, TruthEstimator
+from safe_inspect.rendezvous.plugins.sensing import MeasuredState, TimeOfFlightCamera
 from safe_inspect.rendezvous.plugins.target import (
     BoxTarget,
     EnvisatTarget,
@@ -46,6 +46,8 @@ __all__ = [
     "JointConformalBound",
     "LinearQuadraticTracker",
     "MaxSampleBound",
+    "MeasuredPoses",
+    "MeasuredState",
     "MeshTarget",
     "ModelFrontEnd",
     "PipelineEstimator",
@@ -58,8 +60,6 @@ __all__ = [
     "TimeOfFlightCamera",
     "Tracker",
     "TriAxialTumble",
-    "TruthEstimator",
-    "TruthFrontEnd",
     "TubeMPCTracker",
     "Tumble",
     "UncertaintyBound",

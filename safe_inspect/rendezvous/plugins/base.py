@@ -7,8 +7,7 @@ work is loaded when it is called: an experiment is checked without SciPy and wit
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar, Protocol
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Protocol
 
 from pydantic import Field
 
@@ -25,10 +24,11 @@ if TYPE_CHECKING:
     from safe_inspect.rendezvous.control.design import TubeDesign
     from safe_inspect.rendezvous.control.lqr import TrackerOutput
     from safe_inspect.rendezvous.control.tightening import TrackedReference
-    from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
+    from safe_inspect.rendezvous.estimate import StateEstimate
+    from safe_inspect.rendezvous.estimation.context import EstimatorContext
     from safe_inspect.rendezvous.front_end.context import FrontEndContext, FrontEndRun
-    from safe_inspect.rendezvous.models import MissionConfig
     from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
+    from safe_inspect.rendezvous.readings import Reading, Readings
     from safe_inspect.rendezvous.sensors.imu import ImuNoise
     from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthRenderer
     from safe_inspect.rendezvous.target.model import Target
@@ -43,23 +43,11 @@ DataFile = Annotated[str, Field(min_length=1, json_schema_extra={"file": True})]
 class EstimatorRun(Protocol):
     """The estimator of one mission."""
 
-    def update(
-        self,
-        time: float,
-        chaser: BodyState,
-        target: BodyState,
-        *,
-        blind: bool = False,
-        inertial: InertialTruth | None = None,
-    ) -> StateEstimate:
-        """Return the newest estimate.
+    def update(self, readings: Readings) -> StateEstimate:
+        """Return the newest estimate; called once for each step of control.
 
         Args:
-            time: The time [s].
-            chaser: The chaser's true state, which sensors see.
-            target: The target's true state.
-            blind: Whether the camera gives nothing.
-            inertial: What the inertial unit has felt since the last call; None before the first step.
+            readings: What the sensors have given since the last call.
         """
 
 
@@ -109,11 +97,11 @@ class FrontEnd(Plugin):
     """Base of front ends: from depth frames to relative poses of the target.
 
     Attributes:
-        needs_frames: Whether it looks at the points of a frame; without, none are rendered, and it is given the truth.
+        reads: ``frames`` of a depth camera, or ``poses`` that a simulated sensor measures in their place.
     """
 
     kind: ClassVar[str] = "front_end"
-    needs_frames: ClassVar[bool] = True
+    reads: ClassVar[Literal["frames", "poses"]] = "frames"
 
     @abstractmethod
     def __call__(self, context: FrontEndContext) -> FrontEndRun:
@@ -158,9 +146,10 @@ class StateEstimator(Plugin):
     def __call__(self, context: EstimatorContext) -> EstimatorRun:
         """Return the estimator of a mission."""
 
-    def misfits(self, mission: MissionConfig) -> Iterator[tuple[str, str]]:
-        """Yield the name of each field that does not fit the rates of a mission, and why."""
-        yield from ()
+    @property
+    def reads(self) -> tuple[Reading, ...]:
+        """What it reads of the sensors; the others are not simulated."""
+        return ("frames", "inertial")
 
 
 class ApproachPlanner(Plugin):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rendezvous.plugins.base import BackEnd, Characteriser, FrontEnd, StateEstimator
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
 from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLength, quantity
 
 if TYPE_CHECKING:
@@ -17,63 +15,26 @@ if TYPE_CHECKING:
     from safe_inspect.rendezvous.back_end.run import GraphBackEnd
     from safe_inspect.rendezvous.characterise.fit import Motion
     from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-    from safe_inspect.rendezvous.estimate import EstimatorContext
+    from safe_inspect.rendezvous.estimation.context import EstimatorContext
     from safe_inspect.rendezvous.estimation.run import PipelineEstimatorRun
     from safe_inspect.rendezvous.front_end.context import FrontEndContext
-    from safe_inspect.rendezvous.front_end.truth import TruthEdges
-    from safe_inspect.rendezvous.models import MissionConfig
+    from safe_inspect.rendezvous.front_end.measured import MeasuredPosesRun
+    from safe_inspect.rendezvous.readings import Reading
+    from safe_inspect.rendezvous.sensors.imu import ImuNoise
     from safe_inspect.rendezvous.target.model import Target
     from safe_inspect.types import FloatArray
 
-_Angle = quantity("rad", ge=0)
-_Length = quantity("m", ge=0)
 
+class MeasuredPoses(FrontEnd):
+    """Passes on the poses that the sensor ``sensors.poses`` measures; for tests and ablations in a simulation."""
 
-class TruthFrontEnd(FrontEnd):
-    """Gives the true poses with stated errors; for tests and ablations in a simulation.
+    reads: ClassVar[Literal["frames", "poses"]] = "poses"
 
-    Attributes:
-        rotation_sigma: Standard deviation of an edge's rotation about each axis [rad].
-        translation_sigma: Of its translation along each axis [m].
-        view_rotation: Of the error that all frames of one keyframe have in common, rotation [rad].
-        view_translation: Of its translation [m].
-        model: Whether poses to the known model are measured.
-        model_rotation: Of a pose to the model, rotation [rad]; constant for a keyframe.
-        model_translation: Of its translation [m].
-        keyframe: Turn of the target after which the view is another one [rad].
-        skips: To how many earlier frames there are edges.
-        loop: Angle below which an edge leads to an old frame [rad]; 0 for none.
-    """
-
-    needs_frames: ClassVar[bool] = False
-
-    rotation_sigma: _Angle = 0.003490658503988659  # type: ignore[valid-type]
-    translation_sigma: _Length = 0.003  # type: ignore[valid-type]
-    view_rotation: _Angle = 0.008726646259971648  # type: ignore[valid-type]
-    view_translation: _Length = 0.005  # type: ignore[valid-type]
-    model: bool = True
-    model_rotation: _Angle = 0.008726646259971648  # type: ignore[valid-type]
-    model_translation: _Length = 0.005  # type: ignore[valid-type]
-    keyframe: _Angle = 0.2094395102393195  # type: ignore[valid-type]
-    skips: int = Field(default=3, ge=1)
-    loop: _Angle = 0.0  # type: ignore[valid-type]
-
-    def __call__(self, context: FrontEndContext) -> TruthEdges:
+    def __call__(self, context: FrontEndContext) -> MeasuredPosesRun:
         """Return the front end of a mission."""
-        from safe_inspect.rendezvous.front_end.truth import TruthEdges, TruthNoise
+        from safe_inspect.rendezvous.front_end.measured import MeasuredPosesRun
 
-        noise = TruthNoise(
-            rotation=self.rotation_sigma,
-            translation=self.translation_sigma,
-            view_rotation=self.view_rotation,
-            view_translation=self.view_translation,
-            model_rotation=self.model_rotation if self.model else None,
-            model_translation=self.model_translation,
-            keyframe=self.keyframe,
-            skips=self.skips,
-            loop=self.loop,
-        )
-        return TruthEdges(noise, context)
+        return MeasuredPosesRun()
 
 
 class ISAM2BackEnd(BackEnd):
@@ -159,69 +120,43 @@ def _plugin(kind: str, default: str | dict[str, Any]) -> Any:
 
 
 class PipelineEstimator(StateEstimator):
-    """Knows what depth frames and an inertial unit tell.
+    """Knows what depth frames and an inertial unit tell, by a factor graph and a fit of the target's motion.
 
     Attributes:
-        camera: The depth camera.
         front_end: From frames to relative poses.
         back_end: From relative poses and inertial samples to states.
         characteriser: From the history to the target's motion.
-        imu: Errors of the inertial unit.
-        imu_ticks: Ticks of the truth between its samples.
-        frame_period: Time between two frames [s], a multiple of the step of control.
         fit_period: Least time between two fits of the motion [s].
         correlation: Correlation of the errors of two updates that follow each other.
         known_target: Whether the target's shape and inertia are known.
     """
 
-    camera: _plugin("depth_camera", "TimeOfFlightCamera")  # type: ignore[valid-type]
     front_end: _plugin("front_end", "ModelFrontEnd")  # type: ignore[valid-type]
     back_end: _plugin("back_end", "ISAM2BackEnd")  # type: ignore[valid-type]
     characteriser: _plugin("characteriser", "PolhodeCharacteriser")  # type: ignore[valid-type]
-    imu: ImuNoise = ImuNoise()
-    imu_ticks: int = Field(default=2, ge=1)
-    frame_period: PositiveDuration = 1.0  # type: ignore[valid-type]
     fit_period: PositiveDuration = 5.0  # type: ignore[valid-type]
     correlation: float = Field(default=0.9, ge=0.0, lt=1.0)
     known_target: bool = True
 
-    _check_imu = field_validator("imu")(checked_noise)
-
-    def misfits(self, mission: MissionConfig) -> Iterator[tuple[str, str]]:
-        """Yield the name of each field that does not fit the rates of a mission, and why."""
-        steps = round(self.frame_period / mission.step)
-        if steps < 1 or abs(steps * mission.step - self.frame_period) > 1e-9:
-            yield (
-                "frame_period",
-                f"{self.frame_period:g} s is no multiple of the step of control, {mission.step:g} s; round it",
-            )
-        if self.imu_ticks > mission.control_ticks:
-            yield (
-                "imu_ticks",
-                f"{self.imu_ticks} ticks between two inertial samples are more than a step of control has, "
-                f"{mission.control_ticks}; lower it",
-            )
+    @property
+    def reads(self) -> tuple[Reading, ...]:
+        """What it reads of the sensors."""
+        return (self.front_end.reads, "inertial")
 
     def __call__(self, context: EstimatorContext) -> PipelineEstimatorRun:
         """Return the estimator of a mission."""
         from safe_inspect.rendezvous.estimation.pipeline import PipelineParts
-        from safe_inspect.rendezvous.estimation.run import PipelineEstimatorRun, RunOptions, TruePose
-        from safe_inspect.rendezvous.estimation.suite import SensorSuite
+        from safe_inspect.rendezvous.estimation.run import PipelineEstimatorRun
         from safe_inspect.rendezvous.front_end.context import FrontEndContext
 
-        steps = round(self.frame_period / context.step)
-        sensors = SensorSuite(context, self.camera, self.imu, self.imu_ticks, render=self.front_end.needs_frames)
         target = context.target if self.known_target else None
-        pose = TruePose()
-        truth = None if self.front_end.needs_frames else pose
-        seen = FrontEndContext(self.camera.geometry, sensors.T_BC, target, context.streams, truth)
         parts = PipelineParts(
-            front_end=self.front_end(seen),
-            back_end=lambda start, centre: self.back_end(self.imu, sensors.period, start, centre),
+            front_end=self.front_end(FrontEndContext(context.camera, context.T_BC, target, context.streams)),
+            back_end=lambda start, centre: self.back_end(context.imu, context.imu_period, start, centre),
             characterise=self.characteriser,
             target=target,
-            T_BC=sensors.T_BC,
-            imu=self.imu,
+            T_BC=context.T_BC,
+            imu=context.imu,
             fit_period=self.fit_period,
         )
-        return PipelineEstimatorRun(context, sensors, parts, RunOptions(steps, self.correlation), pose)
+        return PipelineEstimatorRun(context, parts, self.correlation)

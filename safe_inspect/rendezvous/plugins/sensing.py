@@ -9,10 +9,12 @@ from pydantic import Field
 from safe_inspect.rendezvous.plugins.base import DepthCameraModel, StateEstimator
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthCamera, DepthRenderer
 from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.units import NonNegativeAngle, NonNegativeAngularRate, PositiveLength
+from safe_inspect.units import PositiveLength
 
 if TYPE_CHECKING:
-    from safe_inspect.rendezvous.estimate import EstimatorContext, TruthWithErrors
+    from safe_inspect.rendezvous.estimation.context import EstimatorContext
+    from safe_inspect.rendezvous.estimation.measured import MeasuredStateRun
+    from safe_inspect.rendezvous.readings import Reading
 
 
 class TimeOfFlightCamera(DepthCameraModel):
@@ -44,25 +46,16 @@ class TimeOfFlightCamera(DepthCameraModel):
         return DepthRenderer(self.geometry, target.mesh, PROFILES[self.profile])
 
 
-class TruthEstimator(StateEstimator):
-    """Knows the truth, with stated Gaussian errors of the target's attitude and rate that change at each update.
+class MeasuredState(StateEstimator):
+    """Knows the states that the sensor ``sensors.state`` measures; between two measurements the target moves freely."""
 
-    Attributes:
-        attitude_sigma: Standard deviation of the attitude about each principal axis [rad].
-        rate_sigma: Standard deviation of each component of the angular velocity [rad/s].
-        correlation: Correlation of the errors of two updates that follow each other.
-    """
+    @property
+    def reads(self) -> tuple[Reading, ...]:
+        """What it reads of the sensors."""
+        return ("state",)
 
-    attitude_sigma: NonNegativeAngle = 0.0  # type: ignore[valid-type]
-    rate_sigma: NonNegativeAngularRate = 0.0  # type: ignore[valid-type]
-    correlation: float = Field(default=0.9, ge=0.0, lt=1.0)
-
-    def __call__(self, context: EstimatorContext) -> TruthWithErrors:
+    def __call__(self, context: EstimatorContext) -> MeasuredStateRun:
         """Return the estimator of a mission."""
-        from safe_inspect.rendezvous.bound.query import EstimateErrors
-        from safe_inspect.rendezvous.estimate import TruthWithErrors
+        from safe_inspect.rendezvous.estimation.measured import MeasuredStateRun
 
-        errors = EstimateErrors(self.attitude_sigma, self.rate_sigma)
-        return TruthWithErrors(
-            errors, self.correlation, context.target.principal, context.period, context.step, context.streams
-        )
+        return MeasuredStateRun(context)
