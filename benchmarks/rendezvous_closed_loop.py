@@ -52,8 +52,8 @@ from safe_inspect.rendezvous.target.model import Target  # noqa: E402
 
 _SETTINGS = (
     "tumble={functor: RandomTumble}",
-    "estimator.config.attitude_sigma=0.7 deg",
-    "estimator.config.rate_sigma=0.07 deg/s",
+    "sensors.state.attitude_sigma=0.7 deg",
+    "sensors.state.rate_sigma=0.07 deg/s",
 )
 _MOST_DRAWS = 200
 
@@ -63,7 +63,7 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
     mission, chaser = config.mission, config.chaser
     streams = Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
     orientation, rate = config.tumble(streams)
-    errors = EstimateErrors(config.estimator.attitude_sigma, config.estimator.rate_sigma)
+    errors = EstimateErrors(config.sensors.state.attitude_sigma, config.sensors.state.rate_sigma)
     limits, demands = limits_of(chaser), PlanDemands()
     state = np.concatenate((chaser.position, np.zeros(3)))
     reason = "no plan"
@@ -224,7 +224,7 @@ def main() -> None:
     file = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
     config = load_rendezvous(file, _SETTINGS).config
     target = config.target()
-    errors = EstimateErrors(config.estimator.attitude_sigma, config.estimator.rate_sigma)
+    errors = EstimateErrors(config.sensors.state.attitude_sigma, config.sensors.state.rate_sigma)
     results: dict[str, list[dict[str, Any]]] = {"tube": [], "plain": []}
     refused: dict[str, int] = {}
     began, draws = time.process_time(), 0

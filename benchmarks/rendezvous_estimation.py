@@ -44,7 +44,7 @@ _FIGURES = (
     "graph_ms",
 )  # fmt: skip
 _AHEAD = 60.0
-_PROFILE = "estimator.config.camera.profile"
+_PROFILE = "sensors.camera.profile"
 _GROUPS = {
     "nominal": (f"{_PROFILE}=nominal",),
     "clean": (f"{_PROFILE}=clean",),

@@ -23,10 +23,10 @@ from safe_inspect.rendezvous.front_end.model import registration as module
 from safe_inspect.rendezvous.front_end.model.faces import Faces
 from safe_inspect.rendezvous.front_end.model.kernel import Sums
 from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.models import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
-from safe_inspect.rendezvous.recording.watch import WatchedFrame, WatchSensors, watch
+from safe_inspect.rendezvous.recording.watch import WatchedFrame, watch
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthRenderer, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -96,14 +96,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--period", type=float, default=3.0, help="time between two frames [s]")
     arguments = parser.parse_args()
-    config = RendezvousConfig()
-    camera, target = TimeOfFlightCamera(profile=arguments.profile), config.target()
+    camera = TimeOfFlightCamera(profile=arguments.profile)
+    config = RendezvousConfig(sensors=SensorsConfig(camera=camera, frame_period=arguments.period))
+    target = config.target()
     mount = pose(R_BC, np.array(config.chaser.camera_position))
-    seen = [
-        one
-        for seed in range(arguments.seeds)
-        for one in watch(config, WatchSensors(camera, period=arguments.period), seed, 120.0)
-    ]
+    seen = [one for seed in range(arguments.seeds) for one in watch(config, seed, 120.0)]
     own = ModelFrontEnd()
     for name, has_prior, cut, edge, change in _VARIANTS:
         random, errors = np.random.default_rng(0), []

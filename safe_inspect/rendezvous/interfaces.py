@@ -10,13 +10,16 @@ from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, de
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import AxisStatus, TrackerOutput
 from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
+from safe_inspect.rendezvous.estimate import BodyState, StateEstimate, unknown_estimate
+from safe_inspect.rendezvous.estimation.context import EstimatorContext
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.planner.certificate import Certificate, certify
 from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.path import ApproachPath, SampledPath
 from safe_inspect.rendezvous.planner.problem import mating_state, sampled_plan
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
+from safe_inspect.rendezvous.readings import Command, PoseFrame, Reading, Readings, StateReading
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 
@@ -28,6 +31,7 @@ __all__ = [
     "BodyState",
     "Bound",
     "Certificate",
+    "Command",
     "DepthCamera",
     "DepthFrame",
     "DesignRequest",
@@ -35,15 +39,20 @@ __all__ = [
     "EstimateErrors",
     "EstimatorContext",
     "FrontEndContext",
-    "InertialTruth",
+    "ImuNoise",
+    "InertialSample",
     "JointErrors",
     "Limits",
     "Plan",
     "PlanQuery",
     "PlanReport",
     "PlanStatus",
+    "PoseFrame",
+    "Reading",
+    "Readings",
     "SampledPath",
     "StateEstimate",
+    "StateReading",
     "Target",
     "TrackedReference",
     "TrackerOutput",
@@ -55,4 +64,5 @@ __all__ = [
     "mating_state",
     "plan_mistake",
     "sampled_plan",
+    "unknown_estimate",
 ]

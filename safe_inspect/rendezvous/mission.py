@@ -23,19 +23,19 @@ from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.departure import CommandedMotion
 from safe_inspect.rendezvous.coordination.reference import tide_of
 from safe_inspect.rendezvous.coordination.table import TABLE
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth
+from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.consistency import normalised_error
-from safe_inspect.rendezvous.estimation.response import ActuatorResponse
+from safe_inspect.rendezvous.estimation.context import estimator_context
 from safe_inspect.rendezvous.log import MissionLog
 from safe_inspect.rendezvous.models import ChaserConfig, RendezvousConfig
 from safe_inspect.rendezvous.planner.query import Limits
+from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.scenario import check_start, checked_target, mission_streams
+from safe_inspect.rendezvous.sensors.suite import SensorSuite
 from safe_inspect.rendezvous.summary import summarise_mission
 from safe_inspect.rendezvous.truth import MissionTruth, TruthStep
 from safe_inspect.types import FloatArray
 
-#: Step of the inertial unit's bias where it fails [m/s^2, rad/s].
-_BIAS_STEP = (0.02, 5e-4)
 #: Called at every change of state with the time [s], the state before, the guard and the state after.
 _Progress = Callable[[float, Phase, str, Phase], None]
 
@@ -117,14 +117,9 @@ class Mission:
         target = checked_target(config)
         self._tumbling = config.tumble(self._streams)
         check_start(config, target, self._tumbling[0])
-        self._estimator = config.estimator(
-            EstimatorContext(
-                target, mission.update_period, mission.step, self._streams, mission.tick, chaser.mass,
-                chaser.camera_position,
-            )
-        )  # fmt: skip
-        self._felt: InertialTruth | None = None
-        self._response = ActuatorResponse(chaser, mission.step)
+        self._estimator = config.estimator(estimator_context(target, chaser, mission, config.sensors, self._streams))
+        self._sensors = SensorSuite(config.sensors, chaser, mission, target, self._streams, config.estimator.reads)
+        self._done: tuple[Command, TruthStep] | None = None
         # At the start the camera looks at the target.
         position = np.array(chaser.position)
         orientation = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
@@ -135,7 +130,8 @@ class Mission:
             dynamics_of(config), start, target.principal, self._tumbling, mission.tick, mission.control_ticks,
             self._streams, mission.impulses,
         )  # fmt: skip
-        estimate = self._estimator.update(0.0, self._truth.chaser, self._truth.target)
+        readings = self._sensors.read(0.0, self._truth.chaser, self._truth.target)
+        estimate = self._estimator.update(readings)
         axis = Axis(chaser.mass, mission.step)
         own = chaser.limits
         self._flight = MissionContext(
@@ -147,6 +143,7 @@ class Mission:
             streams=self._streams,
             hold=LQRTrackerRun(axis, own.force),
             report=self._event,
+            readings=readings,
             estimate=estimate,
             motion=CommandedMotion.of(estimate),
         )
@@ -176,8 +173,7 @@ class Mission:
             context.motion.advance(output.force / self._config.chaser.mass, self._config.mission.step)
             force = self._in_inertial(output.force)
             done = self._truth.advance(force, torque)
-            expected = self._response.step(context.estimate.chaser, output.force, torque)
-            self._felt = InertialTruth(done.chaser, context.fails("imu"), self._bias_step(), expected)
+            self._done = Command(output.force, torque), done
             self._record(output, reference, (force, torque), done)
         summary = summarise_mission(
             self._config, context.target, self._log, coordinator.state is Phase.DONE, context.cause
@@ -188,15 +184,15 @@ class Mission:
         """Bring the estimate, and what depends on it, up to now."""
         context, truth, mission = self._flight, self._truth, self._config.mission
         context.step, context.time = truth.step_number, truth.time
-        blind = context.fails("camera")
-        if not blind:
-            context.camera_time = context.time
-        if not context.fails("imu"):
-            context.imu_time = context.time
         before = context.estimate.updated
-        context.estimate = self._estimator.update(
-            context.time, truth.chaser, truth.target, blind=blind, inertial=self._felt
-        )
+        if self._done is not None:
+            command, done = self._done
+            context.readings = self._sensors.read(context.time, truth.chaser, truth.target, done.chaser, command)
+            context.estimate = self._estimator.update(context.readings)
+        if "camera" not in context.readings.silent:
+            context.camera_time = context.time
+        if "imu" not in context.readings.silent:
+            context.imu_time = context.time
         if context.estimate.updated != before:
             context.motion, context.poses = CommandedMotion.of(context.estimate), context.poses + 1
         elif guards.unseen(context):
@@ -278,10 +274,6 @@ class Mission:
         if np.array_equal(estimated, true):
             return force
         return quaternion.rotate(true, quaternion.rotate(quaternion.conjugate(estimated), force))
-
-    def _bias_step(self) -> FloatArray:
-        """Return what a fault adds to the inertial unit's measurements [m/s^2, rad/s], shape (6,)."""
-        return np.repeat(_BIAS_STEP if self._flight.fails("imu_bias") else (0.0, 0.0), 3)
 
     def _record(
         self, output: TrackerOutput, reference: FloatArray, command: tuple[FloatArray, FloatArray], done: TruthStep

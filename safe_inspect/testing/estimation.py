@@ -11,6 +11,8 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
 from safe_inspect.rendezvous.poses import inverse, pose
+from safe_inspect.rendezvous.readings import PoseFrame
+from safe_inspect.rendezvous.sensors.poses import PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.testing.report import Report
@@ -43,14 +45,17 @@ def check_front_end(plugin: FrontEnd, target: Target, streams: Streams, report: 
     renderer = camera(target)
 
     def edges() -> list[Edge]:
-        at = [poses[0]]
-        run = plugin(
-            FrontEndContext(camera.geometry, T_BC, target, streams, None if plugin.needs_frames else lambda: at[0])
+        run, sensor = (
+            plugin(FrontEndContext(camera.geometry, T_BC, target, streams)),
+            PoseSensorRun(PoseSensor(), streams),
         )
         found = []
         for number, T_MB in enumerate(poses):  # noqa: N806
-            at[0], T_MC = T_MB, T_MB @ T_BC  # noqa: N806
+            T_MC = T_MB @ T_BC  # noqa: N806
             frame = renderer.render(T_MC[:3, :3], T_MC[:3, 3], streams, number, float(number))
+            if plugin.reads == "poses":
+                measured = sensor.measure(number, T_MB, in_view=True)
+                frame = PoseFrame(**vars(frame), number=number, poses=measured)
             own = run.step(frame, None, np.eye(3))
             right = all(edge.first < edge.second <= number and edge.first >= MODEL for edge in own)
             report.expect(right, "frames", "an edge is between frames that are not there", "count frames by calls")

@@ -13,10 +13,13 @@ import numpy as np
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.bound.conformal import ConformalBound
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
+from safe_inspect.rendezvous.chaser import ChaserState
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.design import DesignRequest
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext
+from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.estimation.context import estimator_context
+from safe_inspect.rendezvous.models import ChaserConfig, Fault, MissionConfig, SensorsConfig
 from safe_inspect.rendezvous.planner.certificate import certify
 from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
@@ -30,6 +33,8 @@ from safe_inspect.rendezvous.plugins import (
     Tracker,
     Tumble,
 )
+from safe_inspect.rendezvous.readings import Command
+from safe_inspect.rendezvous.sensors.suite import SensorSuite
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.testing.estimation import check_front_end
 from safe_inspect.testing.report import WRITES, Report
@@ -57,12 +62,24 @@ def _check_tumble(plugin: Tumble, parts: SampleParts, report: Report) -> None:
 
 
 def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: Report) -> None:
-    """Check an estimator: estimates of a chaser and a target, some of them blind."""
+    """Check an estimator: estimates of a chaser that hangs before a target, with a camera that fails in the end."""
     chaser, body = _bodies()
+    camera = Fault(kind="camera", start=1.5, duration=10.0)
+    mission, sensors = MissionConfig(faults=(camera,)), SensorsConfig()
+    context = estimator_context(_target(), ChaserConfig(), mission, sensors, _streams())
+    ticks = (1, mission.control_ticks)
+    still = ChaserState(
+        np.tile(np.concatenate([chaser.position, chaser.velocity]), (*ticks, 1)),
+        np.tile(chaser.orientation, (*ticks, 1)), np.zeros((*ticks, 3)), np.zeros((*ticks, 6)),
+    )  # fmt: skip
 
     def estimates() -> list[AnyArray]:
-        run = plugin(EstimatorContext(_target(), 1.0, 0.2, _streams()))
-        found = [run.update(0.2 * k, chaser, body, blind=k > 7) for k in range(12)]
+        run = plugin(context)
+        suite = SensorSuite(sensors, context.chaser, mission, _target(), _streams(), plugin.reads)
+        found = []
+        for k in range(12):
+            held = (still, Command(np.zeros(3), np.zeros(3))) if k else ()
+            found.append(run.update(suite.read(mission.step * k, chaser, body, *held)))
         return [array for estimate in found for array in (*estimate.chaser, *estimate.target)]
 
     with _unchanged([*chaser, *body], report, "the estimator"):

@@ -21,7 +21,7 @@ from .test_experiment import SHIPPED
 
 _QUICK = ["mission.observe=2 s", "mission.checkout=0.4 s"]
 _SHORT = ["mission.observe=1 s", "mission.wait_limit=0 s", "mission.durations=[45 s, 60 s]", "mission.hold=1 s"]
-_ERRORS = ["estimator.config.attitude_sigma=0.5 deg", "estimator.config.rate_sigma=0.05 deg/s"]
+_ERRORS = ["sensors.state.attitude_sigma=0.5 deg", "sensors.state.rate_sigma=0.05 deg/s"]
 
 
 def _load(*overrides: str) -> Rendezvous:

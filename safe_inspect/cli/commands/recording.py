@@ -16,7 +16,7 @@ from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.back_end.run import ISAM2BackEnd
 from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
+from safe_inspect.rendezvous.plugins import FrontEnd
 from safe_inspect.rendezvous.recording.estimation import Estimators, estimate_log
 from safe_inspect.rendezvous.recording.mating_point import in_principal_axes, mating_point_text, pick_point
 from safe_inspect.rendezvous.recording.plausibility import check_log
@@ -24,9 +24,7 @@ from safe_inspect.rendezvous.recording.reader import read_sensor_log
 from safe_inspect.rendezvous.recording.record import record_watch
 from safe_inspect.rendezvous.recording.report import estimate_table, summary_of, write_estimate
 from safe_inspect.rendezvous.recording.target_file import read_target
-from safe_inspect.rendezvous.recording.watch import WatchSensors
 from safe_inspect.rendezvous.scenario import check_scenario
-from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 
 FIGURE = "estimate.png"
 
@@ -77,17 +75,13 @@ def run_record_log(arguments: argparse.Namespace) -> int:
         raise SafeInspectError(
             f"--period {arguments.period:g} is no multiple of the step of control, {config.mission.step:g} s; round it"
         )
-    sensors = WatchSensors(TimeOfFlightCamera(), period=arguments.period)
-    if isinstance(config.estimator, PipelineEstimator):
-        own = config.estimator
-        sensors = WatchSensors(own.camera, own.imu, own.imu_ticks, arguments.period)
+    sensors = config.sensors.model_copy(update={"frame_period": arguments.period})
+    config = config.model_copy(update={"sensors": sensors})
     bar = EpisodeBar("frames", sys.stderr)
     try:
         with output_folder(arguments) as folder:
             assert folder is not None, "--output is required"
-            count = record_watch(
-                folder, config, sensors, arguments.mission, arguments.seconds, arguments.images, bar.show
-            )
+            count = record_watch(folder, config, arguments.mission, arguments.seconds, arguments.images, bar.show)
     finally:
         bar.close()
     print(f"{count} frames are in {arguments.output}")

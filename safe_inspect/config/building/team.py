@@ -66,9 +66,11 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
         for field, kind in named.functor.references().items():
             value = getattr(named.functor, field)
             if kind == "done" and value not in done_names and len(agents) == len(config.agent_config):
-                place = path_text((*where, "config", field))
-                text = f"no agent has a done function named {value!r}, so that {named.name} never ends an episode"
-                warnings.warn(f"{place}: {text}; {did_you_mean(value, done_names)}", stacklevel=2)
+                warnings.warn(
+                    f"{path_text((*where, 'config', field))}: no agent has a done function named {value!r}, so that "
+                    f"{named.name} never ends an episode; {did_you_mean(value, done_names)}",
+                    stacklevel=2,
+                )
     safety = config.config.config.env_config.rta
     if safety is not None and safety.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
         message = "the environment's `rta` counts on ended deputies that coast; let them `coast`, or switch it off"

@@ -23,6 +23,7 @@ from safe_inspect.rendezvous.coordination.escape import Escape
 from safe_inspect.rendezvous.estimate import StateEstimate
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
+from safe_inspect.rendezvous.readings import Readings
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
@@ -55,6 +56,7 @@ class MissionContext:
         streams: The random streams of the mission.
         hold: Follows a reference without a tube, for all that is no approach.
         report: Called with an event's name and its data.
+        readings: What the sensors have given.
         estimate: The newest estimate.
         step: Number of the step of control.
         time: The time [s].
@@ -100,6 +102,7 @@ class MissionContext:
     streams: Streams
     hold: TrackerRun
     report: Callable[[str, dict[str, Any]], None]
+    readings: Readings
     estimate: StateEstimate
     motion: CommandedMotion
     step: int = 0
@@ -142,11 +145,8 @@ class MissionContext:
         return self.time - self.since
 
     def fails(self, kind: str) -> bool:
-        """Return whether something is failing now."""
-        return any(
-            fault.kind == kind and fault.start <= self.time < fault.start + fault.duration
-            for fault in self.config.mission.faults
-        )
+        """Return whether a part of the flight computer is failing now: ``planner`` or ``solver``."""
+        return self.config.mission.fails(kind, self.time)
 
     def aim(self) -> FloatArray:
         """Return where the camera looks, in W [m], shape (3,).

@@ -14,10 +14,10 @@ from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, Gr
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
 from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.estimate import ExpectedMotion
 from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
 from safe_inspect.rendezvous.estimation.change import OFF_FRAMES, departs, motion_of
 from safe_inspect.rendezvous.estimation.innovation import centre_innovation
+from safe_inspect.rendezvous.estimation.response import ExpectedMotion
 from safe_inspect.rendezvous.front_end.context import FrontEndRun
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.tof import DepthFrame

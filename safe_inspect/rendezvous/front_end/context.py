@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Literal, Protocol
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
@@ -23,16 +22,13 @@ class FrontEndContext:
         camera: Geometry of the depth camera.
         T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
         target: The target where its shape is known, else None.
-        streams: The random streams of one mission.
-        truth: Returns the true T_MB at the time of the frame that is being processed, for a simulated front end
-            (``needs_frames = False``); None for every other one, and outside of a simulation.
+        streams: Random streams of the estimator's own.
     """
 
     camera: DepthCamera
     T_BC: FloatArray
     target: Target | None
     streams: Streams
-    truth: Callable[[], FloatArray] | None = None
 
 
 class FrontEndRun(Protocol):
@@ -52,11 +48,11 @@ class FrontEnd(Plugin):
     """Base of front ends: from depth frames to relative poses of the target.
 
     Attributes:
-        needs_frames: Whether it looks at the points of a frame; without, none are rendered, and it is given the truth.
+        reads: ``frames`` of a depth camera, or ``poses`` that a simulated sensor measures in their place.
     """
 
     kind: ClassVar[str] = "front_end"
-    needs_frames: ClassVar[bool] = True
+    reads: ClassVar[Literal["frames", "poses"]] = "frames"
 
     @abstractmethod
     def __call__(self, context: FrontEndContext) -> FrontEndRun:

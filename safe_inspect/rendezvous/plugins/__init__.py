@@ -8,12 +8,12 @@ from safe_inspect.rendezvous.control.mpc import TubeMPCTracker
 from safe_inspect.rendezvous.control.tracker import Tracker
 from safe_inspect.rendezvous.front_end.context import FrontEnd
 from safe_inspect.rendezvous.front_end.gicp_front_end import GicpSubmapFrontEnd
+from safe_inspect.rendezvous.front_end.measured import MeasuredPoses
 from safe_inspect.rendezvous.front_end.model.run import ModelFrontEnd
-from safe_inspect.rendezvous.front_end.truth import TruthFrontEnd
 from safe_inspect.rendezvous.planner.approach import ApproachPlanner, SplineSCPPlanner
 from safe_inspect.rendezvous.plugins.base import StateEstimator
 from safe_inspect.rendezvous.plugins.estimation import PipelineEstimator
-from safe_inspect.rendezvous.plugins.sensing import TruthEstimator
+from safe_inspect.rendezvous.plugins.sensing import MeasuredState
 from safe_inspect.rendezvous.target.box import BoxTarget
 from safe_inspect.rendezvous.target.envisat import EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
@@ -28,6 +28,8 @@ __all__ = [
     "FrontEnd",
     "GicpSubmapFrontEnd",
     "LQRTracker",
+    "MeasuredPoses",
+    "MeasuredState",
     "MeshTarget",
     "ModelFrontEnd",
     "PipelineEstimator",
@@ -37,8 +39,6 @@ __all__ = [
     "TargetModel",
     "Tracker",
     "TriAxialTumble",
-    "TruthEstimator",
-    "TruthFrontEnd",
     "TubeMPCTracker",
     "Tumble",
 ]

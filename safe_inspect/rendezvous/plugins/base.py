@@ -3,34 +3,22 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
 from typing import ClassVar, Protocol
 
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
-from safe_inspect.rendezvous.models import MissionConfig
+from safe_inspect.rendezvous.estimate import StateEstimate
+from safe_inspect.rendezvous.estimation.context import EstimatorContext
+from safe_inspect.rendezvous.readings import Reading, Readings
 
 
 class EstimatorRun(Protocol):
     """The estimator of one mission."""
 
-    def update(
-        self,
-        time: float,
-        chaser: BodyState,
-        target: BodyState,
-        *,
-        blind: bool = False,
-        inertial: InertialTruth | None = None,
-    ) -> StateEstimate:
-        """Return the newest estimate.
+    def update(self, readings: Readings) -> StateEstimate:
+        """Return the newest estimate; called once for each step of control.
 
         Args:
-            time: The time [s].
-            chaser: The chaser's true state, which sensors see.
-            target: The target's true state.
-            blind: Whether the camera gives nothing.
-            inertial: What the inertial unit has felt since the last call; None before the first step.
+            readings: What the sensors have given since the last call.
         """
 
 
@@ -43,6 +31,7 @@ class StateEstimator(Plugin):
     def __call__(self, context: EstimatorContext) -> EstimatorRun:
         """Return the estimator of a mission."""
 
-    def misfits(self, mission: MissionConfig) -> Iterator[tuple[str, str]]:
-        """Yield the name of each field that does not fit the rates of a mission, and why."""
-        yield from ()
+    @property
+    def reads(self) -> tuple[Reading, ...]:
+        """What it reads of the sensors; the others are not simulated."""
+        return ("frames", "inertial")

@@ -147,6 +147,11 @@ class TimeOfFlightCamera(Plugin):
         return DepthRenderer(self.geometry, target.mesh, PROFILES[self.profile])
 
 
+def no_frame(time: float) -> DepthFrame:
+    """Return a frame without a pixel."""
+    return DepthFrame(time, np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((0, 0), bool), ("out_of_view",))
+
+
 class DepthRenderer:
     """Takes frames of a mesh; a frame is a function of the pose, the streams and the frame's number alone."""
 

@@ -10,9 +10,9 @@ import pytest
 from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.back_end.inertial import BiasJump, ImuBuffer
 from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
-from safe_inspect.rendezvous.estimate import BodyState, ExpectedMotion
+from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
-from safe_inspect.rendezvous.estimation.response import ActuatorResponse
+from safe_inspect.rendezvous.estimation.response import ActuatorResponse, ExpectedMotion
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 

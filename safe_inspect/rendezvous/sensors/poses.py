@@ -1,45 +1,43 @@
-"""A front end that knows the true poses, with stated errors: for tests and ablations."""
+"""A simulated sensor of relative poses with stated errors: for tests and ablations without depth images."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.errors import ConfigError
+from safe_inspect.config.models.experiment import Model
+from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
 from safe_inspect.rendezvous.poses import inverse, perturbed
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 from safe_inspect.units import quantity
 
 _Angle = quantity("rad", ge=0)
 _Length = quantity("m", ge=0)
 
-
 #: Least standard deviations that covariances state [rad, m], and frames between the ends of a loop.
 _LEAST_SIGMA, _LOOP_FRAMES = 1e-6, 10
 
 
-class TruthFrontEnd(FrontEnd):
-    """Gives the true poses with stated errors; for tests and ablations in a simulation.
+class PoseSensor(Model):
+    """Measures poses of the target relative to the chaser, and to earlier frames; standard deviations are of one axis.
 
     Attributes:
-        rotation_sigma: Standard deviation of an edge's rotation about each axis [rad].
-        translation_sigma: Of its translation along each axis [m].
-        view_rotation: Of the error that all frames of one keyframe have in common, rotation [rad].
-        view_translation: Of its translation [m].
+        rotation_sigma: Of the rotation between two frames [rad].
+        translation_sigma: Of the translation between two frames [m].
+        view_rotation: Of the view [rad]: it is constant while the same keyframe is current, and adds to the pose of
+            every frame of it. Poses between frames of one keyframe do not have it.
+        view_translation: The same [m].
         model: Whether poses to the known model are measured.
         model_rotation: Of a pose to the model, rotation [rad]; constant for a keyframe.
         model_translation: Of its translation [m].
-        keyframe: Turn of the target after which the view is another one [rad].
-        skips: To how many earlier frames there are edges.
-        loop: Angle below which an edge leads to an old frame [rad]; 0 for none.
+        keyframe: Turn of the target as seen from the chaser after which the view is another one [rad].
+        skips: To how many earlier frames poses are measured.
+        loop: Angle below which a pose to the oldest frame of that view is measured, at least ten frames back [rad]; 0
+            for none.
     """
-
-    needs_frames: ClassVar[bool] = False
 
     rotation_sigma: _Angle = 0.003490658503988659  # type: ignore[valid-type]
     translation_sigma: _Length = 0.003  # type: ignore[valid-type]
@@ -52,44 +50,43 @@ class TruthFrontEnd(FrontEnd):
     skips: int = Field(default=3, ge=1)
     loop: _Angle = 0.0  # type: ignore[valid-type]
 
-    def __call__(self, context: FrontEndContext) -> TruthEdges:
-        """Return the front end of a mission."""
-        return TruthEdges(self, context)
 
-
-class TruthEdges:
-    """Gives edges from the true poses T_MB.
+class PoseSensorRun:
+    """The sensor of one mission.
 
     Args:
-        options: Their errors.
-        context: The front end's context; its truth must be there.
+        sensor: Its errors.
+        streams: The random streams of the mission.
     """
 
-    def __init__(self, options: TruthFrontEnd, context: FrontEndContext) -> None:
-        if context.truth is None:
-            raise ConfigError("TruthFrontEnd works in simulations only; choose another front end for recorded frames")
-        self._options, self._truth, self._streams = options, context.truth, context.streams
+    def __init__(self, sensor: PoseSensor, streams: Streams) -> None:
+        self._sensor, self._streams = sensor, streams
         self._poses: list[FloatArray] = []
         self._views: list[FloatArray] = []  # the tangent of each frame's view error
         self._keyframe: FloatArray | None = None
-        self._count = self._drawn = 0
+        self._drawn = 0
         self._frames: list[int] = []
 
-    def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
-        """Return the edges of a frame."""
-        number, self._count = self._count, self._count + 1
-        if "out_of_view" in frame.flags:
-            return []
-        noise, pose = self._options, self._truth()
-        if self._keyframe is None or _angle(self._keyframe, pose) > noise.keyframe:
+    def measure(self, number: int, pose: FloatArray, *, in_view: bool) -> tuple[Edge, ...]:
+        """Return what is measured in a frame.
+
+        Args:
+            number: Number of the frame.
+            pose: The true T_MB, shape (4, 4).
+            in_view: Whether the target is in view; else nothing is measured.
+        """
+        if not in_view:
+            return ()
+        sensor = self._sensor
+        if self._keyframe is None or _angle(self._keyframe, pose) > sensor.keyframe:
             self._keyframe, self._drawn = pose, self._drawn + 1
         unit = self._streams.normal("front_end.view", 12, self._drawn)[0]
-        view = unit[:6] * np.repeat([noise.view_rotation, noise.view_translation], 3)
+        view = unit[:6] * np.repeat([sensor.view_rotation, sensor.view_translation], 3)
         edges = []
-        earlier = list(range(max(len(self._poses) - noise.skips, 0), len(self._poses)))
-        if noise.loop > 0.0:
+        earlier = list(range(max(len(self._poses) - sensor.skips, 0), len(self._poses)))
+        if sensor.loop > 0.0:
             old = range(max(len(self._poses) - _LOOP_FRAMES, 0))
-            near = [k for k in old if _angle(self._poses[k], pose) < noise.loop]
+            near = [k for k in old if _angle(self._poses[k], pose) < sensor.loop]
             earlier += near[:1]
         for place, k in enumerate(earlier):
             is_neighbour = self._frames[k] == number - 1
@@ -98,23 +95,23 @@ class TruthEdges:
                 "odometry" if is_neighbour else "loop" if gap > _LOOP_FRAMES else "skip"
             )
             drawn = self._streams.normal(f"front_end.edge.{place}", 6, number)[0]
-            error = drawn * np.repeat([noise.rotation_sigma, noise.translation_sigma], 3)
+            error = drawn * np.repeat([sensor.rotation_sigma, sensor.translation_sigma], 3)
             same = np.array_equal(view, self._views[k])
             measured = perturbed(inverse(perturbed(self._poses[k], self._views[k])) @ perturbed(pose, view), error)
             own = 0.0 if same else np.sqrt(2.0)
             covariance = _covariance(
-                np.hypot(noise.rotation_sigma, own * noise.view_rotation),
-                np.hypot(noise.translation_sigma, own * noise.view_translation),
+                np.hypot(sensor.rotation_sigma, own * sensor.view_rotation),
+                np.hypot(sensor.translation_sigma, own * sensor.view_translation),
             )
             edges.append(Edge(self._frames[k], number, measured, covariance, 1.0, kind))
-        if noise.model:
-            error = unit[6:] * np.repeat([noise.model_rotation, noise.model_translation], 3)
-            covariance = _covariance(noise.model_rotation, noise.model_translation)
+        if sensor.model:
+            error = unit[6:] * np.repeat([sensor.model_rotation, sensor.model_translation], 3)
+            covariance = _covariance(sensor.model_rotation, sensor.model_translation)
             edges.append(Edge(MODEL, number, perturbed(pose, error), covariance, 1.0, "model"))
         self._poses.append(pose)
         self._views.append(view)
         self._frames.append(number)
-        return edges
+        return tuple(edges)
 
 
 def _covariance(rotation: float, translation: float) -> FloatArray:
