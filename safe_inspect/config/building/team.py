@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.loading.located import path_text
 from safe_inspect.config.loading.templates import MAX_COUNT
+from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import EnvironmentConfig, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.shared import CollisionDoneFunction
@@ -134,7 +134,7 @@ def _warn_of_starts(
     values: Mapping[str, Any],
 ) -> None:
     """Warn of initial states from which a filter promises nothing; see `StartWatch`."""
-    states = {"sun_angle": values["sun_angle"]} if "sun_angle" in values else {}
+    states = {name: value for name, value in values.items() if not isinstance(value, Mapping)}
     for state in ("position", "velocity"):
         own = [bodies[name][state] for name in platforms]
         states[state] = np.stack(own, axis=1) if isinstance(safety, TeamSafety) else own[0]
