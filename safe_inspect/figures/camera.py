@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import continuous, normalise, rotate
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.types import BoolArray, FloatArray
 
 

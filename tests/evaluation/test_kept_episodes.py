@@ -18,8 +18,8 @@ from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation import baseline, rollout
-from safe_inspect.evaluation.results.kept import KeptEpisodes, batch_file
 from safe_inspect.evaluation.rollouts import rollout as rollouts
+from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, batch_file
 from safe_inspect.evaluation.task import default_metrics
 
 CONFIGS = configs_root()

@@ -26,10 +26,10 @@ from safe_inspect.evaluation.results.folder import (
     write_json,
 )
 from safe_inspect.evaluation.results.hashes import sha256
-from safe_inspect.evaluation.results.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.results.reference import read_reference
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import evaluation_table, pooled_table
+from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.rollouts.measuring import check_metrics
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.evaluation.task import default_metrics, price_of, read_metrics, task_of

@@ -19,7 +19,7 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories
 from safe_inspect.evaluation.rollouts.recording import record_episode
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
 from safe_inspect.figures.curves import curves_figure

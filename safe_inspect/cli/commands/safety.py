@@ -12,11 +12,11 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety.acceptance import acceptance
-from safe_inspect.evaluation.safety.audit import Audit, audit
 from safe_inspect.evaluation.safety.report import safety_report
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
 from safe_inspect.outputs import check_ending
+from safe_inspect.rta.audit.audit import Audit, audit
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 

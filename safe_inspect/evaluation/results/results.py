@@ -5,29 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.results.episodes import Episodes
+from safe_inspect.evaluation.episodes import FIGURES, GAP, Episodes
 from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate, wilson
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Begins the names of the columns that concern the whole episode, and the state in which it began.
 EPISODE, BEGIN = "episode/", "begin/"
-GAP = "gap to the open-loop optimum"
-#: The usual figures, and their units.
-FIGURES = {
-    "return": "-",
-    "delta-v": "m/s",
-    "delta-v per deputy": "m/s",
-    "length": "steps",
-    "closest deputies": "m",
-    GAP: "m/s",
-}
 _AXES = ("x", "y", "z")
 
 
@@ -99,7 +90,7 @@ class Evaluation:
         cls,
         label: str,
         episodes: Episodes,
-        record: Mapping[str, Any],
+        record: Mapping[str, Any] = MappingProxyType({}),
         *,
         reference: FloatArray | None = None,
     ) -> Evaluation:

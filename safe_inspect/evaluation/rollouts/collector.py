@@ -9,9 +9,9 @@ import numpy as np
 from safe_inspect.environments.accumulator import INFO, TERM, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
-from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.rollouts.measuring import MetricAccumulator
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 

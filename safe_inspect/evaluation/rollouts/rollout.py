@@ -9,14 +9,14 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.episodes import Episodes, join
 from safe_inspect.evaluation.policies import Policy
-from safe_inspect.evaluation.results.episodes import Episodes, join
-from safe_inspect.evaluation.results.kept import KeptEpisodes
 from safe_inspect.evaluation.rollouts.collector import EpisodeCollector
 from safe_inspect.evaluation.rollouts.dispatch import Policies, PolicyDispatcher, assign
+from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
 from safe_inspect.evaluation.rollouts.measuring import check_metrics
 from safe_inspect.evaluation.rollouts.recorder import Recorder
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.types import BoolArray, IntArray
 

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.linalg import expm
 
-from safe_inspect.evaluation.safety.disturbances import DisturbanceAdversary
+from safe_inspect.rta.audit.disturbances import DisturbanceAdversary, unit
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
@@ -137,7 +137,7 @@ def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.ra
     """
     if not len(state):
         return
-    watch = _Watch(run)
+    watch = _OracleWatch(run)
     adversary = DisturbanceAdversary(run.bounds, len(state), rng) if isinstance(run, TubeFilter) else None
     kind = rng.integers(0, 4 if adversary is None else 5, len(state))[:, None]
     result.starts += len(state)
@@ -162,8 +162,8 @@ def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.ra
             state = adversary.disturbed(state)
 
 
-class _Watch:
-    """Propagates states and looks at the constraints on the way."""
+class _OracleWatch:
+    """Propagates states and looks at the constraints on the way, without any code of the filter."""
 
     def __init__(self, run: BackupFilter) -> None:
         p, n = run.parameters, run.parameters.n
@@ -227,8 +227,8 @@ def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> Re
     n, top = run.parameters.n, (run.limit("v0", "rel_vel") if "rel_vel" in run.names else 2.0)
     near, far = run.limit("collision_radius", "chief_collision", "PSM"), run.limit("r_max", "r_max")
     fastest = run.limit("vel_limit", "x_vel", "y_vel", "z_vel")
-    out, along = (_unit(rng.normal(size=(rows, 3))) for _ in range(2))
-    fast = _unit(np.cross(out, [0.0, 1.0, 0.0])) * top * rng.uniform(0.3, 1.0, (rows, 1))
+    out, along = (unit(rng.normal(size=(rows, 3))) for _ in range(2))
+    fast = unit(np.cross(out, [0.0, 1.0, 0.0])) * top * rng.uniform(0.3, 1.0, (rows, 1))
     phase, sun = rng.uniform(0.0, 2.0 * np.pi, (2, rows))
     passing = near * rng.uniform(1.01, 3.0, rows)
     radius = rng.uniform(near, far, rows)
@@ -267,7 +267,3 @@ def _edges(
         fits = run.recoverable(line(middle, i))
         good, bad = np.where(fits, middle, good), np.where(fits, bad, middle)
     return line(good, i)
-
-
-def _unit(v: FloatArray) -> FloatArray:
-    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

@@ -14,9 +14,9 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import OutputError
-from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.task import differing_keys
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.outputs import LOCK, NO_SPACE, cannot_write, exclusive, mark_folder, read_marker, remove_written
 from safe_inspect.types import AnyArray
 

@@ -9,8 +9,20 @@ from typing import Any, TypeVar
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.types import AnyArray, FloatArray, IntArray
+
+#: The figure that a reference adds: delta-v less that of the open-loop optimum.
+GAP = "gap to the open-loop optimum"
+#: The usual figures, and their units.
+FIGURES = {
+    "return": "-",
+    "delta-v": "m/s",
+    "delta-v per deputy": "m/s",
+    "length": "steps",
+    "closest deputies": "m",
+    GAP: "m/s",
+}
 
 #: Label and unit of what components say, by its name.
 Labels = Mapping[str, tuple[str, str]]
