@@ -26,7 +26,7 @@ def _estimate(position: np.ndarray, seed: int, rate: float = 0.0873) -> StateEst
         rotate(q, position), rotate(q, np.cross(w, position)), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     )
     target = BodyState(np.zeros(3), np.zeros(3), q, w)
-    return StateEstimate(7.0, 7.0, chaser, target, _TARGET.principal, EstimateErrors(), 0.0)
+    return StateEstimate(7.0, 7.0, chaser, target, _TARGET.principal, EstimateErrors(0.0, 0.0), 0.0)
 
 
 @pytest.mark.parametrize("seed", range(6))
