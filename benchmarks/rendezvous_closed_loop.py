@@ -25,6 +25,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ[_variable] = "1"  # before NumPy is imported
 
 import numpy as np  # noqa: E402
+from rendezvous_tube import PlainMPC  # noqa: E402
 
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
@@ -36,7 +37,7 @@ from safe_inspect.rendezvous.campaign.tables import interval  # noqa: E402
 from safe_inspect.rendezvous.chaser import ChaserState, last  # noqa: E402
 from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign  # noqa: E402
-from safe_inspect.rendezvous.control.mpc import InitialState, TubeMPC  # noqa: E402
+from safe_inspect.rendezvous.control.mpc import TubeMPC  # noqa: E402
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
 from safe_inspect.rendezvous.control.tracker import AxisStatus  # noqa: E402
 from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
@@ -241,7 +242,7 @@ def main() -> None:
         limits = TrackingLimits(config.chaser.limits.force, config.chaser.limits.tracking_speed, design.limits.keep_in)
         for name, tracker in (
             ("tube", TubeMPC(design.axis, design.tube, limits)),
-            ("plain", TubeMPC(design.axis, no_tube(1), limits, initial=InitialState.MEASURED)),
+            ("plain", PlainMPC(design.axis, no_tube(1), limits)),
         ):
             results[name].append(fly(config, target, tracker, found, known, noise))
         if (number + 1 - arguments.first) % 50 == 0 or number + 1 == arguments.first + arguments.flights:

@@ -77,7 +77,7 @@ def _errors_of(found: TargetEstimate) -> JointErrors:
     joint = np.zeros((14, 14))
     order = [6, 7, 0, 1, 2, 3, 4, 5]
     joint[:8, :8] = found.covariance[np.ix_(order, order)]
-    return JointErrors(joint=joint)
+    return JointErrors(0.0, 0.0, joint=joint)
 
 
 def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | None:

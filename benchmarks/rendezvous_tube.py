@@ -31,9 +31,9 @@ from safe_inspect.rendezvous.bound.samples import sample_errors  # noqa: E402
 from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
 from safe_inspect.rendezvous.control.design import TubeDesign, design_tube  # noqa: E402
 from safe_inspect.rendezvous.control.lqr import LQRTrackerRun  # noqa: E402
-from safe_inspect.rendezvous.control.mpc import InitialState, TubeMPC  # noqa: E402
+from safe_inspect.rendezvous.control.mpc import TubeMPC  # noqa: E402
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
-from safe_inspect.rendezvous.control.tracker import AxisStatus  # noqa: E402
+from safe_inspect.rendezvous.control.tracker import AxisStatus, TrackerOutput  # noqa: E402
 from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
 from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
@@ -45,6 +45,15 @@ INERTIA = np.array([0.1314, 0.9661, 1.0])
 ERRORS = EstimateErrors(float(np.deg2rad(0.7)), float(np.deg2rad(0.07)))
 LIMITS = TrackingLimits(keep_in=(1.6, 3.0, 1.6))
 UPDATE = 5  # steps of control
+
+
+class PlainMPC(TubeMPC):
+    """Model predictive control without a tube: each step starts from the measured error."""
+
+    def step(self, estimate: Any, reference: TrackedReference, k: int) -> TrackerOutput:
+        """Return the force at a step."""
+        self._solutions = [None] * 3
+        return super().step(estimate, reference, k)
 
 
 def straight_plan(generator: Any) -> Plan:
@@ -162,7 +171,7 @@ def main() -> None:
             kept.append(within(plan, known, bound))
             trackers = {
                 "tube": TubeMPC(AXIS, design.tube, LIMITS),
-                "plain": TubeMPC(AXIS, no_tube(1), LIMITS, initial=InitialState.MEASURED),
+                "plain": PlainMPC(AXIS, no_tube(1), LIMITS),
                 "lqr": LQRTrackerRun(AXIS),
             }
             for name, tracker in trackers.items():

@@ -108,7 +108,7 @@ def test_a_mistake_of_merged_mappings_stands_where_its_value_was_written(tmp_pat
 
 
 def test_a_key_that_no_file_has_may_be_given_on_the_command_line(tmp_path: Path) -> None:
-    (tmp_path / "experiment.yml").write_text("seed: 3\n\ntumble: FlatSpin\n")
+    (tmp_path / "experiment.yml").write_text("seed: 3\n\ntumble: RandomTumble\n")
     overrides = ["mission.observe=5 s", "planner.config.samples=61", "bound.trials=300", "plugin_paths=[json]"]
     config = load_rendezvous(tmp_path / "experiment.yml", overrides).config
     assert (config.mission.observe, config.planner.samples, config.plugin_paths) == (5.0, 61, ("json",))

@@ -13,7 +13,7 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
 from safe_inspect.plugins.registry import registry
-from safe_inspect.rendezvous.back_end.run import ISAM2BackEnd
+from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
 from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.plugins import FrontEnd

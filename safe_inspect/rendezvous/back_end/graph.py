@@ -21,7 +21,6 @@ from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, Gr
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import skew
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.types import FloatArray
 
 #: Standard deviation that fixes G at the first frame [rad, m], and of the model's pose before it is measured.
@@ -50,7 +49,7 @@ class PoseGraph:
         Kaess et al., "iSAM2: Incremental smoothing and mapping using the Bayes tree", IJRR 31 (2012).
 
     Args:
-        imu: Errors of the inertial unit.
+        imu: The inertial measurements, which are restarted at each frame.
         start: The chaser at the first frame, which is frame 0.
         centre: Where the centre of mass may be.
         largest: Number of frames beyond which the older half is replaced by priors.
@@ -58,9 +57,9 @@ class PoseGraph:
             ``(1 + rho) / (1 - rho)`` with ``rho = exp(-dt / memory)``; 0 for independent ones.
     """
 
-    def __init__(self, imu: ImuNoise, start: ChaserStart, centre: CentrePrior, *, largest: int, memory: float) -> None:
+    def __init__(self, imu: ImuBuffer, start: ChaserStart, centre: CentrePrior, *, largest: int, memory: float) -> None:
         self._gtsam = gtsam = require("gtsam")
-        self._imu, self._largest, self._memory = imu, largest, memory
+        self.imu, self._largest, self._memory = imu, largest, memory
         self._is_qr, self._solver = False, self._new_solver("CHOLESKY")
         self._factors, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         #: All factors with the frames that they are about, for a graph that is built anew.
@@ -76,7 +75,7 @@ class PoseGraph:
         bias = gtsam.imuBias.ConstantBias()
         self._add_frame(0, pose, start.velocity, bias)
         sigmas = np.repeat([_START_ATTITUDE, _START_POSITION], 3)
-        biases = np.repeat([imu.acceleration_bias, imu.rate_bias], 3)
+        biases = np.repeat([imu.noise.acceleration_bias, imu.noise.rate_bias], 3)
         self._add(gtsam.PriorFactorPose3(key("X"), pose, self._diagonal(sigmas)), 0)
         self._add(gtsam.PriorFactorVector(key("V"), start.velocity, self._same(3, _START_VELOCITY)), 0)
         self._add(gtsam.PriorFactorConstantBias(key("B"), bias, self._diagonal(biases)), 0)
@@ -92,20 +91,24 @@ class PoseGraph:
         """The frames of the graph, in ascending order."""
         return tuple(self._frames)
 
-    @property
-    def last(self) -> tuple[Any, FloatArray, Any]:
-        """Pose T_WB, velocity and bias at the last frame, for `ImuBuffer`."""
-        return self._state["X"], self._state["V"], self._state["B"]
+    def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
+        pose, velocity = self._predicted()
+        rate = self.imu.last_rate - self._state["B"].gyroscope()
+        return pose.matrix(), np.asarray(velocity), np.asarray(rate)
 
-    def update(self, frame: int, edges: Sequence[Edge], imu: ImuBuffer, *, jumped: bool = False) -> None:
-        """Add a frame.
+    def _predicted(self) -> tuple[Any, FloatArray]:
+        """Return T_WB and the velocity in W (3,) at the last sample."""
+        return self.imu.predict(self._state["X"], self._state["V"], self._state["B"])
+
+    def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
+        """Add a frame at the time of the last inertial sample.
 
         Edges whose earlier frame is not in the graph are left out.
 
         Args:
             frame: Number of the frame.
             edges: What the front end has measured, to this frame or between earlier ones.
-            imu: Measurements since the last frame of the graph; it is restarted.
             jumped: Whether the bias has jumped in the last frames: what was measured there counts little then.
         """
         if jumped:
@@ -113,19 +116,19 @@ class PoseGraph:
         if len(self._frames) >= self._largest:
             self._forget()
         before = self._frames[-1]
-        if self._memory > 0.0 and imu.duration > 0.0:
-            share = np.exp(-imu.duration / self._memory)
+        if self._memory > 0.0 and self.imu.duration > 0.0:
+            share = np.exp(-self.imu.duration / self._memory)
             self._alike = float((1.0 + share) / (1.0 - share))
-        pose, velocity = imu.predict(*self.last)
+        pose, velocity = self._predicted()
         self._add_frame(frame, pose, velocity, self._state["B"])
-        inertial = inertial_factors(before, frame, imu, self._imu)
+        inertial = inertial_factors(before, frame, self.imu)
         for usual, loose in inertial:
             self._add(loose if jumped else usual, before, frame)
         self._doubted = [*self._doubted[1 - _DOUBTED :], inertial]
         for edge in edges:
             self._add_edge(edge)
         self._solve(frame)
-        imu.restart(self._state["B"])
+        self.imu.restart(self._state["B"])
 
     def estimate(self) -> GraphEstimate:
         """Return what is known at the last frame."""

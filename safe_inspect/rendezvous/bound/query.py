@@ -23,8 +23,8 @@ class EstimateErrors:
         velocity: Of the chaser's own velocity, along each axis of W [m/s].
     """
 
-    attitude: float = 0.0
-    rate: float = 0.0
+    attitude: float
+    rate: float
     centre: float = 0.0
     inertia: float = 0.0
     position: float = 0.0

@@ -21,6 +21,9 @@ from safe_inspect.rendezvous.control.tube import AxisBound, Tube, no_tube, truth
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import FloatArray
 
+#: Change of position [m] and velocity [m/s] in a step by other causes, such as the sampling of the reference.
+_PROCESS = np.array([5e-6, 5e-6])
+
 
 @dataclass(frozen=True)
 class DesignOptions:
@@ -28,8 +31,6 @@ class DesignOptions:
 
     Attributes:
         process_force: Largest force that is not commanded, along each axis [N].
-        process_position: Change of the position in a step by other causes, such as the sampling of the reference [m].
-        process_velocity: Likewise of the velocity [m/s].
         reserve: Force that shall be left for the nominal feedback [N]: 0.03 N stop 1 cm/s within a horizon of 4 s. With
             less a plan is still accepted, but nominal errors may take longer horizons to correct.
         gains: Gains K to choose from, shape (2,) or (K, 2) each; None for a grid of natural frequencies and dampings.
@@ -38,8 +39,6 @@ class DesignOptions:
     """
 
     process_force: float = 3e-3
-    process_position: float = 5e-6
-    process_velocity: float = 5e-6
     reserve: float = 0.03
     gains: tuple[FloatArray, ...] | None = None
     length: float = 1.0
@@ -90,7 +89,7 @@ class TubeDesign:
 def axis_bound(axis: Axis, bound: Bound, options: DesignOptions | None = None) -> AxisBound:
     """Return what disturbs an axis: the bound of the reference, and the force that is not commanded."""
     options = options or DesignOptions()
-    process = np.abs(axis.B) * options.process_force + np.array([options.process_position, options.process_velocity])
+    process = np.abs(axis.B) * options.process_force + _PROCESS
     return AxisBound(bound.position, bound.velocity, bound.force, process)
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import enum
-from typing import Literal
-
 import numpy as np
 from pydantic import Field
 
 from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance, design_without_tube
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance
 from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import AxisStatus, Tracker, TrackerOutput
@@ -28,35 +25,23 @@ class TubeMPCTracker(Tracker):
     """Tube model predictive control; of the gains that the force allows it takes the one that leaves most clearance.
 
     Attributes:
-        tube: ``truth`` bounds the distance to the true reference, ``none`` is plain model predictive control.
         horizon: Steps of the programme.
         least_frequency: Least natural frequency of the feedback gains that are tried [rad/s].
         largest_frequency: Largest one [rad/s].
     """
 
-    tube: Literal["truth", "none"] = "truth"
     horizon: int = Field(default=20, ge=2)
     least_frequency: PositiveAngularRate = 0.15  # type: ignore[valid-type]
     largest_frequency: PositiveAngularRate = 1.0  # type: ignore[valid-type]
 
     def design(self, request: DesignRequest) -> TubeDesign:
         """Return the tube of a plan, or why there is none."""
-        if self.tube == "none":
-            return design_without_tube(request)
         frequencies = np.geomspace(self.least_frequency, self.largest_frequency, _FREQUENCIES)
         return design_by_clearance(request, tuple(frequencies))
 
     def __call__(self, design: TubeDesign) -> TubeMPC:
         """Return the tracker of one approach."""
-        initial = InitialState.MEASURED if self.tube == "none" else InitialState.NOMINAL
-        return TubeMPC(design.axis, design.tube, design.limits, self.horizon, initial=initial)
-
-
-class InitialState(enum.Enum):
-    """How the nominal error z_0 follows from the measured one."""
-
-    NOMINAL = "nominal"  # z_0 = the last z_1: the error of a tube may not start anew
-    MEASURED = "measured"  # z_0 = x; plain model predictive control
+        return TubeMPC(design.axis, design.tube, design.limits, self.horizon)
 
 
 class TubeMPC:
@@ -82,7 +67,6 @@ class TubeMPC:
         limits: TrackingLimits | None = None,
         horizon: int = 20,
         weights: TrackingWeights | None = None,
-        initial: InitialState = InitialState.NOMINAL,
     ) -> None:
         """Set the programmes up.
 
@@ -92,10 +76,8 @@ class TubeMPC:
             limits: Limits before tightening.
             horizon: Steps N of the programme.
             weights: Weights of the cost; by default those of the largest force.
-            initial: How z_0 is found.
         """
         self.axis, self.tube, self.limits = axis, tube, limits or TrackingLimits()
-        self.initial = initial
         self._horizon, self._weights = horizon, weights or TrackingWeights.of_force(self.limits.force)
         self._regulator = lqr_gain(axis, self._weights)
         self._programmes: dict[int, TrackingQP] = {}
@@ -137,8 +119,8 @@ class TubeMPC:
     def _solve(self, i: int, error: FloatArray, limits: AxisLimits) -> tuple[TrackingSolution | None, AxisStatus]:
         """Return the solution of axis i for its error x_hat - r_hat, shape (2,), and how it was found."""
         last = self._solutions[i]
-        start = last.states[1] if last is not None and self.initial is InitialState.NOMINAL else error
-        if last is not None and self.initial is InitialState.NOMINAL:
+        start = error if last is None else last.states[1]  # the error of a tube may not start anew
+        if last is not None:
             limits = limits.holding(last, self._jump)
         # The horizon of the last solution: with a shorter one what was feasible need not remain so.
         solution = self._programme(self._factors[i]).solve(start, limits)

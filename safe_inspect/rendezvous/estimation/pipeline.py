@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, from_matrix, log, multiply, rotate, to_matrix
-from safe_inspect.rendezvous.back_end.run import GraphBackEnd
+from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
@@ -58,7 +58,7 @@ class PipelineParts:
     """
 
     front_end: FrontEndRun
-    back_end: Callable[[ChaserStart, CentrePrior], GraphBackEnd]
+    back_end: Callable[[ChaserStart, CentrePrior], PoseGraph]
     characterise: PolhodeCharacteriser
     target: Target | None
     T_BC: FloatArray
@@ -80,7 +80,7 @@ class EstimationPipeline:
 
     def __init__(self, parts: PipelineParts, start: ChaserStart) -> None:
         self._parts, self._start = parts, start
-        self._back_end: GraphBackEnd | None = None
+        self._back_end: PoseGraph | None = None
         self._edges: list[Edge] = []
         self._times: dict[int, float] = {}
         self._count = 0
@@ -102,7 +102,7 @@ class EstimationPipeline:
             return
         jump = self._bias_jumps.check(samples, expected, self.graph.bias[:3], duration)
         if jump is not None:
-            self._back_end.correct(jump)
+            self._back_end.imu.correct(jump)
 
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
         """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s].
@@ -110,7 +110,7 @@ class EstimationPipeline:
         Samples before the first frame are not used: the chaser's start holds at that frame.
         """
         if self._back_end is not None:
-            self._back_end.measure(acceleration, rate, period)
+            self._back_end.imu.add(acceleration, rate, period)
 
     def coast(self, period: float, commanded: FloatArray | None = None) -> None:
         """Take a period [s] without a sample as flown as commanded, without a command as free flight.
@@ -121,7 +121,7 @@ class EstimationPipeline:
         if self._bias_jumps is not None:
             self._bias_jumps.interrupt()
         if self._back_end is not None:
-            self._back_end.coast(period, np.zeros(6) if commanded is None else commanded)
+            self._back_end.imu.coast(period, np.zeros(6) if commanded is None else commanded)
 
     def see(self, frame: DepthFrame) -> None:
         """Take a frame at the time of the last sample."""
@@ -133,7 +133,7 @@ class EstimationPipeline:
             self._edges += edges
             return
         back_end = self._back_end
-        edges = self._parts.front_end.step(frame, self._predicted(frame.time), back_end.rotation)
+        edges = self._parts.front_end.step(frame, self._predicted(frame.time), back_end.imu.rotation)
         expected, _, _ = back_end.now()
         measured, edges = edges, self._trusted(expected, edges)
         self._times[number] = frame.time

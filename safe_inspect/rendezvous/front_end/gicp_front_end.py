@@ -11,8 +11,6 @@ from pydantic import Field
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
-from safe_inspect.rendezvous.front_end.feature_matching import FeatureMatching
-from safe_inspect.rendezvous.front_end.features import FeatureCloud
 from safe_inspect.rendezvous.front_end.gicp import GicpRegistration, PreparedCloud
 from safe_inspect.rendezvous.front_end.motion import RelativeMotion
 from safe_inspect.rendezvous.front_end.registration import Registration
@@ -50,7 +48,7 @@ class GicpSubmapFrontEnd(FrontEnd):
     """Registers each frame to a submap of keyframes by generalised ICP; the shape need not be known.
 
     A new keyframe is also registered to the ones before it and, when its view was seen before, to those of that view.
-    After failures a frame is looked for among the keyframes by features.
+    After failures a frame is looked for among the keyframes.
 
     Attributes:
         submap: Number of the newest keyframes that frames are registered to.
@@ -76,14 +74,9 @@ class SubmapFrontEndRun:
     """
 
     def __init__(self, options: GicpSubmapFrontEnd, context: FrontEndContext) -> None:
-        self._cleaning, self._registration, self._matching = (
-            Cleaning(context.camera),
-            GicpRegistration(),
-            FeatureMatching(),
-        )
+        self._cleaning, self._registration = Cleaning(context.camera), GicpRegistration()
         self._T_BC, self._options, self._streams = context.T_BC, options, context.streams
         self._keyframes: list[_Keyframe] = []
-        self._described: dict[int, FeatureCloud] = {}
         # Both begin with the first keyframe.
         self._submap: PreparedCloud
         self._motion: RelativeMotion
@@ -128,7 +121,7 @@ class SubmapFrontEndRun:
     def _locate(
         self, cloud: PreparedCloud, predicted: FloatArray | None, time: float
     ) -> tuple[Registration | None, _Kind]:
-        """Return T_GB of a cloud by its prediction or, after failures, by features; None when neither fits."""
+        """Return T_GB of a cloud by its prediction or, after failures, by the keyframes; None when neither fits."""
         start = self._motion.predict(time)
         if self._failures and predicted is not None:
             start = predicted
@@ -140,16 +133,12 @@ class SubmapFrontEndRun:
         return self._relocalise(cloud), "relocalised"
 
     def _relocalise(self, cloud: PreparedCloud) -> Registration | None:
-        """Return T_GB of a cloud by features of the keyframes, confirmed by registration to the submap."""
-        camera = self._T_BC[:3, 3]
-        described = self._matching.describe(cloud.points, camera)
+        """Return T_GB of a cloud by registration to each keyframe, their middles together, confirmed by the submap."""
         fits = []
         for one in self._keyframes:
-            if one.number not in self._described:
-                self._described[one.number] = self._matching.describe(one.cloud.points, camera)
-            fit = self._matching(self._described[one.number], described)
-            if fit is not None:
-                fits.append((fit.inliers, one.pose @ fit.pose))
+            middles = one.cloud.points.mean(axis=0) - cloud.points.mean(axis=0)
+            found = self._registration(one.cloud, cloud, pose(np.eye(3), middles))
+            fits.append((found.inliers, one.pose @ found.pose))
         for _, start in sorted(fits, key=lambda fit: -fit[0])[:3]:
             found = self._registration(self._submap, cloud, start)
             if self._accepts(start, found) and found.inliers >= _LOOP_INLIERS:

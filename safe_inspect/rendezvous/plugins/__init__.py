@@ -18,13 +18,12 @@ from safe_inspect.rendezvous.target.box import BoxTarget
 from safe_inspect.rendezvous.target.envisat import EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
 from safe_inspect.rendezvous.target.model import TargetModel
-from safe_inspect.rendezvous.target.tumble import FlatSpin, RandomTumble, TriAxialTumble, Tumble
+from safe_inspect.rendezvous.target.tumble import RandomTumble, TriAxialTumble, Tumble
 
 __all__ = [
     "ApproachPlanner",
     "BoxTarget",
     "EnvisatTarget",
-    "FlatSpin",
     "FrontEnd",
     "GicpSubmapFrontEnd",
     "LQRTracker",

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from safe_inspect.plugins.functor import functor_field
-from safe_inspect.rendezvous.back_end.run import ISAM2BackEnd
+from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
 from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.context import EstimatorContext
 from safe_inspect.rendezvous.estimation.pipeline import PipelineParts

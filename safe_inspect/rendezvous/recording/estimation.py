@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply
 from safe_inspect.errors import ConfigError
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.back_end.run import ISAM2BackEnd
+from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
 from safe_inspect.rendezvous.back_end.states import ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
 from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser

@@ -17,8 +17,8 @@ from safe_inspect.units import quantity
 _Angle = quantity("rad", ge=0)
 _Length = quantity("m", ge=0)
 
-#: Least standard deviations that covariances state [rad, m], and frames between the ends of a loop.
-_LEAST_SIGMA, _LOOP_FRAMES = 1e-6, 10
+#: Least standard deviation that covariances state [rad, m].
+_LEAST_SIGMA = 1e-6
 
 
 class PoseSensor(Model):
@@ -35,8 +35,6 @@ class PoseSensor(Model):
         model_translation: Of its translation [m].
         keyframe: Turn of the target as seen from the chaser after which the view is another one [rad].
         skips: To how many earlier frames poses are measured.
-        loop: Angle below which a pose to the oldest frame of that view is measured, at least ten frames back [rad]; 0
-            for none.
     """
 
     rotation_sigma: _Angle = 0.003490658503988659  # type: ignore[valid-type]
@@ -48,7 +46,6 @@ class PoseSensor(Model):
     model_translation: _Length = 0.005  # type: ignore[valid-type]
     keyframe: _Angle = 0.2094395102393195  # type: ignore[valid-type]
     skips: int = Field(default=3, ge=1)
-    loop: _Angle = 0.0  # type: ignore[valid-type]
 
 
 class PoseSensorRun:
@@ -83,17 +80,9 @@ class PoseSensorRun:
         unit = self._streams.normal("front_end.view", 12, self._drawn)[0]
         view = unit[:6] * np.repeat([sensor.view_rotation, sensor.view_translation], 3)
         edges = []
-        earlier = list(range(max(len(self._poses) - sensor.skips, 0), len(self._poses)))
-        if sensor.loop > 0.0:
-            old = range(max(len(self._poses) - _LOOP_FRAMES, 0))
-            near = [k for k in old if _angle(self._poses[k], pose) < sensor.loop]
-            earlier += near[:1]
+        earlier = range(max(len(self._poses) - sensor.skips, 0), len(self._poses))
         for place, k in enumerate(earlier):
-            is_neighbour = self._frames[k] == number - 1
-            gap = number - self._frames[k]
-            kind: Literal["odometry", "skip", "loop"] = (
-                "odometry" if is_neighbour else "loop" if gap > _LOOP_FRAMES else "skip"
-            )
+            kind: Literal["odometry", "skip"] = "odometry" if self._frames[k] == number - 1 else "skip"
             drawn = self._streams.normal(f"front_end.edge.{place}", 6, number)[0]
             error = drawn * np.repeat([sensor.rotation_sigma, sensor.translation_sigma], 3)
             same = np.array_equal(view, self._views[k])

@@ -7,14 +7,14 @@ from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
 from safe_inspect.dynamics.quaternion import normalise
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.poses import check_unit
 from safe_inspect.types import FloatArray
-from safe_inspect.units import Angle, NonNegativeAngularRate
+from safe_inspect.units import NonNegativeAngularRate
 
 
 class Tumble(Plugin):
@@ -60,27 +60,6 @@ class TriAxialTumble(Tumble):
         velocity = self.rate * direction / np.linalg.norm(direction)
         if self.attitude is not None:
             return normalise(np.array(self.attitude)), velocity
-        return random_attitude(streams), velocity
-
-
-class FlatSpin(Tumble):
-    """A spin about a principal axis, from a uniform random attitude.
-
-    Attributes:
-        rate: Angular rate [rad/s].
-        axis: The axis: 1 of the least and 3 of the largest moment; about 2 it is unstable.
-        wobble: Angle between the angular velocity and the axis [rad].
-    """
-
-    rate: NonNegativeAngularRate = 0.08726646259971647  # type: ignore[valid-type]
-    axis: int = Field(default=3, ge=1, le=3)
-    wobble: Angle = 0.0  # type: ignore[valid-type]
-
-    def __call__(self, streams: Streams) -> tuple[FloatArray, FloatArray]:
-        """Return attitude, shape (4,), and angular velocity in T [rad/s], shape (3,)."""
-        velocity = np.zeros(3)
-        velocity[self.axis - 1] = self.rate * np.cos(self.wobble)
-        velocity[self.axis % 3] = self.rate * np.sin(self.wobble)
         return random_attitude(streams), velocity
 
 

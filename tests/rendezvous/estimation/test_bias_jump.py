@@ -103,14 +103,13 @@ def test_the_expected_motion_is_that_of_the_actuators(lag: float):
 def _watched(jump: np.ndarray, corrected: BiasJump | None) -> GraphEstimate:
     """Return the graph of a chaser whose biases jump between two frames, one second apart, that show nothing."""
     start, centre = ChaserStart(np.eye(4), np.zeros(3)), CentrePrior(np.array([1.5, 0.0, 0.0]), 0.1)
-    graph = PoseGraph(ImuNoise(), start, centre, largest=600, memory=0.0)
-    imu = ImuBuffer(ImuNoise(), 0.1)
+    graph = PoseGraph(ImuBuffer(ImuNoise(), 0.1), start, centre, largest=600, memory=0.0)
     for frame in range(1, 21):
         for _ in range(10):
             if frame == 5 and corrected is not None:
-                imu.correct(corrected)
-            imu.add(jump[:3] * (frame >= 5), jump[3:] * (frame >= 5), 0.1)
-        graph.update(frame, [], imu)
+                graph.imu.correct(corrected)
+            graph.imu.add(jump[:3] * (frame >= 5), jump[3:] * (frame >= 5), 0.1)
+        graph.update(frame, [])
     return graph.estimate()
 
 

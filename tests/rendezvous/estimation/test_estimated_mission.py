@@ -253,7 +253,7 @@ def _estimate(attitude: Sequence[float], joint: np.ndarray | None) -> StateEstim
         chaser,
         body,
         np.array([0.2, 0.9, 1.0]),
-        EstimateErrors() if joint is None else JointErrors(joint=joint),
+        EstimateErrors(0.0, 0.0) if joint is None else JointErrors(0.0, 0.0, joint=joint),
         0.9,
     )
 
@@ -269,7 +269,13 @@ def test_a_turn_of_the_estimated_frame_is_no_error() -> None:
         orientation=multiply(multiply(turn, attitude), error), angular_velocity=rotate(conjugate(error), rate)
     )
     turned = StateEstimate(
-        0.0, 0.0, chaser._replace(orientation=turn), seen, np.array([0.2, 0.9, 1.0]), JointErrors(joint=joint), 0.9
+        0.0,
+        0.0,
+        chaser._replace(orientation=turn),
+        seen,
+        np.array([0.2, 0.9, 1.0]),
+        JointErrors(0.0, 0.0, joint=joint),
+        0.9,
     )
     np.testing.assert_allclose(attitude_error(turned, chaser, target), [sigma, 0.0, 0.0], atol=1e-12)
     assert normalised_error(turned, chaser, target) == pytest.approx(1.0)

@@ -7,7 +7,6 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
-from safe_inspect.rendezvous.front_end.feature_matching import FeatureMatching
 from safe_inspect.rendezvous.front_end.gicp import GicpRegistration
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd
 from safe_inspect.rendezvous.poses import difference, inverse, move, pose, rotation_exp
@@ -76,14 +75,3 @@ def test_it_finds_its_place_again_after_failures(streams: Streams, shoot: Shoot)
         assert _degrees(again, truth) < 3.0
     else:
         pytest.fail("not found again")
-
-
-def test_no_features_give_no_pose() -> None:
-    matching = FeatureMatching()
-    flat = np.stack([*np.meshgrid(np.linspace(0, 0.3, 20), np.linspace(0, 0.3, 20)), np.ones((20, 20))], 2).reshape(
-        -1, 3
-    )
-    cloud = matching.describe(flat, np.zeros(3))
-    assert cloud.features.shape == (len(cloud.points), 33)
-    fit = matching(cloud, matching.describe(flat[:40], np.zeros(3)))
-    assert fit is None or fit.inliers >= matching.least_inliers
