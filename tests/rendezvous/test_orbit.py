@@ -19,7 +19,8 @@ from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.lqr import LQRTracker
 from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.mission import Mission, dynamics_of, limits_of
+from safe_inspect.rendezvous.mission import Mission, dynamics_of
+from safe_inspect.rendezvous.pilot import limits_of
 from safe_inspect.rendezvous.planner.approach import plan_approach
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
 from safe_inspect.rendezvous.tracking import tide_of

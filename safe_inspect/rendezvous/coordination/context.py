@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,12 +20,37 @@ from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.departure import CommandedMotion
 from safe_inspect.rendezvous.coordination.escape import Escape
 from safe_inspect.rendezvous.estimate import StateEstimate
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig, RendezvousConfig
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
-from safe_inspect.rendezvous.plugins.base import TrackerRun
+from safe_inspect.rendezvous.plugins.base import ApproachPlanner, Tracker, TrackerRun, UncertaintyBound
 from safe_inspect.rendezvous.readings import Readings
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
+
+
+class PilotConfig(NamedTuple):
+    """What a pilot flies by: all of an experiment but the world.
+
+    Attributes:
+        chaser: The chaser.
+        mission: Rates, guards and time limits, with the faults of the flight computer alone.
+        planner: Plans the approach.
+        bound: Bounds the error of the reference.
+        tracker: Follows the reference.
+    """
+
+    chaser: ChaserConfig
+    mission: MissionConfig
+    planner: ApproachPlanner
+    bound: UncertaintyBound
+    tracker: Tracker
+
+    @classmethod
+    def of(cls, config: RendezvousConfig) -> PilotConfig:
+        """Return that of an experiment."""
+        own = tuple(fault for fault in config.mission.faults if fault.kind in ("planner", "solver"))
+        mission = config.mission.model_copy(update={"faults": own})
+        return cls(config.chaser, mission, config.planner, config.bound, config.tracker)
 
 
 @dataclass(eq=False)
@@ -48,7 +73,7 @@ class MissionContext:
     """The memory of one mission.
 
     Attributes:
-        config: The experiment.
+        config: What the pilot flies by.
         target: The target.
         limits: The chaser's limits.
         axis: The chaser along one axis.
@@ -94,7 +119,7 @@ class MissionContext:
         cause: Why the mission ended.
     """
 
-    config: RendezvousConfig
+    config: PilotConfig
     target: Target
     limits: Limits
     axis: Axis
