@@ -44,8 +44,9 @@ from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
 from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
 from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
-from safe_inspect.rendezvous.mission import dynamics_of, limits_of  # noqa: E402
+from safe_inspect.rendezvous.mission import dynamics_of  # noqa: E402
 from safe_inspect.rendezvous.models import RendezvousConfig  # noqa: E402
+from safe_inspect.rendezvous.pilot import limits_of  # noqa: E402
 from safe_inspect.rendezvous.planner.certificate import certify  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
 from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free  # noqa: E402

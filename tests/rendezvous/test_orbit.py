@@ -20,7 +20,8 @@ from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
 from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.coordination.reference import tide_of
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.mission import Mission, dynamics_of, limits_of
+from safe_inspect.rendezvous.mission import Mission, dynamics_of
+from safe_inspect.rendezvous.pilot import limits_of
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
 

@@ -100,7 +100,7 @@ def test_while_the_camera_swings_to_the_target_the_inertial_frame_does_not_turn(
     settings = [*overrides, "mission.time_limit=10 s"]
     mission = Mission(load_rendezvous(_FILE, settings).config, number)
     arrays = mission.run().log.arrays()
-    graph = mission._estimator.pipeline.graph  # type: ignore[attr-defined]
+    graph = mission.pilot.estimator.pipeline.graph  # type: ignore[attr-defined]
     turn = log(multiply(conjugate(arrays["q"][-1]), arrays["estimated_q"][-1]))
     assert np.linalg.norm(arrays["w"], axis=1).max() > np.deg2rad(2.0)
     # Three degrees of freedom, one in ten thousand is above 21; 96 to 165 were seen with a jump that is not there.
@@ -113,11 +113,11 @@ def test_the_covariance_of_a_pose_adapts_to_the_noise_of_the_camera(profile: str
     overrides = [_DRAWN[1], f"sensors.camera.profile={profile}", "mission.time_limit=30 s"]
     mission = Mission(load_rendezvous(_FILE, overrides).config, 60_001)
     arrays = mission.run().log.arrays()
-    edges = mission._estimator.pipeline.history()  # type: ignore[attr-defined]
+    edges = mission.pilot.estimator.pipeline.history()  # type: ignore[attr-defined]
     known = (edges.first == MODEL) & (edges.times[edges.second] < arrays["t"][-1] + 1e-6)
     frames = np.round(edges.times[edges.second[known]] / 0.2).astype(int)
     in_target = multiply(conjugate(arrays["target_q"]), arrays["q"])[frames]
-    true = multiply(from_matrix(mission._flight.target.R_MT), in_target)
+    true = multiply(from_matrix(mission.pilot.context.target.R_MT), in_target)
     error = log(multiply(conjugate(true), edges.rotation[known]))
     nees = (error[:, None] @ np.linalg.solve(edges.covariance[known], error[..., None])).ravel() / 3.0
     assert len(nees) > 15
