@@ -12,6 +12,7 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.bound.conformal import Bound, ConformalBound
+from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.design import TubeDesign
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import Tracker, TrackerRun
