@@ -131,3 +131,56 @@ def test_a_restored_scale_goes_on_as_if_nothing_had_happened():
     other = DeltaVScale(SCHEDULE, 5)
     other.load_state_dict(whole.state_dict())
     np.testing.assert_allclose(other.scale, whole.scale.mean())
+
+
+@pytest.mark.parametrize("rows", [[0], [3, 1], [4, 0, 2]])
+def test_slots_that_go_on_apart_count_as_if_they_had_stayed(rows):
+    """Some slots are taken out, go on alone, and are put back; the others wait meanwhile."""
+    rng, rows = np.random.default_rng(5), np.array(rows)
+    whole, reference = DeltaVScale(SCHEDULE, 5), DeltaVScale(SCHEDULE, 5)
+    for _ in range(60):
+        for scale in (whole, reference):
+            scale.advance(np.ones(5, dtype=np.bool_))
+        part, alone = whole.take(rows), np.isin(np.arange(5), rows)
+        for _ in range(int(rng.integers(1, 6))):
+            ended, fraction = np.flatnonzero(rng.random(len(rows)) < 0.4), rng.uniform(0.7, 1.0)
+            part.end_episodes(ended, np.full(len(ended), fraction))
+            reference.end_episodes(rows[ended], np.full(len(ended), fraction))
+            part.advance(np.ones(len(rows), dtype=np.bool_))
+            reference.advance(alone)
+        whole.put(rows, part)
+        for name, array in reference.state_dict().items():
+            np.testing.assert_array_equal(whole.state_dict()[name], array, err_msg=name)
+    assert (np.delete(whole.scale, rows) == SCHEDULE.start).all()
+    assert np.ptp(whole.scale[rows]) >= 0.0
+    assert (whole.scale[rows] != SCHEDULE.start).any()
+
+
+def test_a_restored_scale_keeps_to_its_bounds():
+    scale = DeltaVScale(SCHEDULE, 2)
+    kept = {**scale.state_dict(), "scale": np.array([-5.0, 3.0])}
+    scale.load_state_dict(kept)
+    np.testing.assert_array_equal(scale.scale, [-0.1, -0.001])
+    other = DeltaVScale(SCHEDULE, 3)
+    other.load_state_dict({name: array[:1] for name, array in kept.items()})
+    np.testing.assert_array_equal(other.scale, [-0.1] * 3)
+    assert not other.state_dict()["steps"].any()
+
+
+def test_what_is_kept_of_a_schedule_is_restored_and_forgotten_with_the_seed(fixed_start):
+    def flown(env, steps):
+        for _ in range(steps):
+            env.reset()
+            env.step(np.array([[[0.0, 1.0, 0.0]]]))
+        return env.simulation.state_dict()
+
+    spec = fixed_start((60.0, 0.0, 0.0), overrides=FAST)
+    env, other = BatchedEnvironment(spec), BatchedEnvironment(spec)
+    kept = flown(env, 4)
+    assert kept["FuelPriceSchedule"]["scale"].tolist() == [pytest.approx(-0.011)]
+    other.simulation.load_state_dict(kept)
+    for name, array in flown(other, 3)["FuelPriceSchedule"].items():
+        np.testing.assert_array_equal(array, flown(env, 3)["FuelPriceSchedule"][name] if name == "scale" else array)
+    env.simulation.seed(7)
+    assert env.simulation.state_dict()["FuelPriceSchedule"]["scale"].tolist() == [-0.001]
+    assert env.simulation.episodes.tolist() == [-1]
