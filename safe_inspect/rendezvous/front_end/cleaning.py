@@ -57,20 +57,16 @@ class Cleaning:
     Attributes:
         camera: Geometry of the camera.
         edge: Difference of depth to a neighbour from which a pixel counts as the edge of a body [m].
-        nearest: Least depth that is used [m].
-        farthest: Largest depth that is used [m].
     """
 
     camera: DepthCamera
     edge: float = 0.03
-    nearest: float = 0.0
-    farthest: float = np.inf
 
     def __call__(self, frame: DepthFrame, T_BC: FloatArray) -> Cloud:  # noqa: N803
         """Return the cleaned points of a frame.
 
-        A pixel is dropped when it is not within the range of depths, when it does not belong to a large cluster,
-        or when one of its eight neighbours that see something differs by more than `edge`: there pixels fly.
+        A pixel is dropped when it does not belong to a large cluster, or when one of its eight neighbours that see
+        something differs by more than `edge`: there pixels fly.
 
         Args:
             frame: The frame.
@@ -79,7 +75,7 @@ class Cleaning:
         from scipy import ndimage  # slow to import
 
         directions = self.camera.directions
-        used = frame.valid & (frame.depth >= self.nearest) & (frame.depth <= self.farthest)
+        used = frame.valid
         # A part that seems apart from the rest, behind an edge for instance, is no place where nothing is seen.
         seen = used | ndimage.binary_closing(used)
         used = _large_clusters(directions, frame.depth, used)

@@ -11,7 +11,7 @@ from pydantic import Field
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
-from safe_inspect.rendezvous.front_end.gicp import GicpRegistration, PreparedCloud
+from safe_inspect.rendezvous.front_end.gicp import PreparedCloud, prepare, register
 from safe_inspect.rendezvous.front_end.motion import RelativeMotion
 from safe_inspect.rendezvous.front_end.registration import Registration
 from safe_inspect.rendezvous.poses import difference, inverse, move, pose, rotation_exp, rotation_log
@@ -74,7 +74,7 @@ class SubmapFrontEndRun:
     """
 
     def __init__(self, options: GicpSubmapFrontEnd, context: FrontEndContext) -> None:
-        self._cleaning, self._registration = Cleaning(context.camera), GicpRegistration()
+        self._cleaning = Cleaning(context.camera)
         self._T_BC, self._options, self._streams = context.T_BC, options, context.streams
         self._keyframes: list[_Keyframe] = []
         # Both begin with the first keyframe.
@@ -97,7 +97,7 @@ class SubmapFrontEndRun:
         if len(points) < _LEAST_POINTS:
             self._failures += 1
             return []
-        cloud = self._registration.prepare(points)
+        cloud = prepare(points)
         if not self._keyframes:
             self._add(number, np.eye(4), cloud)
             self._motion = RelativeMotion(frame.time, np.eye(4))
@@ -125,7 +125,7 @@ class SubmapFrontEndRun:
         start = self._motion.predict(time)
         if self._failures and predicted is not None:
             start = predicted
-        found = self._registration(self._submap, cloud, start)
+        found = register(self._submap, cloud, start)
         if self._accepts(start, found):
             return found, "odometry"
         if self._failures < _FAILURES:
@@ -137,10 +137,10 @@ class SubmapFrontEndRun:
         fits = []
         for one in self._keyframes:
             middles = one.cloud.points.mean(axis=0) - cloud.points.mean(axis=0)
-            found = self._registration(one.cloud, cloud, pose(np.eye(3), middles))
+            found = register(one.cloud, cloud, pose(np.eye(3), middles))
             fits.append((found.inliers, one.pose @ found.pose))
         for _, start in sorted(fits, key=lambda fit: -fit[0])[:3]:
-            found = self._registration(self._submap, cloud, start)
+            found = register(self._submap, cloud, start)
             if self._accepts(start, found) and found.inliers >= _LOOP_INLIERS:
                 return found
         return None
@@ -161,7 +161,7 @@ class SubmapFrontEndRun:
         """Return the edges to the keyframes before the last one."""
         edges = []
         for one in self._keyframes[-1 - self._options.skips : -1]:
-            found = self._registration(one.cloud, cloud, inverse(one.pose) @ T_GB)
+            found = register(one.cloud, cloud, inverse(one.pose) @ T_GB)
             if found.inliers >= _LEAST_INLIERS:
                 edges.append(self._direct(one, number, found, "skip"))
         return edges
@@ -179,7 +179,7 @@ class SubmapFrontEndRun:
         for one in {one.number: one for one in (near[0], near[int(drawn * len(near))])}.values():
             start = inverse(one.pose) @ T_GB
             found = max(
-                (self._registration(one.cloud, cloud, turned) for turned in _starts(start, cloud.points.mean(axis=0))),
+                (register(one.cloud, cloud, turned) for turned in _starts(start, cloud.points.mean(axis=0))),
                 key=lambda candidate: (round(candidate.inliers, 3), -candidate.score),
             )
             turn = np.linalg.norm(rotation_log(start[:3, :3].T @ found.pose[:3, :3]))
@@ -191,7 +191,7 @@ class SubmapFrontEndRun:
         """Add a keyframe and renew the submap."""
         self._keyframes.append(_Keyframe(number, T_GB, cloud))
         newest = self._keyframes[-self._options.submap :]
-        self._submap = self._registration.prepare(np.concatenate([move(one.pose, one.cloud.points) for one in newest]))
+        self._submap = prepare(np.concatenate([move(one.pose, one.cloud.points) for one in newest]))
 
     def _edge(self, last: _Keyframe, number: int, found: Registration, kind: _Kind) -> Edge:
         """Return the edge from a keyframe to a frame that was registered to the submap."""

@@ -137,7 +137,7 @@ class ModelRegistration:
             move = -np.linalg.solve(found.hessian + base + damping, found.gradient + offset)
             if np.abs(move).max() < _CONVERGED and step >= 3:
                 break
-            pose = perturbed(pose, limited(np.asarray(move, dtype=np.float64)))
+            pose = perturbed(pose, _limited(np.asarray(move, dtype=np.float64)))
         # What the boxes leave out moves the shape in its own frame, whatever the distance.
         carry = adjoint(inverse(pose))
         spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
@@ -183,7 +183,7 @@ class ModelRegistration:
         return Linearised(hessian, gradient, score, points.inliers / max(points.number, 1), excess)
 
 
-def limited(tangent: FloatArray) -> FloatArray:
+def _limited(tangent: FloatArray) -> FloatArray:
     """Return a step that is no longer than 0.2 rad and 0.2 m."""
     largest = max(float(np.abs(tangent).max()) / 0.2, 1.0)
     return tangent / largest
