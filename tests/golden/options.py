@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from safe_inspect.config.messages.file_schemas import FILES, model_schema
+from safe_inspect.config.messages.schema import FILES, model_schema
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.open_loop import OpenLoopPlan  # noqa: F401 - which no configuration names
 from safe_inspect.rendezvous.models import RendezvousConfig

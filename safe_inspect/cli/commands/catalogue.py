@@ -15,7 +15,7 @@ from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.cli.common import print_doubts
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.messages.file_schemas import FILES, model_schema
+from safe_inspect.config.messages.schema import FILES, model_schema
 from safe_inspect.errors import ConfigError, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy

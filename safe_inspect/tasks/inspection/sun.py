@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
-from safe_inspect.simulators.component import Component, RunningComponent
+from safe_inspect.simulators.component import Component, EntityParameter, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
@@ -35,6 +35,8 @@ class Sun(Component):
     Attributes:
         rate: Rate of the angle [rad/s].
     """
+
+    entity: ClassVar[Mapping[str, EntityParameter]] = {"theta": EntityParameter("rad", "sun_angle", "sun")}
 
     rate: PositiveAngularRate = 0.001027
 
