@@ -81,14 +81,14 @@ def _known_platform(name: str) -> str:
 
 
 #: A field type for the name of a platform.
-PlatformName = Annotated[str, AfterValidator(_known_platform)]
+KnownPlatform = Annotated[str, AfterValidator(_known_platform)]
 
 
 class PlatformKeys(BaseModel):
     """Keys of ``platform.yml``: a label, and the kind of platform."""
 
     name: str = ""
-    platform: PlatformName = "cwh"
+    platform: KnownPlatform = "cwh"
 
     @property
     def functor(self) -> type[Platform]:

@@ -14,8 +14,8 @@ from safe_inspect.config.models.compat import (
     AgentBodyKeys,
     AgentKeys,
     EnvironmentKeys,
+    KnownPlatform,
     PlatformKeys,
-    PlatformName,
     ResetKeys,
     TaskBodyKeys,
     TaskKeys,
@@ -100,7 +100,7 @@ class EntityConfig(Model):
         config: Parameters of the initialiser, or of the component.
     """
 
-    platform: Annotated[PlatformName, AfterValidator(_is_a_point)] | None = None
+    platform: Annotated[KnownPlatform, AfterValidator(_is_a_point)] | None = None
     entity_class: Annotated[str, AfterValidator(_has_an_entity)] | None = None
     initializer: functor_field("initializer") | None = None  # type: ignore[valid-type]
     config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
