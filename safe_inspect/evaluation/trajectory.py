@@ -9,6 +9,7 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.dynamics.quaternion import rotate
+from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray, IntArray
 
 
@@ -118,6 +119,4 @@ class Trajectory:
     def sun_direction(self) -> FloatArray | None:
         """Unit vector from the chief to the sun, Hill frame, shape (T + 1, 3); None in a task without a sun."""
         angle = self.arrays.get("sun_angle")
-        if angle is None:
-            return None
-        return np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=-1)
+        return None if angle is None else sun_directions(angle)

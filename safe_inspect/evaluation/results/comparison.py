@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.evaluation.results.results import Evaluation, EvaluationError
-from safe_inspect.evaluation.results.statistics import Difference, Estimate, paired_difference
 from safe_inspect.evaluation.results.tables import Row, aligned, ends, number, span
 from safe_inspect.evaluation.task import differing_keys
+from safe_inspect.metrics.statistics import Difference, Estimate, paired_difference
 
 #: The figure that says who has won.
 SUCCESS = "success"

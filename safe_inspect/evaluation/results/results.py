@@ -13,8 +13,8 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import FIGURES, GAP, Episodes
-from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate, wilson
 from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.metrics.statistics import Estimate, Interval, estimate, wilson
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Begins the names of the columns that concern the whole episode, and the state in which it began.

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from safe_inspect.evaluation.results.results import Block, Evaluation
-from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate
+from safe_inspect.metrics.statistics import Estimate, Interval, estimate
 
 Row = Sequence[str]
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_inspect.evaluation.results.statistics import (
+from safe_inspect.metrics.statistics import (
     bootstrap,
     estimate,
     interquartile_mean,
