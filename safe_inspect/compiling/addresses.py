@@ -9,11 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 from numba import cfunc, types
-from numba.core.errors import NumbaError
+from numba.core.errors import NumbaError  # public: documented in its guide to extensions
 from numba.extending import intrinsic
 
-from safe_inspect.compiling.kernel import Kernel, prepare
-from safe_inspect.compiling.linking import WholeCompiler
+from safe_inspect.compiling.kernel import Kernel, cached
 
 
 @intrinsic  # type: ignore[misc,untyped-decorator]
@@ -64,11 +63,7 @@ def compiled_at(kernel: Kernel[..., Any], signature: str) -> Any:
     Raises:
         ValueError: It does not compile.
     """
-    prepare()
     try:
-        try:
-            return cfunc(signature, cache=True, error_model="numpy", pipeline_class=WholeCompiler)(kernel.__wrapped__)
-        except RuntimeError:  # neither the package's folder nor the user's can be written
-            return cfunc(signature, error_model="numpy", pipeline_class=WholeCompiler)(kernel.__wrapped__)
+        return cached(lambda function, cache: cfunc(signature, cache=cache, error_model="numpy")(function), kernel)
     except NumbaError as error:
         raise ValueError(str(error)) from None

@@ -16,11 +16,11 @@ import numba
 from llvmlite import ir
 from numba.extending import intrinsic
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.base import HalfSpace
-from safe_inspect.rta.constraints.rows import INNER, ArcCell, Margins, lowest
+from safe_inspect.rta.constraints.rows import ArcCell, Margins, lowest
 from safe_inspect.rta.filters.backup.model import FINEST, FURTHER, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.filters.backup.sequences import SAFE
 
@@ -71,7 +71,7 @@ def _call(context: Any, table: Any, j: Any, x: Any) -> Any:
     return result(types.int64, types.int64, types.UniTuple(types.float64, 6)), generate
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def half_space(m: FilterModel, code: int, x: RowState) -> _Half:
     """Return the direction d and the need of a further constraint at a state, d.x >= need where it is met.
 
@@ -84,26 +84,26 @@ def half_space(m: FilterModel, code: int, x: RowState) -> _Half:
     return h[0] / size, h[1] / size, h[2] / size, h[3] / size, h[4] / size, h[5] / size, h[6] / size
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def along(h: _Half, x: RowState) -> float:
     """Return d.x."""
     return h[0] * x[0] + h[1] * x[1] + h[2] * x[2] + h[3] * x[3] + h[4] * x[4] + h[5] * x[5]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def sizes(h: _Half) -> tuple[float, float]:
     """Return the lengths of d for positions and for velocities."""
     return math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]), math.sqrt(h[3] * h[3] + h[4] * h[4] + h[5] * h[5])
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def needed(h: _Half, margins: Margins) -> float:
     """Return the need with margins of positions [m] and velocities [m/s]."""
     position, velocity = sizes(h)
     return h[6] + position * margins.length + velocity * margins.speed
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def further_slack(m: FilterModel, code: int, x: RowState) -> float:
     """Return how far a further constraint is from broken, in metres; speeds count as the range of a motion so fast."""
     h = half_space(m, code, x)
@@ -111,7 +111,7 @@ def further_slack(m: FilterModel, code: int, x: RowState) -> float:
     return (along(h, x) - h[6]) / (position + velocity / m.n)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def further_broken(m: FilterModel, x: RowState, margins: Margins) -> int:
     """Return the code of a further constraint that is not met at a state with those margins; SAFE if all are."""
     for code in range(FURTHER, FURTHER + m.further):
@@ -121,7 +121,7 @@ def further_broken(m: FilterModel, x: RowState, margins: Margins) -> int:
     return SAFE
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
     """Return the code of a further constraint that a cell's ends cannot certify; SAFE if all are."""
     a, b = cell.a.state, cell.b.state
@@ -142,7 +142,7 @@ def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
     return SAFE
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def further_closed_motion(m: FilterModel, x: RowState, margins: Margins) -> int:
     """Return a further constraint that the drift-free motion from x breaks within an orbit, or SAFE.
 
