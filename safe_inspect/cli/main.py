@@ -63,6 +63,19 @@ def command_parser() -> Parser:
     add_train_arguments(train)
     train.set_defaults(run=command_of("train", "run_train"))
 
+    warm = commands.add_parser(
+        "warm",
+        help="compile ahead what environments need, for a container image or CI",
+        description="Compile ahead what environments need, so that their first use does not wait: for a container "
+        "image, or a cache of CI. The machine code serves the processor that it is compiled on; where another one uses "
+        "it, set NUMBA_CPU_NAME=generic for both.",
+        epilog="example: safe-inspect warm safe_inspect/FilteredTranslationalInspection-v1",
+    )
+    warm.add_argument(
+        "files", nargs="*", metavar="FILE", help="experiment file, or id of a task (default: all shipped tasks)"
+    )
+    warm.set_defaults(run=command_of("warm", "run_warm"))
+
     safety = commands.add_parser("safety", help="fly adversaries under the safety filter and count violations")
     add_experiment_arguments(safety)
     add_safety_arguments(safety)
