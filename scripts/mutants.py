@@ -47,6 +47,9 @@ from measures import PACKAGE, ROOT, importers, modules
 from mutations import Mutation, mutations
 from scipy.stats import binomtest
 
+from safe_inspect.compiling import folders as compiling
+from safe_inspect.compiling.folders import installed_folder
+
 EQUIVALENT = ROOT / "scripts" / "equivalent_mutants.txt"
 #: Folders of tests where their name is not that of the room; files at the top of the package are the room "ground".
 TESTS = {
@@ -138,11 +141,6 @@ class Workspace:
             if (ROOT / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
-        for cache in [*PACKAGE.rglob("__pycache__/*.nb?"), *PACKAGE.rglob("__pycache__/compiled.stamp")]:
-            target = folder / cache.relative_to(ROOT)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(cache, target)
-        self._kept = folder / "kept-machine-code"
         self._faults = 0
         environment = {
             **os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1",
@@ -189,54 +187,35 @@ class Workspace:
         """Plant a fault, run files of tests, and take the fault out again; returns what `run` does."""
         path, module = self._root / file, file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
         source, times = path.read_text(encoding="utf-8"), path.stat()
-        is_kernel = "@njit" in source
+        before, after = self._machine_code(), None
         self._faults += 1
-        if is_kernel:
-            self._set_aside(module)
         try:
             path.write_text(mutation.applied(source), encoding="utf-8")
             os.utime(path, (times.st_atime, times.st_mtime + 1000 * self._faults))
-            if is_kernel:
-                self._stamp()
+            if "@njit" in source:
+                after = self._machine_code()
+                link_machine_code(before, after, importers(module, modules()))
             return self.run(tests, limit)
         finally:
             path.write_text(source, encoding="utf-8")
             os.utime(path, (times.st_atime, times.st_mtime))
-            if is_kernel:
-                self._put_back()
+            if after:
+                shutil.rmtree(after, ignore_errors=True)
 
-    def _set_aside(self, module: str) -> None:
-        """Keep the machine code, and leave only that of files which do not reach the module."""
-        shutil.rmtree(self._kept, ignore_errors=True)
-        changed = importers(module, modules())
-        for folder in self._root.glob("safe_inspect/**/__pycache__"):
-            parent = ".".join(folder.parent.relative_to(self._root).parts)
-            for path in folder.glob("*"):
-                kept = self._kept / path.relative_to(self._root)
-                if path.is_file():
-                    kept.parent.mkdir(parents=True, exist_ok=True)
-                    os.link(path, kept)
-                    stem = path.name.split(".")[0]
-                    if path.suffix in (".nbi", ".nbc") and f"{parent}.{stem}".removesuffix(".__init__") in changed:
-                        path.unlink()
+    def _machine_code(self) -> Path:
+        """Return the folder for machine code of the sources as they are."""
+        package = self._root / "safe_inspect"
+        return installed_folder(compiling.digest_of.__wrapped__(package), package)
 
-    def _stamp(self) -> None:
-        """Declare the machine code that is left to be that of the changed sources."""
-        script = (
-            "from safe_inspect.compiling.folders import PACKAGE, digest_of as d;"
-            "(PACKAGE / '__pycache__' / 'compiled.stamp').unlink(missing_ok=True);"
-            "(PACKAGE / '__pycache__' / 'compiled.stamp').write_text(d.__wrapped__(PACKAGE))"
-        )
-        environment = {**os.environ, "PYTHONPATH": str(self._root)}
-        subprocess.run([sys.executable, "-c", script], cwd=self._root, env=environment, check=True)
 
-    def _put_back(self) -> None:
-        for path in self._root.glob("safe_inspect/**/__pycache__/*.*"):
-            if path.suffix in (".nbi", ".nbc", ".stamp"):
-                path.unlink()
-        for kept in self._kept.rglob("*.*"):
-            if kept.is_file() and kept.suffix in (".nbi", ".nbc", ".stamp"):
-                os.replace(kept, self._root / kept.relative_to(self._kept))
+def link_machine_code(before: Path, after: Path, changed: set[str]) -> None:
+    """Keep the machine code of files that do not reach a changed module."""
+    left_out = {tuple(name.split(".")[-2:]) for name in changed}
+    for path in before.rglob("*.*"):
+        folder, stem = path.parent.name.rpartition("_")[0], path.name.split(".")[0]
+        if path.is_file() and (folder, stem) not in left_out:
+            (after / path.relative_to(before)).parent.mkdir(parents=True, exist_ok=True)
+            os.link(path, after / path.relative_to(before))
 
 
 class Reach:

@@ -52,6 +52,11 @@ _COMMANDS = {
         "Progress, checkpoints, progress.csv and TensorBoard logs go to a new run folder.",
         "safe-inspect train configs/docking/experiment.yml lr=1e-4",
     ),
+    "warm": _Command(
+        "warm", "compile ahead what environments need, for a container image or CI",
+        "Machine code serves the processor that it is compiled on; for others set NUMBA_CPU_NAME=generic for both.",
+        "safe-inspect warm safe_inspect/FilteredTranslationalInspection-v1",
+    ),
     "safety": _Command(
         "safety", "run adversaries against the safety filter and count violations",
         "Constraints are checked at the steps and at moments between them.",

@@ -6,10 +6,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from safe_inspect.config.models.learning import check_learning, flight_note, placed
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.models.learning import check_learning, flight_note, placed
 from safe_inspect.errors import ConfigError, Problem
 
 ONE, SEED = (configs_root() / "translational-inspection" / f"experiment{end}.yml" for end in ("", "-seed"))

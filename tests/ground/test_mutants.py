@@ -70,6 +70,16 @@ def test_faults_change_the_source_and_compile(mutants: Any) -> None:
         assert one.applied(SOURCE) != SOURCE
 
 
+def test_machine_code_of_files_that_reach_a_fault_is_left_out(mutants: Any, tmp_path: Path) -> None:
+    before, after = tmp_path / "before", tmp_path / "after"
+    for name in ("room_0f/a.f-1.nbi", "called/room_0f/a.f-1.nbi", "room_0f/b.g-1.nbi", "hall_1a/a.f-1.nbi"):
+        (before / name).parent.mkdir(parents=True, exist_ok=True)
+        (before / name).write_text(name, encoding="utf-8")
+    mutants.link_machine_code(before, after, {"safe_inspect.room.a", "safe_inspect.hall"})
+    found = {path.relative_to(after).as_posix() for path in after.rglob("*.nbi")}
+    assert found == {"room_0f/b.g-1.nbi", "hall_1a/a.f-1.nbi"}
+
+
 def test_draws_are_reproducible_and_keep_to_their_rooms(mutants: Any) -> None:
     drawn = mutants.draw(5, 12, ["dynamics", "dones"])
     assert drawn == mutants.draw(5, 12, ["dynamics", "dones"])
