@@ -18,7 +18,7 @@ from typing import Any
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation import BASELINES, Summary, baseline, rollout, summarise
+from safe_inspect.evaluation import BASELINES, Evaluation, baseline, evaluation_table, rollout
 
 CONFIGURATION = "configs/translational-inspection/experiment.yml"
 EVALUATION_SEED = 20_000
@@ -55,14 +55,14 @@ def pilots(experiment: Experiment, load: Callable[[str | None], Any]) -> dict[st
     return {agent: loaded[policy.name] for policy in policies for agent in policy.agents}
 
 
-def table(figures: dict[str, Summary]) -> str:
+def table(figures: dict[str, Evaluation]) -> str:
     """Return mean and standard deviation of the figures, a line for each who flew."""
-    names = [name for name in COLUMNS if name in next(iter(figures.values())).statistics]
+    names = [name for name in COLUMNS if name in next(iter(figures.values())).team.figures]
     rows = [("", "success", *names)]
-    for who, summary in figures.items():
-        cells = [summary.statistics[name] for name in names]
+    for who, found in figures.items():
+        cells = [found.estimates[""][name] for name in names]
         told = (f"{cell.mean:.3f} ({cell.standard_deviation:.3f})" for cell in cells)
-        rows.append((who, f"{100.0 * summary.success_rate:.0f} %", *told))
+        rows.append((who, f"{100.0 * found.team.success_rate:.0f} %", *told))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
 
@@ -93,7 +93,7 @@ def main(argv: list[str] | None = None) -> int:
         fliers["untrained"] = pilots(experiment, lambda policy: untrained_policy(checkpoint, policy=policy))
         fliers["trained"] = pilots(experiment, lambda policy: trained_policy(checkpoint, policy))
         figures = {
-            who: summarise(rollout(experiment.spec, policies, arguments.episodes, seed=EVALUATION_SEED))
+            who: Evaluation.of(who, rollout(experiment.spec, policies, arguments.episodes, seed=EVALUATION_SEED))
             for who, policies in fliers.items()
         }
     except SafeInspectError as error:
@@ -102,9 +102,9 @@ def main(argv: list[str] | None = None) -> int:
     if took:
         print(f"{took['steps']} steps in {took['seconds']:.0f} s")
     print(f"{arguments.episodes} fresh episodes each, mean (standard deviation):\n{table(figures)}\n")
-    print(f"trained:\n{figures['trained']}")
+    print(evaluation_table(figures["trained"]))
     if arguments.json:
-        content = {**took, "figures": {who: summary.as_dict() for who, summary in figures.items()}}
+        content = {**took, "figures": {who: found.as_dict() for who, found in figures.items()}}
         arguments.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return 0
 

@@ -25,6 +25,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ[_variable] = "1"  # before NumPy is imported
 
 import numpy as np  # noqa: E402
+from rendezvous_tube import PlainMPC  # noqa: E402
 
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
@@ -32,29 +33,29 @@ from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
 from safe_inspect.rendezvous.bound.conformal import Bound  # noqa: E402
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates  # noqa: E402
-from safe_inspect.rendezvous.bound.transport import Path, to_inertial, torque_free  # noqa: E402
 from safe_inspect.rendezvous.campaign.tables import interval  # noqa: E402
 from safe_inspect.rendezvous.chaser import ChaserState, last  # noqa: E402
 from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
-from safe_inspect.rendezvous.control.design import TubeDesign  # noqa: E402
-from safe_inspect.rendezvous.control.lqr import AxisStatus  # noqa: E402
-from safe_inspect.rendezvous.control.mpc import InitialState, TubeMPC  # noqa: E402
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign  # noqa: E402
+from safe_inspect.rendezvous.control.mpc import TubeMPC  # noqa: E402
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
+from safe_inspect.rendezvous.control.tracker import AxisStatus  # noqa: E402
 from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
 from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
 from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
-from safe_inspect.rendezvous.mission import dynamics_of, limits_of  # noqa: E402
+from safe_inspect.rendezvous.mission import dynamics_of  # noqa: E402
 from safe_inspect.rendezvous.models import RendezvousConfig  # noqa: E402
+from safe_inspect.rendezvous.pilot import limits_of  # noqa: E402
 from safe_inspect.rendezvous.planner.certificate import certify  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
+from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free  # noqa: E402
 from safe_inspect.rendezvous.target.model import Target  # noqa: E402
-from safe_inspect.rendezvous.tracking import DesignRequest  # noqa: E402
 
 _SETTINGS = (
     "tumble={functor: RandomTumble}",
-    "estimator.config.attitude_sigma=0.7 deg",
-    "estimator.config.rate_sigma=0.07 deg/s",
+    "sensors.state.attitude_sigma=0.7 deg",
+    "sensors.state.rate_sigma=0.07 deg/s",
 )
 _MOST_DRAWS = 200
 
@@ -64,7 +65,7 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
     mission, chaser = config.mission, config.chaser
     streams = Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
     orientation, rate = config.tumble(streams)
-    errors = EstimateErrors(config.estimator.attitude_sigma, config.estimator.rate_sigma)
+    errors = EstimateErrors(config.sensors.state.attitude_sigma, config.sensors.state.rate_sigma)
     limits, demands = limits_of(chaser), PlanDemands()
     state = np.concatenate((chaser.position, np.zeros(3)))
     reason = "no plan"
@@ -225,7 +226,7 @@ def main() -> None:
     file = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
     config = load_rendezvous(file, _SETTINGS).config
     target = config.target()
-    errors = EstimateErrors(config.estimator.attitude_sigma, config.estimator.rate_sigma)
+    errors = EstimateErrors(config.sensors.state.attitude_sigma, config.sensors.state.rate_sigma)
     results: dict[str, list[dict[str, Any]]] = {"tube": [], "plain": []}
     refused: dict[str, int] = {}
     began, draws = time.process_time(), 0
@@ -241,8 +242,8 @@ def main() -> None:
         noise = generator.uniform(-1.0, 1.0, (len(plan.times), 6))
         limits = TrackingLimits(config.chaser.limits.force, config.chaser.limits.tracking_speed, design.limits.keep_in)
         for name, tracker in (
-            ("tube", design.tracker()),
-            ("plain", TubeMPC(design.axis, no_tube(1), limits, initial=InitialState.MEASURED)),
+            ("tube", TubeMPC(design.axis, design.tube, limits)),
+            ("plain", PlainMPC(design.axis, no_tube(1), limits)),
         ):
             results[name].append(fly(config, target, tracker, found, known, noise))
         if (number + 1 - arguments.first) % 50 == 0 or number + 1 == arguments.first + arguments.flights:

@@ -20,19 +20,19 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multiply
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.conformal import conformal_bound
+from safe_inspect.rendezvous.bound.conformal import conformal_bound, trial_streams
 from safe_inspect.rendezvous.bound.query import BoundQuery, JointErrors
 from safe_inspect.rendezvous.bound.samples import ErrorSamples, sample_errors
-from safe_inspect.rendezvous.bound.transport import Path, to_inertial, torque_free
 from safe_inspect.rendezvous.characterise.fit import Motion
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-from safe_inspect.rendezvous.characterise.motion import CharacteriseOptions, characterise
+from safe_inspect.rendezvous.characterise.motion import KnownBody, PolhodeCharacteriser
 from safe_inspect.rendezvous.characterise.ratios import logits_of, ratios_of
 from safe_inspect.rendezvous.edges import MODEL
-from safe_inspect.rendezvous.planner.direct import direct_approach
+from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan
 from safe_inspect.rendezvous.planner.query import PlanQuery
-from safe_inspect.rendezvous.plugins.bound import trial_streams
-from safe_inspect.rendezvous.plugins.target import EnvisatTarget, RandomTumble
+from safe_inspect.rendezvous.planner.spline import SplinePath
+from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free
+from safe_inspect.rendezvous.plugins import EnvisatTarget, RandomTumble
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
@@ -77,7 +77,7 @@ def _errors_of(found: TargetEstimate) -> JointErrors:
     joint = np.zeros((14, 14))
     order = [6, 7, 0, 1, 2, 3, 4, 5]
     joint[:8, :8] = found.covariance[np.ix_(order, order)]
-    return JointErrors(joint=joint)
+    return JointErrors(0.0, 0.0, joint=joint)
 
 
 def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | None:
@@ -89,11 +89,10 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
     q, w = (value[0] for value in tumble(target.principal, q0[None], w0[None], times))
     ratios = target.principal[:2] / target.principal[2]
     known = ratios_of(logits_of(ratios) + _KNOWN * streams.normal("coverage.ratios", 2)[0])
-    options = CharacteriseOptions(
-        ratios=known, q_MT=None if edges else from_matrix(target.R_MT), telescoping=0.0, memory=_MEMORY
-    )
+    body = KnownBody(known, None if edges else from_matrix(target.R_MT))
+    characteriser = PolhodeCharacteriser(telescoping=0.0, memory=_MEMORY, drift=0.0)
     history = _measured(_Truth(times, q, w), target, streams, edges=edges)
-    found = characterise(history, options, before=Motion(0.0, q0, w0, logits_of(ratios)))
+    found = characteriser.characterise(history, body, before=Motion(0.0, q0, w0, logits_of(ratios)))
     if found is None:
         return None
     query = PlanQuery(
@@ -106,7 +105,8 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
         boxes=target.boxes,
         R_MT=target.R_MT,
     )
-    plan = direct_approach(query)
+    problem = approach_problem(query, 0.0, 60.0, 20, 121)
+    plan = sampled_plan(query, SplinePath(problem.basis, problem.cold()))
     trials = sample_errors(BoundQuery(plan, found.inertia, _errors_of(found), None), trial_streams(streams, 300))
     bound = conformal_bound(trials, 0.05, 100)
     elapsed = plan.times - times[-1]
@@ -119,8 +119,7 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
         )
     )
     position, velocity, acceleration = (a - b for a, b in zip(estimated, true, strict=True))
-    empty = np.zeros((1, 0, 3))
-    error = ErrorSamples(plan.times, position[None], velocity[None], 9.583788668 * acceleration[None], empty, empty)
+    error = ErrorSamples(plan.times, position[None], velocity[None], 9.583788668 * acceleration[None])
     return bool(bound.covers(error)[0]), float(bound.position.max())
 
 

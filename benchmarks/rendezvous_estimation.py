@@ -31,6 +31,7 @@ from safe_inspect.dynamics.quaternion import conjugate, from_matrix, log, multip
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.campaign.tables import interval
+from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.consistency import attitude_error, normalised_error
 from safe_inspect.rendezvous.experiment import load_rendezvous
@@ -44,7 +45,7 @@ _FIGURES = (
     "graph_ms",
 )  # fmt: skip
 _AHEAD = 60.0
-_PROFILE = "estimator.config.camera.config.profile"
+_PROFILE = "sensors.camera.profile"
 _GROUPS = {
     "nominal": (f"{_PROFILE}=nominal",),
     "clean": (f"{_PROFILE}=clean",),
@@ -74,14 +75,13 @@ class _Observation(Mission):
     """A mission whose newest estimate can be read, and that compares the turn of W with its covariance each second."""
 
     def __init__(self, config: RendezvousConfig, number: int) -> None:
-        super().__init__(config, number)
+        super().__init__(config, number, watch=self._compare)
         self.turns: list[tuple[float, float]] = []
 
-    def _sense(self) -> None:
-        super()._sense()
-        pipeline = self._estimator.pipeline  # type: ignore[attr-defined]
+    def _compare(self, context: MissionContext) -> None:
+        pipeline = self.pilot.estimator.pipeline  # type: ignore[attr-defined]
         graph, chaser = pipeline.graph, self._truth.chaser
-        if graph is not None and round(self._truth.time / self._config.mission.step) % 5 == 0:
+        if graph is not None and context.step % 5 == 0:
             turn = log(multiply(conjugate(chaser.orientation), from_matrix(graph.chaser[:3, :3])))
             squared = float(turn @ np.linalg.solve(graph.chaser_covariance[:3, :3], turn))
             self.turns.append((_degrees(turn), squared))
@@ -89,12 +89,12 @@ class _Observation(Mission):
     @property
     def estimate(self) -> StateEstimate:
         """The newest estimate."""
-        return self._flight.estimate
+        return self.pilot.context.estimate
 
     @property
     def target(self) -> Target:
         """The target."""
-        return self._flight.target
+        return self.pilot.context.target
 
     @property
     def truth(self) -> tuple[BodyState, BodyState]:

@@ -23,15 +23,11 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.plugins import (
-    FrontEnd,
-    GicpSubmapFrontEnd,
-    ModelFrontEnd,
-    TimeOfFlightCamera,
-)
+from safe_inspect.rendezvous.models import RendezvousConfig, SensorsConfig
+from safe_inspect.rendezvous.plugins import FrontEnd, GicpSubmapFrontEnd, ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, inverse, pose, rotation_exp
-from safe_inspect.rendezvous.recording.watch import WatchedFrame, WatchSensors, watch
+from safe_inspect.rendezvous.recording.watch import WatchedFrame, watch
+from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import FloatArray
 
 _FRONT_ENDS: dict[str, FrontEnd] = {
@@ -72,16 +68,16 @@ def main() -> None:
 
 
 def _measure(front_end: FrontEnd, arguments: argparse.Namespace, seed: int) -> dict[str, float]:
-    config = RendezvousConfig.model_validate({"tumble": _TUMBLES[arguments.tumble]})
     camera = TimeOfFlightCamera(profile=arguments.profile)
+    sensors = SensorsConfig(camera=camera, frame_period=arguments.period)
+    config = RendezvousConfig.model_validate({"tumble": _TUMBLES[arguments.tumble], "sensors": sensors})
     mount = pose(R_BC, np.array(config.chaser.camera_position))
     streams = Streams(config.seed, np.array([seed]), np.zeros(1, np.int64))
     run = front_end(FrontEndContext(camera.geometry, mount, config.target(), streams))
     truth: list[FloatArray] = []
     edges: list[Edge] = []
     spent: list[float] = []
-    sensors = WatchSensors(camera, period=arguments.period)
-    for seen in watch(config, sensors, seed, arguments.seconds):
+    for seen in watch(config, seed, arguments.seconds):
         truth.append(seen.T_MB)
         begin = time.process_time()
         edges += run.step(seen.frame, None, _turn(seen))

@@ -23,12 +23,11 @@ from safe_inspect.rendezvous.front_end.model import registration as module
 from safe_inspect.rendezvous.front_end.model.faces import Faces
 from safe_inspect.rendezvous.front_end.model.kernel import Sums
 from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
-from safe_inspect.rendezvous.front_end.model.run import ModelTracking
-from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.plugins import TimeOfFlightCamera
+from safe_inspect.rendezvous.models import RendezvousConfig, SensorsConfig
+from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
-from safe_inspect.rendezvous.recording.watch import WatchedFrame, WatchSensors, watch
-from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthRenderer
+from safe_inspect.rendezvous.recording.watch import WatchedFrame, watch
+from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthRenderer, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
@@ -85,7 +84,7 @@ def _print_errors_at_mating_point(
         found = registration(cloud, start, Prior(start, _INFORMATION))
         turn = difference(truth, found.pose)[:3]
         errors.append(np.rad2deg(np.linalg.norm(turn)))
-        nees.append(turn @ np.linalg.solve(found.covariance(ModelTracking().scale)[:3, :3], turn) / 3.0)
+        nees.append(turn @ np.linalg.solve(found.covariance()[:3, :3], turn) / 3.0)
     print(f"at the mating point: {count} frames  median {np.median(errors):.2f}  95th percentile "
           f"{np.percentile(errors, 95):.2f} degrees  NEES for each degree of freedom {np.mean(nees):.2f}")  # fmt: skip
 
@@ -97,17 +96,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--period", type=float, default=3.0, help="time between two frames [s]")
     arguments = parser.parse_args()
-    config = RendezvousConfig()
-    camera, target = TimeOfFlightCamera(profile=arguments.profile), config.target()
+    camera = TimeOfFlightCamera(profile=arguments.profile)
+    config = RendezvousConfig(sensors=SensorsConfig(camera=camera, frame_period=arguments.period))
+    target = config.target()
     mount = pose(R_BC, np.array(config.chaser.camera_position))
-    seen = [
-        one
-        for seed in range(arguments.seeds)
-        for one in watch(config, WatchSensors(camera, period=arguments.period), seed, 120.0)
-    ]
+    seen = [one for seed in range(arguments.seeds) for one in watch(config, seed, 120.0)]
+    own = ModelFrontEnd()
     for name, has_prior, cut, edge, change in _VARIANTS:
         random, errors = np.random.default_rng(0), []
-        registration = ModelRegistration(target, camera.geometry, mount, cut=cut)
+        registration = ModelRegistration(target, camera.geometry, mount, own.range_sigma, own.range_growth, cut)
         cleaning = Cleaning(camera.geometry, edge=edge)
         with change():
             for one in seen:
@@ -121,7 +118,7 @@ def main() -> None:
             f"{np.percentile(errors, 95):.2f}  largest {max(errors):.1f} degrees",
             flush=True,
         )
-    registration, cleaning = ModelRegistration(target, camera.geometry, mount), Cleaning(camera.geometry, edge=np.inf)
+    registration, cleaning = own.registration(target, camera.geometry, mount), Cleaning(camera.geometry, edge=np.inf)
     _print_half_turn(registration, cleaning, seen, mount)
     _print_errors_at_mating_point(registration, cleaning, target, mount)
 

@@ -14,7 +14,7 @@ import sys
 
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation import rollout, summarise
+from safe_inspect.evaluation import Evaluation, evaluation_table, rollout
 from safe_inspect.figures import save, trajectory_figure
 from safe_inspect.policies import NaturalMotionInspector
 
@@ -35,7 +35,7 @@ def main() -> int:
     except SafeInspectError as error:
         print(error, file=sys.stderr)
         return 2
-    print(summarise(episodes))
+    print(evaluation_table(Evaluation.of("inspector", episodes)))
     print(f"picture: {arguments.out}")
     return 0
 

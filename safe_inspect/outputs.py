@@ -47,19 +47,20 @@ def new_file(path: str | os.PathLike[str], hint: str = "give another file") -> I
     target = target if special else Path(os.path.realpath(target))
     work = target if special else target.with_name(f".{target.stem}.{os.getpid()}.new{target.suffix}")
     try:
-        _make_parent(target)
-        _check_access(target)
-        yield work
-        if not special:
-            os.replace(work, target)
+        with _parent(target):
+            try:
+                _check_access(target)
+                yield work
+                if not special:
+                    os.replace(work, target)
+            finally:
+                if not special:
+                    with suppress(OSError):
+                        work.unlink()
     except OutputError:
         raise
     except OSError as error:
         raise cannot_write(path, error, hint) from None
-    finally:
-        if not special:
-            with suppress(OSError):
-                work.unlink()
 
 
 @contextmanager
@@ -84,24 +85,25 @@ def new_folder(
     work = None
     try:
         check_new_folder(path, command, force=force, hint=hint)
-        _make_parent(target)
-        work = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".new", dir=target.parent))
-        os.chmod(work, 0o777 & ~_umask())
-        yield work
-        mark_folder(work, command, _files(work))
-        try:
-            check_new_folder(path, command, force=force, hint=hint)
-        except OutputError as error:
-            kept, work = work, None
-            raise OutputError(f"{error}; what was written is in {kept}") from None
-        _put(work, target)
+        with _parent(target):
+            try:
+                work = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".new", dir=target.parent))
+                os.chmod(work, 0o777 & ~_umask())
+                yield work
+                mark_folder(work, command, _files(work))
+                try:
+                    check_new_folder(path, command, force=force, hint=hint)
+                except OutputError as error:
+                    kept, work = work, None
+                    raise OutputError(f"{error}; what was written is in {kept}") from None
+                _put(work, target)
+            finally:
+                if work is not None:
+                    shutil.rmtree(work, ignore_errors=True)
     except OutputError:
         raise
     except OSError as error:
         raise cannot_write(path, error, hint, "folder") from None
-    finally:
-        if work is not None:
-            shutil.rmtree(work, ignore_errors=True)
 
 
 def check_new_folder(
@@ -215,12 +217,13 @@ def check_writable(path: Path, endings: Collection[str] = ()) -> None:
         )
     if path.is_dir():
         raise OutputError(f"{path}: the file cannot be written (it is a folder); give a file")
+    target = path.expanduser()
     try:
-        _make_parent(path)
-        _check_access(path)
-        if path.is_file() or not path.exists():
-            with tempfile.NamedTemporaryFile(dir=path.expanduser().absolute().parent, prefix=f".{path.name}."):
-                pass
+        with _parent(target, keep=False):
+            _check_access(target)
+            if target.is_file() or not target.exists():
+                with tempfile.NamedTemporaryFile(dir=target.absolute().parent, prefix=f".{target.name}."):
+                    pass
     except OSError as error:
         raise cannot_write(path, error) from None
 
@@ -262,11 +265,22 @@ def is_full(folder: Path) -> bool:
     return False
 
 
-def _make_parent(target: Path) -> None:
+@contextmanager
+def _parent(target: Path, *, keep: bool = True) -> Iterator[None]:
+    """Create the missing parent folders of a path; remove them when the block fails, or without `keep` in any case."""
+    missing = [folder for folder in target.absolute().parents if not folder.exists()]
+    complete = False
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
+        yield
+        complete = keep
+    finally:
+        for folder in [] if complete else missing:
+            with suppress(OSError):  # not made, or no longer empty
+                folder.rmdir()
 
 
 def _check_access(target: Path) -> None:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from safe_inspect.cli.common import Parser, command_of, parse_arguments, run_command
-from safe_inspect.cli.train import add_train_arguments
+from safe_inspect.cli.common import Parser, run_command
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, or 2 for a mistake of the user's."""
-    parser = Parser(prog="python -m safe_inspect.train_rl", description="Train a policy with RLlib.")
-    add_train_arguments(parser)
-    return run_command(command_of("train", "run_train"), parse_arguments(parser, argv))
+    parser = Parser(
+        prog="python -m safe_inspect.train_rl", description="Train a policy with RLlib.", command=("train", "train")
+    )
+    return run_command(parser, argv)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import inspect
 import io
 import json
 import math
@@ -175,15 +176,18 @@ def yaml_lines() -> tuple[int, int]:
 
 
 def options() -> tuple[int, dict[str, set[str]]]:
-    """Return how many kinds of plugins the package has, and the fields of each of its plugins."""
+    """Return how many kinds of plugins the package has, and the fields of each plugin and part of one."""
+    from safe_inspect.plugins.plugin import Plugin
     from safe_inspect.plugins.registry import registry
 
-    found, kinds = {}, set()
-    for kind in registry.kinds():
-        for name, plugin in registry.items(kind):
-            if plugin.__module__.startswith("safe_inspect.") and ".testing." not in plugin.__module__:
-                found[f"{plugin.__module__}:{name}"] = set(plugin.model_fields)
-                kinds.add(kind)
+    kinds, found, waiting = set(), {}, [Plugin] if registry.kinds() else []
+    while waiting:
+        plugin = waiting.pop()
+        waiting += plugin.__subclasses__()
+        own = plugin.__module__.startswith("safe_inspect.") and ".testing." not in plugin.__module__
+        if own and not inspect.isabstract(plugin) and "__call__" in dir(plugin):
+            found[f"{plugin.__module__}:{plugin.registered_name or plugin.__name__}"] = set(plugin.model_fields)
+            kinds |= {plugin.kind} - {""}
     return len(kinds), found
 
 

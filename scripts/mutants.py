@@ -6,9 +6,12 @@
 
 A line of code is drawn uniformly from those of the rooms, a kind of fault from those that the line allows, and one
 fault of that kind. It is planted in a copy of the repository, and the quick tests of the room that the file belongs
-to are run there (`TESTS`). A fault that they do not notice survives; tests of other rooms do not count, because a
-test should fail near the fault. Each result is appended to the output file at once: a run that was interrupted
-continues where it stopped.
+to are run there (`TESTS`), until one fails. A fault that they do not notice survives; tests of other rooms do not
+count, because a test should fail near the fault. Each result is appended to the output file at once: a run that was
+interrupted continues where it stopped.
+
+First the tests are run once without a fault, and what functions each file of tests runs is kept beside the output
+(`.reach.json`). Files that do not run the function in which a fault is planted cannot notice it, and are left out.
 
 Faults that change nothing that a user could see are listed by hand in ``scripts/equivalent_mutants.txt``, one key a
 line, with the reason behind ``#``; the table shows the score with and without them. This is own code instead of
@@ -19,9 +22,14 @@ its kernel.
 from __future__ import annotations
 
 import argparse
+import ast
+import functools
+import hashlib
+import itertools
 import json
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -34,9 +42,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from forked_tests import functions_of
 from measures import PACKAGE, ROOT, importers, modules
 from mutations import Mutation, mutations
 from scipy.stats import binomtest
+
+from safe_inspect.compiling import folders as compiling
+from safe_inspect.compiling.folders import installed_folder
 
 EQUIVALENT = ROOT / "scripts" / "equivalent_mutants.txt"
 #: Folders of tests where their name is not that of the room; files at the top of the package are the room "ground".
@@ -53,7 +65,8 @@ RECORDED = {
 }  # fmt: skip
 #: The folders on which every result rests; the table shows their score together.
 CORE = ("rta", "dynamics", "simulators", "tasks", "evaluation/results")
-_QUICK = "not slow and not long"
+#: What files of tests say that start processes, whose functions are not measured.
+_PROCESSES = re.compile(r"subprocess|multiprocessing|Popen|\bray\b|Async|num_workers")
 
 
 def sources() -> list[Path]:
@@ -128,106 +141,160 @@ class Workspace:
             if (ROOT / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
-        for cache in [*PACKAGE.rglob("__pycache__/*.nb?"), *PACKAGE.rglob("__pycache__/compiled.stamp")]:
-            target = folder / cache.relative_to(ROOT)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(cache, target)
-        self._kept = folder / "kept-machine-code"
         self._faults = 0
+        environment = {
+            **os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+        }  # fmt: skip
+        self._server = subprocess.Popen(
+            [sys.executable, str(ROOT / "scripts" / "forked_tests.py")], cwd=folder, env=environment, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
 
-    def run(self, tests: tuple[str, ...], module: str, limit: float) -> tuple[str, float, str]:
-        """Run quick tests, those that name the module first.
+    def close(self) -> None:
+        """Stop the process that runs the tests."""
+        self._server.communicate()
+
+    def run(self, files: list[str], limit: float, reach: Path | None = None) -> tuple[str, float, str]:
+        """Run quick tests.
 
         Args:
-            tests: Folders and files of tests.
-            module: Name of the module in which a fault is planted.
+            files: Files of tests, in the order in which they are run.
             limit: When to stop [s].
+            reach: The file to write to which functions each file of tests runs; None to measure nothing.
 
         Returns:
             "passed", "failed" or "timeout"; how long it took [s]; and the first test that failed.
         """
-        places = [self._root / place for place in tests]
-        files = [
-            path for place in places for path in ([place] if place.is_file() else sorted(place.rglob("test_*.py")))
-        ]
-        files.sort(key=lambda path: (module not in path.read_text(encoding="utf-8"), path.parent.name == "golden"))
-        names = [path.relative_to(self._root).as_posix() for path in files]
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly"]
-        environment = {
-            **os.environ, "PYTHONPATH": str(self._root), "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1",
-            "OPENBLAS_NUM_THREADS": "1",
-        }  # fmt: skip
+        if not files:
+            return "passed", 0.0, ""
         before = time.monotonic()
-        with tempfile.TemporaryFile("w+", encoding="utf-8") as output:
-            process = subprocess.Popen(
-                [*command, "-m", _QUICK, *names], cwd=self._root, env=environment, stdout=output,
-                stderr=subprocess.STDOUT, start_new_session=True,
-            )  # fmt: skip
-            try:
-                code = process.wait(limit)
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, 9)
-                process.wait()
-                return "timeout", time.monotonic() - before, ""
-            output.seek(0)
-            text = output.read()
+        output = self._root / "output-of-tests"
+        request = {"names": files, "output": str(output), "limit": limit, "reach": str(reach) if reach else None}
+        assert self._server.stdin is not None
+        assert self._server.stdout is not None
+        self._server.stdin.write(json.dumps(request) + "\n")
+        self._server.stdin.flush()
+        code = json.loads(self._server.stdout.readline())
+        seconds = time.monotonic() - before
+        if code == "timeout":
+            return "timeout", seconds, ""
+        text = output.read_text(encoding="utf-8", errors="replace")
         failed = [line for line in text.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        return "passed" if code in (0, 5) else "failed", time.monotonic() - before, (failed or [text[-300:]])[0][:200]
+        return "passed" if code in (0, 5) else "failed", seconds, (failed or [text[-300:]])[0][:200]
 
-    def planted(
-        self, file: str, mutation: Mutation, tests: tuple[str, ...], limit: float
-    ) -> tuple[str, float, str]:  # fmt: skip
-        """Plant a fault, run tests, and take the fault out again; returns what `run` does."""
+    def planted(self, file: str, mutation: Mutation, tests: list[str], limit: float) -> tuple[str, float, str]:
+        """Plant a fault, run files of tests, and take the fault out again; returns what `run` does."""
         path, module = self._root / file, file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
         source, times = path.read_text(encoding="utf-8"), path.stat()
-        is_kernel = "@njit" in source
+        before, after = self._machine_code(), None
         self._faults += 1
-        if is_kernel:
-            self._set_aside(module)
         try:
             path.write_text(mutation.applied(source), encoding="utf-8")
             os.utime(path, (times.st_atime, times.st_mtime + 1000 * self._faults))
-            if is_kernel:
-                self._stamp()
-            return self.run(tests, module, limit)
+            if "@njit" in source:
+                after = self._machine_code()
+                link_machine_code(before, after, importers(module, modules()))
+            return self.run(tests, limit)
         finally:
             path.write_text(source, encoding="utf-8")
             os.utime(path, (times.st_atime, times.st_mtime))
-            if is_kernel:
-                self._put_back()
+            if after:
+                shutil.rmtree(after, ignore_errors=True)
 
-    def _set_aside(self, module: str) -> None:
-        """Keep the machine code, and leave only that of files which do not reach the module."""
-        shutil.rmtree(self._kept, ignore_errors=True)
-        changed = importers(module, modules())
-        for folder in self._root.glob("safe_inspect/**/__pycache__"):
-            parent = ".".join(folder.parent.relative_to(self._root).parts)
-            for path in folder.glob("*"):
-                kept = self._kept / path.relative_to(self._root)
-                if path.is_file():
-                    kept.parent.mkdir(parents=True, exist_ok=True)
-                    os.link(path, kept)
-                    stem = path.name.split(".")[0]
-                    if path.suffix in (".nbi", ".nbc") and f"{parent}.{stem}".removesuffix(".__init__") in changed:
-                        path.unlink()
+    def _machine_code(self) -> Path:
+        """Return the folder for machine code of the sources as they are."""
+        package = self._root / "safe_inspect"
+        return installed_folder(compiling.digest_of.__wrapped__(package), package)
 
-    def _stamp(self) -> None:
-        """Declare the machine code that is left to be that of the changed sources."""
-        script = (
-            "from safe_inspect.compiling.folders import PACKAGE, digest_of as d;"
-            "(PACKAGE / '__pycache__' / 'compiled.stamp').unlink(missing_ok=True);"
-            "(PACKAGE / '__pycache__' / 'compiled.stamp').write_text(d.__wrapped__(PACKAGE))"
-        )
-        environment = {**os.environ, "PYTHONPATH": str(self._root)}
-        subprocess.run([sys.executable, "-c", script], cwd=self._root, env=environment, check=True)
 
-    def _put_back(self) -> None:
-        for path in self._root.glob("safe_inspect/**/__pycache__/*.*"):
-            if path.suffix in (".nbi", ".nbc", ".stamp"):
-                path.unlink()
-        for kept in self._kept.rglob("*.*"):
-            if kept.is_file() and kept.suffix in (".nbi", ".nbc", ".stamp"):
-                os.replace(kept, self._root / kept.relative_to(self._kept))
+def link_machine_code(before: Path, after: Path, changed: set[str]) -> None:
+    """Keep the machine code of files that do not reach a changed module."""
+    left_out = {tuple(name.split(".")[-2:]) for name in changed}
+    for path in before.rglob("*.*"):
+        folder, stem = path.parent.name.rpartition("_")[0], path.name.split(".")[0]
+        if path.is_file() and (folder, stem) not in left_out:
+            (after / path.relative_to(before)).parent.mkdir(parents=True, exist_ok=True)
+            os.link(path, after / path.relative_to(before))
+
+
+class Reach:
+    """Which files of tests can notice a fault: those that run the function in which it is planted.
+
+    A fault outside functions, or in compiled ones, can be noticed by every file; a file that starts processes can
+    notice every fault, and so can a file that was edited since it was measured.
+
+    Args:
+        path: Where the measurements are kept.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+
+    def unknown(self, tests: tuple[str, ...]) -> list[str]:
+        """Return the files of some folders of tests that have to be measured."""
+        return [file for file in files_of(tests) if self._known.get(file, {}).get("digest") != digest_of(file)]
+
+    def measure(self, files: list[str], space: Workspace) -> None:
+        """Run files of tests without a fault, and keep which functions they run."""
+        if not files:
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            record = Path(folder) / "reach.json"
+            outcome, seconds, failed = space.run(files, 3600.0, record)
+            if outcome != "passed":
+                sys.exit(f"the quick tests fail without a fault: {failed}")
+            measured = json.loads(record.read_text(encoding="utf-8"))
+        nothing: dict[str, Any] = {"seconds": 0.0, "functions": {}}
+        shared = measured.pop("", nothing)["functions"]
+        for file in files:
+            known = measured.get(file, nothing)
+            for module, starts in shared.items():
+                known["functions"][module] = sorted({*starts, *known["functions"].get(module, [])})
+            self._known[file] = {**known, "digest": digest_of(file)}
+        self._path.write_text(json.dumps(self._known), encoding="utf-8")
+        print(f"{len(files)} files of tests: {seconds:.0f} s without a fault", flush=True)
+
+    def seconds(self, files: list[str]) -> float:
+        """Return how long files of tests take without a fault [s]."""
+        return float(sum(self._known[file]["seconds"] for file in files))
+
+    def files(self, module: str, mutation: Mutation, tests: tuple[str, ...]) -> list[str]:
+        """Return the files that can notice a fault: what names the module first, then what takes least."""
+        source = (ROOT / module).read_text(encoding="utf-8")
+        start = functions_of(source).get(mutation.line)
+        everyone = start is None or _is_compiled(source, start)
+        found, name = [], module.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
+        for file in files_of(tests):
+            text = (ROOT / file).read_text(encoding="utf-8")
+            if everyone or _PROCESSES.search(text) or start in self._known[file]["functions"].get(module, []):
+                found.append((name not in text, "golden" in file, self._known[file]["seconds"], file))
+        return [file for *_, file in sorted(found)]
+
+
+def _is_compiled(source: str, line: int) -> bool:
+    """Say whether the function whose ``def`` is in a line, or one around it, is compiled."""
+    return any(
+        isinstance(node, ast.FunctionDef)
+        and node.lineno <= line <= (node.end_lineno or 0)
+        and any("njit" in ast.unparse(decorator) for decorator in node.decorator_list)
+        for node in ast.walk(ast.parse(source))
+    )
+
+
+@functools.cache
+def digest_of(file: str) -> str:
+    """Return a digest of a file of the repository."""
+    return hashlib.sha256((ROOT / file).read_bytes()).hexdigest()
+
+
+@functools.cache
+def files_of(tests: tuple[str, ...]) -> list[str]:
+    """Return the files of some folders and files of tests."""
+    places = [ROOT / place for place in tests]
+    files = [path for place in places for path in ([place] if place.is_file() else sorted(place.rglob("test_*.py")))]
+    return [path.relative_to(ROOT).as_posix() for path in files]
 
 
 def table(results: list[dict[str, Any]]) -> str:
@@ -282,31 +349,24 @@ def _plant_all(options: argparse.Namespace, results: list[dict[str, Any]]) -> No
     done = {result["key"] for result in results}
     waiting = [one for one in draw(options.seed, options.count, options.rooms) if key_of(*one) not in done]
     rooms = sorted({room_of(file.removesuffix(".py").replace("/", ".")) for file, _ in waiting})
-    lock = threading.Lock()
+    lock, reach = threading.Lock(), Reach(options.output.with_suffix(".reach.json"))
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         spaces = [Workspace(Path(folder) / str(number)) for number in range(options.jobs)]
-
-        def measure(tests: tuple[str, ...]) -> float:
-            with lock:
-                space = spaces.pop()
-            outcome, seconds, failed = space.run(tests, "", 3600.0)
-            with lock:
-                spaces.append(space)
-            print(f"{', '.join(tests)}: {seconds:.0f} s without a fault", flush=True)
-            if outcome != "passed":
-                sys.exit(f"{', '.join(tests)}: the quick tests fail without a fault: {failed}")
-            return 4.0 * seconds + 240.0
-
-        sets = sorted({tests_of(room) for room in rooms})
+        unknown = sorted({file for room in rooms for file in reach.unknown(tests_of(room))})
+        shares: list[list[str]] = [[] for _ in spaces]
+        for _, group in itertools.groupby(unknown, key=lambda file: file.split("/")[1]):
+            min(shares, key=len).extend(group)
         with ThreadPoolExecutor(options.jobs) as pool:
-            limits = dict(zip(sets, pool.map(measure, sets), strict=True))
+            list(pool.map(reach.measure, shares, spaces))
 
         def attempt(one: tuple[str, Mutation]) -> None:
             file, mutation = one
             room = room_of(file.removesuffix(".py").replace("/", "."))
+            tests = reach.files(file, mutation, tests_of(room))
             with lock:
                 space = spaces.pop()
-            outcome, seconds, test = space.planted(file, mutation, tests_of(room), limits[tests_of(room)])
+            limit = 3.0 * reach.seconds(tests) + (240.0 if "@njit" in (ROOT / file).read_text("utf-8") else 60.0)
+            outcome, seconds, test = space.planted(file, mutation, tests, limit)
             with lock:
                 spaces.append(space)
                 result = {
@@ -318,8 +378,12 @@ def _plant_all(options: argparse.Namespace, results: list[dict[str, Any]]) -> No
                     stream.write(json.dumps(result) + "\n")
                 print(f"{len(results):4d} {outcome:8} {seconds:6.1f} s  {result['key']}", flush=True)
 
-        with ThreadPoolExecutor(options.jobs) as pool:
-            list(pool.map(attempt, waiting))
+        try:
+            with ThreadPoolExecutor(options.jobs) as pool:
+                list(pool.map(attempt, waiting))
+        finally:
+            for space in spaces:
+                space.close()
 
 
 if __name__ == "__main__":

@@ -8,8 +8,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-#: Parts of Numba that its guide to extensions documents, although they lie in ``numba.core``.
-_DOCUMENTED = {"types", "cgutils", "errors", "NumbaError", "TypingError"}
+#: Parts of Numba that its documentation describes, although they lie in ``numba.core``: its guide to extensions, and
+#: its page "Event API".
+_DOCUMENTED = {"types", "cgutils", "errors", "NumbaError", "TypingError", "event"}
 #: A dataclass repeats the options of a plugin where so many of its fields with a default are fields of the plugin too.
 _TWIN_FIELDS = 2
 

@@ -10,7 +10,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
@@ -19,13 +19,38 @@ from safe_inspect.errors import Problem, SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write, new_folder
 
-USER_ERROR = 2
+_USER_ERROR = 2
 #: Names of parsed arguments that are no options.
 _HIDDEN = {"--overrides", "--words", "--run", "--command", "--experiment-needed", "--source", "--sources"}
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose mistakes are one line; subcommands get it too."""
+    """A parser whose mistakes are one line; those of subcommands are of this class too.
+
+    Args:
+        command: A module of `cli.commands` and the name of a command in it, of which ``add_NAME_arguments`` adds the
+            arguments and ``run_NAME`` is what it does. The module is imported when a command line is parsed, so that
+            neither other commands nor the list of all wait for what it needs. None for a parser with subcommands.
+        options: Those of `argparse.ArgumentParser`.
+    """
+
+    def __init__(self, *, command: tuple[str, str] | None = None, **options: Any) -> None:
+        super().__init__(**options)
+        self._command = command
+
+    def load(self) -> None:
+        """Import the command and add its arguments; do nothing the second time."""
+        if self._command is None:
+            return
+        (module, name), self._command = self._command, None
+        commands, name = importlib.import_module(f"safe_inspect.cli.commands.{module}"), name.replace("-", "_")
+        getattr(commands, f"add_{name}_arguments")(self)
+        self.set_defaults(run=getattr(commands, f"run_{name}"))
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Load the command, then parse."""
+        self.load()
+        return super().parse_known_args(args, namespace)
 
     @property
     def has_commands(self) -> bool:
@@ -41,11 +66,11 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the mistake and where help is, and exit."""
-        mistyped = re.fullmatch(r"argument command: invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        mistyped = re.fullmatch(r"argument COMMAND: invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if mistyped:
             commands = [name.strip(" '") for name in mistyped[2].split(",")]
             message = f"there is no command {mistyped[1]!r}; {did_you_mean(mistyped[1], commands)}"
-        self.exit(USER_ERROR, f"error: {_shortened(message)}; see `{self.prog} --help`\n")
+        self.exit(_USER_ERROR, f"error: {_shortened(message)}; see `{self.prog} --help`\n")
 
 
 def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:
@@ -58,6 +83,7 @@ def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Name
     words = [*words[1:2], "--help"] if words[:1] == ["help"] and parser.has_commands else words
     if parser.has_commands and words and words[0].startswith("-"):
         parser.check_option(words[0])
+    arguments: argparse.Namespace
     arguments, rest = parser.parse_known_args(words)
     verbatim = words[words.index("--") + 1 :] if "--" in words else []
 
@@ -109,18 +135,18 @@ def add_experiment_file(parser: argparse.ArgumentParser, *, needed: bool = True)
         needed: Whether the command line is refused without one.
     """
     parser.add_argument(
-        "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; and "
-        "KEY=VALUE to replace a value by its dotted path, or ~KEY to remove it",
+        "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; "
+        "KEY=VALUE replaces a value by its dotted path, ~KEY removes it",
     )  # fmt: skip
-    parser.add_argument("--cfg", metavar="FILE", help="another way to give the experiment")
+    parser.add_argument("--cfg", metavar="FILE", help="the experiment, as an option")
     parser.set_defaults(experiment_needed=needed)
 
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
     """Add overrides of a configuration that another argument names."""
     parser.add_argument(
-        "overrides", nargs="*", default=[], metavar="KEY=VALUE", help="replaces a value, by its dotted path; ~KEY "
-        "removes it",
+        "overrides", nargs="*", default=[], metavar="KEY=VALUE", help="replaces a value of the configuration by its "
+        "dotted path; ~KEY removes it",
     )  # fmt: skip
 
 
@@ -128,29 +154,14 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = 
     """Add what names an experiment, see `add_experiment_file`, and the compute platform."""
     add_experiment_file(parser, needed=needed)
     parser.add_argument(
-        "--compute-platform", default="local", metavar="NAME", help="which of the task's rllib_configs (default: local)"
+        "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
     )
 
 
-def command_of(module: str, function: str, starting: str = "") -> Callable[[argparse.Namespace], int]:
-    """Return a function of a module of `cli.commands`, which loads all that the command needs when it runs.
-
-    Args:
-        module: The module.
-        function: Its function.
-        starting: What is printed on the standard error before that, as loading takes seconds; empty for nothing.
-    """
-
-    def run(arguments: argparse.Namespace) -> int:
-        if starting:
-            with suppress(OSError):
-                print(starting, file=sys.stderr, flush=True)
-        command: Callable[[argparse.Namespace], int] = getattr(
-            importlib.import_module(f"safe_inspect.cli.commands.{module}"), function
-        )
-        return command(arguments)
-
-    return run
+def print_loading() -> None:
+    """Print on the standard error that a command which flies missions needs some time before it does."""
+    with suppress(OSError):
+        print("loading; compiling takes a minute where this machine has not done it yet", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -167,28 +178,29 @@ def output_folder(arguments: argparse.Namespace) -> Iterator[Path | None]:
         yield folder
 
 
-def run_command(command: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
-    """Run a command; return its exit code, which is 128 and the number of the signal that has stopped it.
+def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
+    """Run a command line; return its exit code, which is 128 and the number of the signal that has stopped it.
 
     A mistake of the user's, a full disk and an interruption are printed without a traceback.
+
+    Args:
+        parser: Its parser.
+        argv: Its words; None for those of the process.
     """
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal and a name with an umlaut
             stream.reconfigure(errors="backslashreplace")
     try:
-        os.getcwd()
-    except FileNotFoundError:
-        _print_error("error: the working directory has been removed; change to one that exists")
-        return USER_ERROR
-    try:
         with handled(), _plain_warnings():
-            code = command(arguments)
+            arguments = parse_arguments(parser, argv)
+            _check_working_directory()
+            code: int = arguments.run(arguments)
             sys.stdout.flush()
             return code
     except SafeInspectError as error:
         _print_error(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}")
-        return USER_ERROR
+        return _USER_ERROR
     except KeyboardInterrupt as stop:
         _print_error("; ".join(["interrupted", *getattr(stop, "__notes__", ())]))
         return 128 + (stop.number if isinstance(stop, Interrupted) else signal.SIGINT)
@@ -200,7 +212,14 @@ def run_command(command: Callable[[argparse.Namespace], int], arguments: argpars
             raise
         _discard_output()
         _print_error(f"error: {cannot_write(error.filename or 'standard output', error, 'write elsewhere')}")
-        return USER_ERROR
+        return _USER_ERROR
+
+
+def _check_working_directory() -> None:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise SafeInspectError("the working directory has been removed; change to one that exists") from None
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Compiled functions that are called by their address, and memory that is read by its address.
+"""Functions that are compiled and called by their address, and memory that is read by its address.
 
 A function that is called by its address is compiled once, whatever else is called beside it. This file belongs to the
 sources of compiled functions (those with ``@njit``): a change of it removes the cached machine code.
@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from llvmlite import ir
 from numba import cfunc, types
+from numba.core import cgutils  # public: documented in its guide to extensions, as are errors
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 
-from safe_inspect.compiling.kernel import Kernel, prepare
-from safe_inspect.compiling.linking import WholeCompiler
+from safe_inspect.compiling.kernel import Kernel, cached
 
 
 @intrinsic  # type: ignore[misc,untyped-decorator]
@@ -52,6 +53,31 @@ def write_number(context: Any, address: Any, dtype: Any, value: Any) -> Any:
     return types.none(types.int64, dtype, dtype.dtype), generate
 
 
+@intrinsic  # type: ignore[misc,untyped-decorator]
+def on_stack(context: Any, numbers: Any) -> Any:
+    """Return a pointer to a copy of a tuple of equal numbers, which holds until the calling function returns."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]
+        return builder.bitcast(place, context.get_value_type(signature.return_type))
+
+    result: Any = types.CPointer
+    return result(numbers.dtype)(numbers), generate
+
+
+@intrinsic  # type: ignore[misc,untyped-decorator]
+def call_at(context: Any, address: Any, dtype: Any, arguments: Any) -> Any:
+    """Call the function of C at an address, which returns a number of a type, with a tuple of numbers and pointers."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        given = [builder.extract_value(arguments[2], index) for index in range(len(signature.args[2]))]
+        function = ir.FunctionType(context.get_value_type(signature.return_type), [each.type for each in given])
+        return builder.call(builder.inttoptr(arguments[0], function.as_pointer()), given)
+
+    result: Any = dtype.dtype
+    return result(types.int64, dtype, arguments), generate
+
+
 def compiled_at(kernel: Kernel[..., Any], signature: str) -> Any:
     """Return a kernel as a function of C: ``address`` and ``ctypes`` hold as long as it does.
 
@@ -64,11 +90,7 @@ def compiled_at(kernel: Kernel[..., Any], signature: str) -> Any:
     Raises:
         ValueError: It does not compile.
     """
-    prepare()
     try:
-        try:
-            return cfunc(signature, cache=True, error_model="numpy", pipeline_class=WholeCompiler)(kernel.__wrapped__)
-        except RuntimeError:  # neither the package's folder nor the user's can be written
-            return cfunc(signature, error_model="numpy", pipeline_class=WholeCompiler)(kernel.__wrapped__)
+        return cached(lambda function, cache: cfunc(signature, cache=cache, error_model="numpy")(function), kernel)
     except NumbaError as error:
         raise ValueError(str(error)) from None

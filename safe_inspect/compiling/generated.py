@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import inspect
-import linecache
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.compiling.folders import PACKAGE, digest_of, user_folder
-from safe_inspect.compiling.kernel import Kernel
+from safe_inspect.compiling.folders import digest_of, digest_of_files, installed_folder, machine_code_folder
+from safe_inspect.compiling.kernel import Kernel, called_by, source_of
 
-_FOLDER = PACKAGE / "__pycache__" / "generated"
 _functions: dict[str, Generated] = {}
 
 
@@ -48,8 +45,7 @@ def generate(
     digest = hashlib.sha256(repr((sys.version_info[:2], name, sorted((options or {}).items()), source)).encode())
     for label, kernel in sorted(kernels.items()):
         digest.update(f"{label} {kernel.__module__} {kernel.__qualname__}".encode())
-    for file in sorted({inspect.getsourcefile(kernel.__wrapped__) or "" for kernel in _all_called(kernels.values())}):
-        digest.update("".join(linecache.getlines(file)).encode())
+    digest.update(digest_of_files(map(source_of, called_by(kernels.values()))).encode())
     key = digest.hexdigest()[:24]
     if key not in _functions:
         path = _written(f"{name}_{key}.py", source)
@@ -65,32 +61,20 @@ def generate(
     return _functions[key]
 
 
-def _all_called(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
-    """Return kernels and all that they call, directly or not."""
-    found: set[Kernel[..., Any]] = set()
-    waiting = list(kernels)
-    while waiting:
-        kernel = waiting.pop()
-        if kernel not in found:
-            found.add(kernel)
-            function = kernel.__wrapped__
-            named = (function.__globals__.get(name) for name in function.__code__.co_names)
-            waiting += [other for other in named if isinstance(other, Kernel)]
-    return found
-
-
 def _written(name: str, source: str) -> Path:
-    """Return a file that holds the source: beside the package's machine code, or in a folder of the user's."""
+    """Return a file that holds the source: with the package's machine code, or in a folder for temporary files."""
     own = f"safe_inspect-{os.getuid() if hasattr(os, 'getuid') else 0}"
-    for folder in (_FOLDER, user_folder(digest_of()) / "generated", Path(tempfile.gettempdir()) / own):
-        path = folder / name
+    chosen = machine_code_folder(digest_of())
+    folders = [installed_folder(digest_of()), *([chosen] if chosen else []), Path(tempfile.gettempdir()) / own]
+    for folder in folders:
+        path = folder / "generated" / name
         try:
             if not path.is_file():
-                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
                 partial = path.with_suffix(f".{os.getpid()}")
                 partial.write_text(source, encoding="utf-8")
                 partial.replace(path)
             return path
         except OSError:
             continue
-    raise OSError(f"neither {_FOLDER} nor {tempfile.gettempdir()} can be written; compiled code needs one of them")
+    raise OSError(f"neither {folders[0]} nor {tempfile.gettempdir()} can be written; compiled code needs one of them")

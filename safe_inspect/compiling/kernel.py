@@ -3,11 +3,10 @@
 A decorated function is a `Kernel`. Importing its module loads no compiler: a configuration is validated without one.
 
 Numba recompiles a cached function when its own file has changed, but not when a compiled function that it calls from
-another file has: after an update of a checkout old machine code would go on running. So the cached machine code of the
-whole package is removed when the source of any compiled function has changed, and that of kernels elsewhere, such as a
-plugin's, is compiled again.
-
-What Python calls is compiled together with all that it calls; see `safe_inspect.compiling.linking`.
+another file has: after an update of a checkout old machine code would go on running. So machine code is kept in a
+folder that is named by a digest of all sources of the package that define kernels. The machine code of a kernel outside
+the package, such as a plugin's, lies below that, in a folder named by the other files outside the package whose kernels
+it calls.
 
 What a compiled function returns to Python is None, a number, one array, or a tuple of numbers; other results are
 written into arrays that it is given. Ctrl-C during a call is handled as soon as Python code runs again, and Numba runs
@@ -19,27 +18,31 @@ from __future__ import annotations
 
 import functools
 import gc
+import inspect
 import os
 import sys
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, ParamSpec, TypeVar, overload
 
-from safe_inspect.compiling.folders import PACKAGE, digest_of
+from safe_inspect.compiling.folders import PACKAGE, digest_of, digest_of_files, machine_code_folder
 
 __all__ = ["BORROWING", "Kernel", "njit"]
 
 #: Options of ``@njit`` for functions that make and return no array. They count no references to the arrays that they
-#: are given, for their caller holds them; else Numba changes a counter, atomically, for each array of a tuple.
+#: are given, for their caller holds them; else Numba changes a counter, atomically, for each array of a tuple. Numba
+#: does not document ``_nrt``. Without it the safety filter takes 1.2 times as long for a state, in the slowest percent
+#: of states 2.7 times (`benchmarks/filter_latency.py`), and a sixth longer to compile.
 BORROWING: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_STAMP = "compiled.stamp"
+_choosing = threading.RLock()
 #: Seconds of compiling after which a terminal is told what the wait is for.
 _PATIENCE = 2.0
 _spent = [0.0]
@@ -85,14 +88,15 @@ class Kernel(Generic[P, R]):
     def dispatcher(self) -> Any:
         """Numba's dispatcher of the function, for calls from Python."""
         if self._dispatcher is None:
-            self._dispatcher = _dispatchers().whole(self, self._options)
+            self._dispatcher = cached(_njit({**self._options, "no_cfunc_wrapper": True}), self)
         return self._dispatcher
 
     @property
     def part(self) -> Any:
-        """Numba's dispatcher of the function, for calls from other kernels."""
+        """Numba's dispatcher of the function, for calls from other kernels: without wrappers for Python and C."""
         if self._part is None:
-            self._part = _dispatchers().part(self, self._options)
+            options = {**self._options, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+            self._part = cached(_njit(options), self, "called")
         return self._part
 
 
@@ -118,17 +122,19 @@ def compiling_seconds() -> float:
     return _spent[0]
 
 
-def _dispatchers() -> Any:
-    """Return the module that makes dispatchers, which loads Numba."""
-    prepare()
-    return import_module("safe_inspect.compiling.dispatchers")
+def _njit(options: Mapping[str, Any]) -> Callable[..., Any]:
+    def decorate(function: Any, cache: bool) -> Any:
+        import numba
+
+        return numba.njit(cache=cache, **options)(function)
+
+    return decorate
 
 
 @functools.cache
 def prepare() -> None:
-    """Load Numba, teach it what a `Kernel` is, and remove machine code that is out of date; done once."""
-    remove_stale_cache()
-    from numba.core import event
+    """Load Numba, teach it what a `Kernel` is, and measure how long it compiles; done once."""
+    from numba.core import event  # public: https://numba.readthedocs.io/en/stable/developer/event_api.html
     from numba.extending import typeof_impl
 
     @typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
@@ -167,26 +173,81 @@ def prepare() -> None:
     event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]
 
 
-def remove_stale_cache(package: Path = PACKAGE) -> bool:
-    """Remove the cached machine code below a folder unless it belongs to the present sources.
+def cached(compiler: Any, kernel: Kernel[..., Any], use: str = "") -> Any:
+    """Return what a decorator of Numba makes of a kernel's function, with machine code kept on disk where it can be.
 
     Args:
-        package: The folder of a package.
-
-    Returns:
-        Whether the cache was out of date. A folder that cannot be written is left alone: the machine code is then
-        kept in a folder of the user's, one for each state of the sources.
+        compiler: Makes it, given the function and the option ``cache``.
+        kernel: The kernel.
+        use: Folder for machine code that differs from that of the same function for another use; empty if none.
     """
-    digest = digest_of.__wrapped__(package)  # of the files as they are now
-    stamp = package / "__pycache__" / _STAMP
-    try:
-        if stamp.is_file() and stamp.read_text(encoding="ascii") == digest:
-            return False
-        for pattern in ("*.nbi", "*.nbc"):
-            for path in package.rglob(f"__pycache__/{pattern}"):
-                path.unlink(missing_ok=True)
-        stamp.parent.mkdir(exist_ok=True)
-        stamp.write_text(digest, encoding="ascii")
-    except OSError:
-        return False
-    return True
+    prepare()
+    config, function = _config(), kernel.__wrapped__
+    before = config.CACHE_DIR
+    folder = _folder_for(kernel)
+    if folder is None or not Path(inspect.getfile(function)).exists():
+        return compiler(function, cache=False)
+    with _choosing:
+        try:
+            config.CACHE_DIR = str(folder / use)  # Numba looks at it when a function is decorated
+            return compiler(function, cache=True)
+        finally:
+            config.CACHE_DIR = before
+
+
+def kept_in() -> Path | None:
+    """Return the folder for machine code; None where none can be written."""
+    prepare()
+    return machine_code_folder(digest_of(), _given_folder())
+
+
+def called_by(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
+    """Return kernels and all that they call, directly or not."""
+    found: set[Kernel[..., Any]] = set()
+    waiting = list(kernels)
+    while waiting:
+        kernel = waiting.pop()
+        if kernel not in found:
+            found.add(kernel)
+            waiting += _named_in(kernel.__wrapped__)
+    return found
+
+
+def _named_in(function: Any) -> Iterator[Kernel[..., Any]]:
+    """Yield the kernels that the code of a function names, also as members of modules."""
+    names = function.__code__.co_names
+    for value in (*map(function.__globals__.get, names), *inspect.getclosurevars(function).nonlocals.values()):
+        members = (getattr(value, name, None) for name in names) if isinstance(value, ModuleType) else ()
+        yield from (each for each in (value, *members) if isinstance(each, Kernel))
+
+
+def source_of(kernel: Kernel[..., Any]) -> str:
+    """Return the file that defines a kernel."""
+    return inspect.getsourcefile(kernel.__wrapped__) or ""
+
+
+def _config() -> Any:
+    """Return the settings of Numba."""
+    import numba
+
+    return numba.config
+
+
+@functools.cache
+def _given_folder() -> str:
+    """Return the folder that the user names for machine code; empty if none."""
+    return str(_config().CACHE_DIR)
+
+
+def _folder_for(kernel: Kernel[..., Any]) -> Path | None:
+    """Return the folder for the machine code of a kernel; None where none can be written."""
+    folder = kept_in()
+    if folder is None or _in_package(source_of(kernel)):
+        return folder
+    others = {source for source in map(source_of, called_by([kernel])) if not _in_package(source)}
+    others.discard(source_of(kernel))  # Numba looks at this one itself
+    return folder / digest_of_files(others)[:16] if others else folder
+
+
+def _in_package(source: str) -> bool:
+    return Path(source).is_relative_to(PACKAGE) and "__pycache__" not in source

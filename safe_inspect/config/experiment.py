@@ -18,12 +18,12 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.loading.loader import load, load_if_path
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text, plain
 from safe_inspect.config.loading.merge import merge
-from safe_inspect.config.loading.overrides import apply_overrides
 from safe_inspect.config.loading.plugin_paths import import_plugins
 from safe_inspect.config.loading.references import expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.messages.report import problems_of
 from safe_inspect.config.models.experiment import ExperimentConfig
+from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
 from safe_inspect.dones.time_limit import MAX_HORIZON, EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean

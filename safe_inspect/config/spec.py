@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from safe_inspect.config.names import agent_names, world_names
 from safe_inspect.dones.base import DoneFunction
 from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
-from safe_inspect.platforms.base import Part, Platform, Sensor
+from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rewards.base import Reward
@@ -129,3 +128,22 @@ class EnvironmentSpec:
             **world_names(self.platforms, self.reset, self.simulator),
             **agent_names(agent.parts, agent.dones),
         }
+
+
+def world_names(platforms: Iterable[str], reset: ResetPlan, simulator: Simulator) -> dict[str, set[str]]:
+    """Return the names that all agents share, by kind: entities, platforms, and the bodies that components act on."""
+    platforms = set(platforms)
+    return {
+        "entity": {*platforms, *reset.entities},
+        "platform": platforms,
+        "points": {name for component in simulator.compose()[1] for name in component.bodies},
+    }
+
+
+def agent_names(parts: Mapping[str, Part], dones: Iterable[Named[DoneFunction]]) -> dict[str, set[str]]:
+    """Return the names that belong to one agent, by kind: sensors, controllers and done functions."""
+    return {
+        "sensor": {name for name, part in parts.items() if isinstance(part, Sensor)},
+        "controller": {name for name, part in parts.items() if isinstance(part, Controller)},
+        "done": {named.name for named in dones},
+    }

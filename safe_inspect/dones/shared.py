@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.errors import PluginValueError
 from safe_inspect.plugins.plugin import DoneName, Plugin
 from safe_inspect.simulators.team import TeamStep
 from safe_inspect.types import AnyArray, BoolArray
@@ -63,7 +62,7 @@ class MultiagentSuccessDoneFunction(SharedDoneFunction):
     """All win when every agent that has the named done function has won; shape (N,).
 
     An agent has won when the function ended its episode in this step and it did not lose in the same step, or when it
-    had ended with a win before.
+    had ended with a win before. Where no agent has the function, the episode goes on, as in safe-autonomy-sims.
 
     Attributes:
         success_function_name: Name of a done function of the agents.
@@ -74,8 +73,8 @@ class MultiagentSuccessDoneFunction(SharedDoneFunction):
     def __call__(self, step: TeamStep) -> AnyArray:
         """Return `DoneStatus.WIN` where every agent has won, int8, shape (N,)."""
         name = self.success_function_name
-        if name not in step.has:  # the configuration's check finds this in a file
-            raise PluginValueError(f"{self.registered_name}: no agent has a done function named {name!r}")
+        if name not in step.has:  # the configuration's check warns of it
+            return np.zeros(len(step.status), dtype=np.int8)
         asked = np.asarray(step.has[name])
         won = (step.fired[name] & (step.status != _LOSE)) | (step.before.finished == _WIN)
         everybody = (won | ~asked).all(axis=-1)

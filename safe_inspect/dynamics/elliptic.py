@@ -6,7 +6,6 @@ All take the complementary parameter m1 = 1 - m, which near one keeps the digits
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import elliprf, elliprj
 
 from safe_inspect.types import FloatArray
 
@@ -45,6 +44,8 @@ def amplitude(u: FloatArray, m1: FloatArray) -> FloatArray:
 
 def incomplete_first(phi: FloatArray, m1: FloatArray) -> FloatArray:
     """Return F(phi | 1 - m1) for any phi, by Carlson's R_F."""
+    from scipy.special import elliprf  # slow to import
+
     turns = np.round(phi / np.pi)
     sine, cosine = np.sin(phi - turns * np.pi), np.cos(phi - turns * np.pi)
     return np.asarray(sine * elliprf(cosine**2, cosine**2 + m1 * sine**2, 1.0) + 2.0 * turns * complete_first(m1))
@@ -61,6 +62,8 @@ def incomplete_third(nu: FloatArray, phi: FloatArray, m1: FloatArray) -> FloatAr
         phi: Amplitudes [rad].
         m1: Complementary parameters in (0, 1].
     """
+    from scipy.special import elliprf, elliprj  # slow to import
+
     turns = np.round(phi / np.pi)
     rest = phi - turns * np.pi
     sine, cosine2, delta2 = np.sin(rest), np.cos(rest) ** 2, np.cos(rest) ** 2 + m1 * np.sin(rest) ** 2

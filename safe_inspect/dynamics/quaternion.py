@@ -7,9 +7,15 @@ convention of the product).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import FloatArray
+
+#: The row's arithmetic in Python, which takes whole arrays as components too.
+_rotated: Any = rotated.__wrapped__  # type: ignore[attr-defined]
 
 
 def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
@@ -118,9 +124,7 @@ def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
         v: Vectors, shape (..., 3).
     """
     x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    a, b, c = v[..., 0], v[..., 1], v[..., 2]
-    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return np.stack((a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx), axis=-1)
+    return np.stack(_rotated((x, y, z, w), v[..., 0], v[..., 1], v[..., 2]), axis=-1)
 
 
 def rotate_back(q: FloatArray, v: FloatArray) -> FloatArray:

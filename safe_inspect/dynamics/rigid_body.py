@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import njit
-from safe_inspect.types import FloatArray
 
 #: Attitude q_WB [x, y, z, w] and angular velocity in B [rad/s].
 RotationState = tuple[float, float, float, float, float, float, float]
@@ -73,37 +72,3 @@ def rotation_row(inertia: Vector, x: RotationState, torque: Vector, dt: float) -
     )
     scale = 1.0 / math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
     return scale * y[0], scale * y[1], scale * y[2], scale * y[3], y[4], y[5], y[6]
-
-
-@njit
-def rotate_bodies(
-    inertia: FloatArray,
-    orientation: FloatArray,
-    angular_velocity: FloatArray,
-    torque: FloatArray,
-    dt: float,
-    steps: int,
-    orientation_out: FloatArray,
-    angular_velocity_out: FloatArray,
-) -> None:
-    """Write attitude and angular velocity of each row after some steps. The outputs may be the inputs themselves.
-
-    Args:
-        inertia: Principal moments of inertia [kg m^2], shape (R, 3).
-        orientation: Unit quaternions q_WB, shape (R, 4).
-        angular_velocity: Angular velocities in B [rad/s], shape (R, 3).
-        torque: Torques in B, held over all steps [N m], shape (R, 3).
-        dt: The step [s].
-        steps: Number of steps.
-        orientation_out: Receives the attitudes, shape (R, 4).
-        angular_velocity_out: Receives the angular velocities [rad/s], shape (R, 3).
-    """
-    for row in range(orientation.shape[0]):
-        q, w, u, j = orientation[row], angular_velocity[row], torque[row], inertia[row]
-        x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
-        for _ in range(steps):
-            x = rotation_row((j[0], j[1], j[2]), x, (u[0], u[1], u[2]), dt)
-        for i in range(4):
-            orientation_out[row, i] = x[i]
-        for i in range(3):
-            angular_velocity_out[row, i] = x[4 + i]

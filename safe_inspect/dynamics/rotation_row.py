@@ -1,4 +1,4 @@
-"""Rotation of one vector by one unit quaternion [x, y, z, w], compiled; `quaternion` does the same over batches."""
+"""Rotation of one vector by one unit quaternion [x, y, z, w], compiled; `quaternion.rotate` applies it to batches."""
 
 from __future__ import annotations
 

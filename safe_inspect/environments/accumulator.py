@@ -38,6 +38,18 @@ class EpisodeAccumulator:
         self._slices = [slice(group.first, group.first + group.size) for group in environment.groups]
         self._terms: list[dict[str, FloatArray]] = [{} for _ in environment.groups]
 
+    def part(self, environment: TeamEnvironment, rows: IntArray) -> EpisodeAccumulator:
+        """Return the sums of some environments alone, which are stepped on as the batch `environment`.
+
+        Args:
+            environment: A batch of R environments.
+            rows: Their indices in this batch, shape (R,).
+        """
+        part = EpisodeAccumulator(environment)
+        part.returns, part.lengths = self.returns[rows], self.lengths[rows]
+        part._terms = [{name: value[rows] for name, value in terms.items()} for terms in self._terms]
+        return part
+
     def add(self, transition: TeamTransition) -> None:
         """Add a step of every environment; those that have ended may be added too, once they have been read."""
         for mine, found, terms in zip(self._slices, transition.groups, self._terms, strict=True):

@@ -1,23 +1,22 @@
-"""Evaluation: rollouts, baselines and summaries."""
+"""Evaluation: rollouts, baselines and tables."""
 
+from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.policies import BASELINES, Flight, Policy, baseline, with_scripted
-from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
-from safe_inspect.evaluation.results.summary import AgentSummary, Statistic, Summary, summarise
+from safe_inspect.evaluation.results.results import Evaluation
+from safe_inspect.evaluation.results.tables import evaluation_table
 from safe_inspect.evaluation.rollouts.rollout import rollout
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 
 __all__ = [
     "BASELINES",
     "AgentEpisodes",
-    "AgentSummary",
     "Episodes",
+    "Evaluation",
     "Flight",
     "Policy",
-    "Statistic",
-    "Summary",
     "Trajectory",
     "baseline",
+    "evaluation_table",
     "rollout",
-    "summarise",
     "with_scripted",
 ]

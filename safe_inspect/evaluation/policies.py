@@ -26,6 +26,10 @@ ObservationRows: TypeAlias = NDArray[np.float32]
 #: From observations, float32, shape (R, O), to actions, shape (R, A). There are R = N * K rows for the K agents that it
 #: flies in N environments, environment by environment. A policy that keeps something from step to step has a method
 #: ``begin(flight: Flight)``, which is called before the first step of every batch.
+#:
+#: A policy that has a method ``decide(observation, rows, step)``, and no attribute ``recurrent`` that is true, is asked
+#: by that instead, and only for rows whose episode runs and whose action is taken in the step: for observations (Q, O)
+#: and the indices of their rows among R, shape (Q,), it returns actions (Q, A). `step` counts the steps from 0.
 Policy: TypeAlias = Callable[[ObservationRows], AnyArray]
 
 #: The baselines: the scripted policy of each, with its defaults.

@@ -14,7 +14,7 @@ from safe_inspect.config.messages.messages import functor_mistakes
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import Location, SafeInspectError
-from safe_inspect.evaluation.results.results import FIGURES
+from safe_inspect.evaluation.episodes import FIGURES
 from safe_inspect.metrics import (
     BaseMetric,
     Decisions,

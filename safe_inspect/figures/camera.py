@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import continuous, normalise, rotate
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import BoolArray, FloatArray
 
 
@@ -60,8 +61,7 @@ def moment(episode: Trajectory, time: float) -> Moment:
         )[0]
         points = rotate(normalise((1.0 - u) * first + u * second), points)
     if "sun_angle" in episode.arrays:
-        angle = float((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
-        sun = np.array([np.cos(angle), -np.sin(angle), 0.0])
+        sun = sun_directions((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
         lit = points @ sun > 0.0
     last = row + 1 if u >= 1.0 else row
     return Moment(time, position, episode.delta_v[last], sun, episode.inspected_at <= time, lit, points, last)

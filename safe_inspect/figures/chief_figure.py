@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line, deputy_marker
 from safe_inspect.geometry.picture import BLACK, GREY, VERMILION, VIEW, picture_axes
 from safe_inspect.types import BoolArray, FloatArray

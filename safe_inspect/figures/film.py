@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.camera import Moment, moment
 from safe_inspect.figures.chief_figure import clock, radius_of, reach_of
 from safe_inspect.figures.drawing import deputy_line, style

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.camera import Moment
 from safe_inspect.figures.chief_figure import radius_of
 from safe_inspect.figures.drawing import deputy_line

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import OutputError
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.chief_figure import clock, ending, radius_of, reach_of
 from safe_inspect.figures.drawing import deputy_line
 from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke

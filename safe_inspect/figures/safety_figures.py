@@ -10,6 +10,7 @@ from safe_inspect.evaluation.safety.acceptance import Acceptance
 from safe_inspect.evaluation.safety.report import SafetyReport
 from safe_inspect.figures.drawing import style
 from safe_inspect.geometry.picture import BLUE, GREY, VERMILION
+from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
@@ -60,9 +61,8 @@ def acceptance_figure(found: Acceptance) -> Figure:
 
 def _marginals(found: Acceptance) -> dict[str, FloatArray]:
     position, velocity = found.states["position"], found.states["velocity"]
-    sun = np.stack((np.cos(found.states["sun_angle"]), -np.sin(found.states["sun_angle"])), axis=-1)
     distance = np.sqrt(np.square(position).sum(axis=-1))
-    cosine = (position[:, :2] * sun).sum(axis=-1) / distance
+    cosine = (position * sun_directions(found.states["sun_angle"])).sum(axis=-1) / distance
     return {
         "range [m]": distance,
         "speed [m/s]": np.sqrt(np.square(velocity).sum(axis=-1)),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.chief_figure import point_colours, radius_of, reach_of, time_norm, towards
 from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line
 from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, VERMILION, VIEW, picture_axes

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.chief_figure import clock, reach_of
 from safe_inspect.figures.drawing import deputy_line
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION

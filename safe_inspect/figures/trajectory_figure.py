@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.chief_figure import draw_chief, draw_summary
 from safe_inspect.figures.drawing import style
 from safe_inspect.figures.scene import draw_scene

@@ -56,18 +56,12 @@ class OrientedBoxes:
         Returns:
             Distances [m], negative inside, shape (N, B), and unit gradients [-], shape (N, B, 3).
         """
-        q = np.einsum("bji,nbj->nbi", self.rotation, points[:, None, :] - self.centre)
-        sign = np.where(q < 0.0, -1.0, 1.0)
-        a = q * sign - self.half_size
-        positive = np.maximum(a, 0.0)
-        outside = np.sqrt(np.einsum("nbi,nbi->nb", positive, positive))
-        face = a.argmax(axis=2)
-        deepest = np.take_along_axis(a, face[..., None], axis=2)[..., 0]
-        is_outside = outside > 0.0
+        q, a, positive, outside, distance = self._parts(points)
+        sign, face, is_outside = np.where(q < 0.0, -1.0, 1.0), a.argmax(axis=2), outside > 0.0
         normal = np.where(
             is_outside[..., None], positive / np.where(is_outside, outside, 1.0)[..., None], np.eye(3)[face]
         )
-        return np.where(is_outside, outside, deepest), np.einsum("bij,nbj->nbi", self.rotation, normal * sign)
+        return distance, np.einsum("bij,nbj->nbi", self.rotation, normal * sign)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance to the union [m], the least over the boxes, shape (N,).
@@ -77,9 +71,12 @@ class OrientedBoxes:
         Args:
             points: Points [m], shape (N, 3), in the boxes' frame.
         """
+        return np.asarray(self._parts(points)[-1].min(axis=1))
+
+    def _parts(self, points: FloatArray) -> tuple[FloatArray, ...]:
+        """Return q, a, max(a, 0) and its length, see `distances`, and the signed distance to each box, shape (N, B)."""
         q = np.einsum("bji,nbj->nbi", self.rotation, points[:, None, :] - self.centre)
         a = np.abs(q) - self.half_size
         positive = np.maximum(a, 0.0)
         outside = np.sqrt(np.einsum("nbi,nbi->nb", positive, positive))
-        least: FloatArray = np.where(outside > 0.0, outside, a.max(axis=2)).min(axis=1)
-        return least
+        return q, a, positive, outside, np.where(outside > 0.0, outside, a.max(axis=2))

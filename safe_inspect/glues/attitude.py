@@ -18,6 +18,7 @@ from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.sun import sun_row
 from safe_inspect.types import FloatArray
 
 #: Lengths below this have no direction.
@@ -56,7 +57,7 @@ def _magnitude_and_direction(vector: FloatArray, out: FloatArray) -> None:
 
 @njit
 def _direction(angle: FloatArray, out: FloatArray) -> None:
-    out[0], out[1], out[2] = math.cos(angle[0]), -math.sin(angle[0]), 0.0
+    out[0], out[1], out[2] = sun_row(angle[0])
 
 
 @njit

@@ -13,11 +13,6 @@ from safe_inspect.types import BoolArray, FloatArray
 _FAR_AWAY = 1e6
 
 
-def sun_directions(angle: FloatArray) -> FloatArray:
-    """Return the unit vectors to the sun, ``[cos, -sin, 0]`` of its angles [rad], Hill frame, shape (..., 3)."""
-    return np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=-1)
-
-
 def lit_from_all_sides(model: PointsModel, sun: FloatArray) -> BoolArray:
     """Return which points are lit, shape (T, P).
 

@@ -24,6 +24,7 @@ class Platform(Plugin):
 
     Class attributes:
         turns: Whether it has an attitude, so that its controls and its camera turn with it.
+        short_name: A name for ``platform`` in configurations beside that of the class.
 
     Attributes:
         mass: Mass [kg].
@@ -31,6 +32,7 @@ class Platform(Plugin):
 
     kind: ClassVar[str] = "platform"
     turns: ClassVar[bool] = False
+    short_name: ClassVar[str] = ""
 
     mass: PositiveMass = 12.0
 

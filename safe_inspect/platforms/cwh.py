@@ -14,6 +14,8 @@ class CWHPlatform(Platform):
         mass: Mass [kg].
     """
 
+    short_name: ClassVar[str] = "cwh"
+
     def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]:
         """Return the names of the parts."""
         return tuple(part.part_name for part in parts)
@@ -27,6 +29,7 @@ class SixDofPlatform(Platform):
     """
 
     turns: ClassVar[bool] = True
+    short_name: ClassVar[str] = "six-dof"
 
     def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]:
         """Return the names of the parts."""

@@ -16,7 +16,7 @@ from safe_inspect.planning.burns.others import coast_others
 from safe_inspect.planning.burns.problem import BurnProblem, FlightLimits
 from safe_inspect.planning.burns.search import AnnealingEffort, revise_plan
 from safe_inspect.planning.burns.turns import take_turns
-from safe_inspect.planning.visibility import lit_from_all_sides, sight_range, sun_directions
+from safe_inspect.planning.visibility import lit_from_all_sides, sight_range
 from safe_inspect.plugins.plugin import PointsName
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
 from safe_inspect.policies.fields import FieldOfView, KeepOutAngle, NonNegativeAcceleration
@@ -25,6 +25,7 @@ from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.rotation import rotating_body
+from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray
 from safe_inspect.units import AngularRate, NonNegativeSpeed, PositiveLength
 

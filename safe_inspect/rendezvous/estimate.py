@@ -1,19 +1,18 @@
-"""What the chaser knows of itself and of the target, and how its truth looks with stated errors."""
+"""What the chaser knows of itself and of the target."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.dynamics.tumble import tumble
-from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.bound.query import EstimateErrors
-from safe_inspect.rendezvous.chaser import ChaserState
-from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
+
+#: Errors of a target whose motion is not known yet [rad, rad/s, m].
+UNKNOWN = EstimateErrors(attitude=np.pi, rate=1.0, centre=1.0, inertia=1.0, velocity=0.1)
 
 
 class BodyState(NamedTuple):
@@ -30,57 +29,6 @@ class BodyState(NamedTuple):
     velocity: FloatArray
     orientation: FloatArray
     angular_velocity: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class EstimatorContext:
-    """What an estimator is made with.
-
-    Attributes:
-        target: The target.
-        period: Time between two updates of the reference [s].
-        step: Time between two calls [s].
-        tick: Length of a tick of the truth [s].
-        mass: Of the chaser [kg].
-        camera_position: Of the camera in B [m], shape (3,); it looks along x.
-        streams: The random streams of one mission.
-    """
-
-    target: Target
-    period: float
-    step: float
-    streams: Streams
-    tick: float = 0.008
-    mass: float = 9.583788668
-    camera_position: tuple[float, float, float] = (0.13, 0.0, 0.0)
-
-
-class ExpectedMotion(NamedTuple):
-    """What the actuators are expected to give in a step of control.
-
-    Attributes:
-        mean: Acceleration and angular acceleration in B, mean over the step [m/s^2, rad/s^2], shape (6,).
-        sigma: Standard deviations of one axis of both [m/s^2, rad/s^2], shape (2,).
-    """
-
-    mean: FloatArray
-    sigma: FloatArray
-
-
-class InertialTruth(NamedTuple):
-    """What an inertial unit has felt in one step of control.
-
-    Attributes:
-        history: The chaser after each tick, one row, shape (1, ticks, ...).
-        silent: Whether the unit gives nothing.
-        bias: What a fault adds to its measurements [m/s^2, rad/s], shape (6,).
-        expected: What the actuators are expected to have given; None where their commands are not known.
-    """
-
-    history: ChaserState
-    silent: bool
-    bias: FloatArray
-    expected: ExpectedMotion | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,77 +81,26 @@ class StateEstimate:
         return q[0], w[0]
 
 
-class TruthWithErrors:
-    """Gives the truth at every call, with errors of the target's attitude and rate that change at updates.
-
-    With e of unit variance, ``e_j+1 = rho e_j + sqrt(1 - rho^2) n``: the attitude is ``q Exp(sigma e_1..3)`` at the
-    time of an update and the rate ``w + sigma e_4..6``; between updates the estimate moves as a free body.
+def unknown_estimate(
+    time: float,
+    updated: float,
+    chaser: BodyState,
+    inertia: FloatArray,
+    correlation: float,
+    centre: FloatArray | None = None,
+) -> StateEstimate:
+    """Return the estimate of a target whose motion is not known yet.
 
     Args:
-        errors: The errors; those of attitude and rate count.
-        correlation: Correlation of two updates that follow each other.
-        inertia: Principal moments of the target, up to one factor, shape (3,).
-        period: Time between two updates [s].
-        step: Time between two calls [s].
-        streams: The random streams of one mission.
+        time: When it holds [s].
+        updated: When the camera has last contributed to it [s].
+        chaser: The chaser.
+        inertia: The target's principal moments, up to one factor, shape (3,).
+        correlation: Correlation of the errors of two updates that follow each other.
+        centre: The target's centre of mass in W [m], shape (3,); None for the origin.
     """
-
-    def __init__(
-        self,
-        errors: EstimateErrors,
-        correlation: float,
-        inertia: FloatArray,
-        period: float,
-        step: float,
-        streams: Streams,
-    ) -> None:
-        self._errors, self._correlation, self._inertia, self._streams = errors, correlation, inertia, streams
-        self._period, self._step = period, step
-        self._unit = streams.normal("estimate.error", 6, 0)[0]
-        self._count = 0
-        self._last: StateEstimate | None = None
-        # The prediction from the last update, of the calls until the next one, and the number of the first of them.
-        self._first = -1
-        self._predicted = (np.empty((0, 4)), np.empty((0, 3)))
-
-    def update(
-        self,
-        time: float,
-        chaser: BodyState,
-        target: BodyState,
-        *,
-        blind: bool = False,
-        inertial: InertialTruth | None = None,
-    ) -> StateEstimate:
-        """Return the estimate.
-
-        Args:
-            time: The time [s].
-            chaser: The chaser's true state.
-            target: The target's true state.
-            blind: Whether the camera gives nothing; the last estimate of the target is then predicted.
-            inertial: Not used.
-        """
-        last = self._last
-        if last is None or (not blind and time >= last.updated + self._period - 1e-9):
-            self._last = last = self._updated(time, chaser, target)
-            self._first = -1
-        calls = round((time - last.time) / self._step)
-        count = max(round(self._period / self._step), 1)
-        first = calls - calls % count
-        if first != self._first:
-            self._first = first
-            self._predicted = last.predict(last.time + self._step * np.arange(first, first + count, dtype=np.float64))
-        q, w = self._predicted[0][calls - first], self._predicted[1][calls - first]
-        return replace(last, time=time, chaser=chaser, target=BodyState(target.position, target.velocity, q, w))
-
-    def _updated(self, time: float, chaser: BodyState, target: BodyState) -> StateEstimate:
-        errors = self._errors
-        if self._last is not None:
-            self._count += 1
-            fresh = self._streams.normal("estimate.error", 6, self._count)[0]
-            self._unit = self._correlation * self._unit + np.sqrt(1.0 - self._correlation**2) * fresh
-        orientation = multiply(target.orientation, exp(errors.attitude * self._unit[:3]))
-        rate = target.angular_velocity + errors.rate * self._unit[3:]
-        seen = BodyState(target.position, target.velocity, orientation, rate)
-        return StateEstimate(time, time, chaser, seen, self._inertia, errors, self._correlation)
+    still, level = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+    target = BodyState(still if centre is None else centre, still, level, still)
+    return StateEstimate(
+        time, updated, chaser, target, inertia, UNKNOWN, correlation, "the target's motion is not known yet"
+    )

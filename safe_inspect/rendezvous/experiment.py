@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from safe_inspect.config.loading.includes import places
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, plain
 from safe_inspect.config.loading.merge import merge
-from safe_inspect.config.loading.overrides import apply_overrides, with_value
 from safe_inspect.config.loading.plugin_paths import import_plugins
 from safe_inspect.config.messages.report import problems_of
-from safe_inspect.config.models.experiment import ExperimentConfig, Model
+from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import written_values
+from safe_inspect.config.overrides import apply_overrides, with_value
 from safe_inspect.errors import ConfigError, Location, Problem
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.version import __version__
@@ -99,8 +99,8 @@ def _with_named(tree: LocatedDict, overrides: Iterable[str]) -> LocatedDict:
             default = info.default
             if isinstance(default, str):
                 default = LocatedDict({"functor": default, "config": LocatedDict()})
-            elif isinstance(default, (Model, tuple)):
-                default = LocatedDict() if isinstance(default, Model) else LocatedList()
+            elif isinstance(default, (BaseModel, tuple)):
+                default = LocatedDict() if isinstance(default, BaseModel) else LocatedList()
             tree = with_value(tree, (name,), default, None)
     return tree
 

@@ -52,7 +52,6 @@ class MissionLog:
             np.savez_compressed(
                 folder / f"plan_{index}.npz",
                 t_start=plan.t_start,
-                control_points=plan.control_points,
                 times=plan.times,
                 position=plan.position,
                 velocity=plan.velocity,

@@ -1,4 +1,4 @@
-"""One mission: the loop of truth, estimate, coordinator and control."""
+"""One mission: the loop of truth, sensors and pilot, and its log."""
 
 from __future__ import annotations
 
@@ -11,30 +11,22 @@ from threadpoolctl import threadpool_limits
 
 from safe_inspect.dynamics import quaternion
 from safe_inspect.rendezvous.chaser import Actuator, ChaserDynamics
-from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
-from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.lqr import AxisStatus, LQRTracker, TrackerOutput
-from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.coordination import actions, guards
-from safe_inspect.rendezvous.coordination.context import MissionContext, clearances
-from safe_inspect.rendezvous.coordination.coordinator import Coordinator, Phase
-from safe_inspect.rendezvous.coordination.demands import PlanDemands
-from safe_inspect.rendezvous.coordination.departure import CommandedMotion
-from safe_inspect.rendezvous.coordination.table import TABLE
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth
+from safe_inspect.rendezvous.control.attitude import CameraPointing
+from safe_inspect.rendezvous.coordination.context import MissionContext, PilotConfig, clearances
+from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.consistency import normalised_error
-from safe_inspect.rendezvous.estimation.response import ActuatorResponse
+from safe_inspect.rendezvous.estimation.context import estimator_context
 from safe_inspect.rendezvous.log import MissionLog
-from safe_inspect.rendezvous.models import ChaserConfig, RendezvousConfig
-from safe_inspect.rendezvous.planner.query import Limits
+from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.pilot import Pilot
+from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.scenario import check_start, checked_target, mission_streams
+from safe_inspect.rendezvous.sensors.suite import SensorSuite
 from safe_inspect.rendezvous.summary import summarise_mission
-from safe_inspect.rendezvous.tracking import tide_of
 from safe_inspect.rendezvous.truth import MissionTruth, TruthStep
 from safe_inspect.types import FloatArray
 
-#: Step of the inertial unit's bias where it fails [m/s^2, rad/s].
-_BIAS_STEP = (0.02, 5e-4)
 #: Called at every change of state with the time [s], the state before, the guard and the state after.
 _Progress = Callable[[float, Phase, str, Phase], None]
 
@@ -50,24 +42,6 @@ class MissionResult:
 
     summary: dict[str, Any]
     log: MissionLog
-
-
-def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
-    """Return the limits for the planner, in a scenario of a length [m]."""
-    own = chaser.limits
-    return Limits(
-        speed=own.speed,
-        planned_force=own.planned_force,
-        force=own.force,
-        torque=own.torque,
-        keep_in=None if own.keep_in is None else np.array(own.keep_in),
-        radius=chaser.radius,
-        line_of_sight_rate=own.line_of_sight_rate,
-        mass=chaser.mass,
-        cone=own.cone,
-        cone_range=0.7 * length,
-        least_range=0.2 * length,
-    )
 
 
 def dynamics_of(config: RendezvousConfig) -> ChaserDynamics:
@@ -93,7 +67,10 @@ class Mission:
         config: The experiment.
         number: Number of the mission; it draws its own tumble and noise.
         progress: Called at every change of state.
-        watch: Called at every step of control, with the mission as it is then; it must not change it.
+        watch: Called at every step of control, with the pilot's memory as it is then; it must not change it.
+
+    Attributes:
+        pilot: What flies it.
     """
 
     def __init__(
@@ -113,45 +90,20 @@ class Mission:
         self._streams = mission_streams(config, number)
         self._log = MissionLog()
         mission, chaser = config.mission, config.chaser
-        target = checked_target(config)
-        self._tumbling = config.tumble(self._streams)
-        check_start(config, target, self._tumbling[0])
-        self._estimator = config.estimator(
-            EstimatorContext(
-                target, mission.update_period, mission.step, self._streams, mission.tick, chaser.mass,
-                chaser.camera_position,
-            )
-        )  # fmt: skip
-        self._felt: InertialTruth | None = None
-        self._response = ActuatorResponse(chaser, mission.step)
+        self._target = target = checked_target(config)
+        tumbling = config.tumble(self._streams)
+        check_start(config, target, tumbling[0])
         # At the start the camera looks at the target.
         position = np.array(chaser.position)
         orientation = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
-        self._pointing = CameraPointing(orientation)
-        self._controller = AttitudeController(np.array(chaser.inertia), chaser.limits.torque)
         start = BodyState(position, np.array(chaser.velocity), orientation, np.zeros(3))
         self._truth = MissionTruth(
-            dynamics_of(config), start, target.principal, self._tumbling, mission.tick, mission.control_ticks,
+            dynamics_of(config), start, target.principal, tumbling, mission.tick, mission.control_ticks,
             self._streams, mission.impulses,
         )  # fmt: skip
-        estimate = self._estimator.update(0.0, self._truth.chaser, self._truth.target)
-        axis = Axis(chaser.mass, mission.step)
-        own = chaser.limits
-        self._flight = MissionContext(
-            config=config,
-            target=target,
-            limits=limits_of(chaser, mission.length),
-            axis=axis,
-            tracking_limits=TrackingLimits(own.force, own.tracking_speed, own.keep_in),
-            streams=self._streams,
-            hold=LQRTracker(axis, own.force),
-            report=self._event,
-            estimate=estimate,
-            motion=CommandedMotion.of(estimate),
-        )
-        self._flight.hold_point = np.array(chaser.position)
-        self._flight.demands = PlanDemands.first(mission.length)
-        self._coordinator: Coordinator[MissionContext] = Coordinator(TABLE, self._changed)
+        self._sensors = SensorSuite(config.sensors, chaser, mission, target, self._streams, config.estimator.reads)
+        estimator = config.estimator(estimator_context(target, chaser, mission, config.sensors, self._streams))
+        self.pilot = Pilot(PilotConfig.of(config), target, estimator, self._streams, self._event, self._changed)
 
     def run(self) -> MissionResult:
         """Fly the mission to its end.
@@ -162,130 +114,28 @@ class Mission:
             return self._run()
 
     def _run(self) -> MissionResult:
-        context, coordinator = self._flight, self._coordinator
-        while True:
-            self._sense()
-            coordinator.step(context)
-            if coordinator.finished:
-                break
+        truth, pilot = self._truth, self.pilot
+        readings = self._sensors.read(0.0, truth.chaser, truth.target)
+        while (command := pilot.act(readings)) is not None:
             if self._watch is not None:
-                self._watch(context)
-            output, reference = self._follow()
-            torque = self._point()
-            context.motion.advance(output.force / self._config.chaser.mass, self._config.mission.step)
-            force = self._in_inertial(output.force)
-            done = self._truth.advance(force, torque)
-            expected = self._response.step(context.estimate.chaser, output.force, torque)
-            self._felt = InertialTruth(done.chaser, context.fails("imu"), self._bias_step(), expected)
-            self._record(output, reference, (force, torque), done)
-        summary = summarise_mission(
-            self._config, context.target, self._log, coordinator.state is Phase.DONE, context.cause
-        )
+                self._watch(pilot.context)
+            acting = Command(self._in_inertial(command.force), command.torque)
+            done = truth.advance(*acting)
+            self._record(acting, done)
+            readings = self._sensors.read(truth.time, truth.chaser, truth.target, done.chaser, command)
+        summary = summarise_mission(self._config, self._target, self._log, pilot.arrived, pilot.context.cause)
         return MissionResult(summary, self._log)
-
-    def _sense(self) -> None:
-        """Bring the estimate, and what depends on it, up to now."""
-        context, truth, mission = self._flight, self._truth, self._config.mission
-        context.step, context.time = truth.step_number, truth.time
-        blind = context.fails("camera")
-        if not blind:
-            context.camera_time = context.time
-        if not context.fails("imu"):
-            context.imu_time = context.time
-        before = context.estimate.updated
-        context.estimate = self._estimator.update(
-            context.time, truth.chaser, truth.target, blind=blind, inertial=self._felt
-        )
-        if context.estimate.updated != before:
-            context.motion, context.poses = CommandedMotion.of(context.estimate), context.poses + 1
-        elif guards.unseen(context):
-            context.poses = 0
-        is_slot = context.step * mission.control_ticks % mission.update_ticks == 0
-        if is_slot and context.following is not None and context.estimate.updated != before:
-            actions.renew_reference(context)
-        if is_slot and context.following is not None:
-            actions.renew_escape(context)
-        elif is_slot and context.phase is Phase.RETREAT:
-            actions.keep_escape(context)
-        self._check_settled()
-
-    def _check_settled(self) -> None:
-        context, mission = self._flight, self._config.mission
-        if context.phase is not Phase.MP_HOLD or context.following is None:
-            context.settled_since = None
-            return
-        reference = context.following.reference
-        k = min(context.step - context.following.first_step, len(reference.position) - 1)
-        chaser = context.estimate.chaser
-        near = (
-            np.linalg.norm(chaser.position - reference.position[k]) < mission.hold_position
-            and np.linalg.norm(chaser.velocity - reference.velocity[k]) < mission.hold_speed
-            and context.pointing_error < mission.hold_angle
-        )
-        if not near:
-            context.settled_since = None
-        elif context.settled_since is None:
-            context.settled_since = context.time
-
-    def _follow(self) -> tuple[TrackerOutput, FloatArray]:
-        """Return the tracker's output, and the state that it follows, shape (6,)."""
-        context, x = self._flight, self._flight.estimate.translation
-        following = context.following
-        if following is not None:
-            k = min(context.step - following.first_step, len(following.reference.position) - 1)
-            is_solved = not context.fails("solver")
-            output = (following.tracker if is_solved else context.hold).step(x, following.reference, k)
-            context.infeasible = 0 if is_solved and output.feasible else context.infeasible + 1
-            context.nominal = output.nominal
-            return output, np.concatenate([following.reference.position[k], following.reference.velocity[k]])
-        if context.phase is Phase.DEPART:
-            return self._push(), np.concatenate([context.motion.position, context.motion.velocity])
-        times = context.time + self._config.mission.step * np.arange(2.0)
-        position, velocity = context.hold_point[None].repeat(2, axis=0), np.zeros((2, 3))
-        if context.phase is Phase.RETREAT and context.escape is not None:
-            position, velocity = context.escape.at(times)
-            position = position + context.estimate.target.position
-        tide = tide_of(self._config.mission.mean_motion, times, position - context.estimate.target.position)
-        reference = TrackedReference(position, velocity, tide)
-        return context.hold.step(x, reference, 0), np.concatenate([reference.position[0], reference.velocity[0]])
-
-    def _push(self) -> TrackerOutput:
-        """Return what is left of a departure's push, as far as one step gives it."""
-        context, chaser = self._flight, self._config.chaser
-        per_step = self._config.mission.step / chaser.mass
-        force = np.clip(context.push / per_step, -chaser.limits.force, chaser.limits.force)
-        context.push = context.push - per_step * force
-        return TrackerOutput(force, np.zeros((3, 2)), np.zeros(3), (AxisStatus.SOLVED,) * 3)
-
-    def _point(self) -> FloatArray:
-        """Return the torque that turns the camera to where it shall look [N m], shape (3,).
-
-        It is zero while the inertial unit is silent: a free rotation goes on as it was, which the estimate counts on.
-        """
-        context, chaser = self._flight, self._flight.estimate.chaser
-        position = context.motion.position if context.phase is Phase.DEPART else chaser.position
-        command = self._pointing.step(position, context.aim(), self._config.mission.step)
-        error = quaternion.multiply(quaternion.conjugate(command.orientation), chaser.orientation)
-        context.pointing_error = float(np.linalg.norm(quaternion.log(error)))
-        if context.imu_time < context.time:
-            return np.zeros(3)
-        return self._controller(chaser.orientation, chaser.angular_velocity, command)
 
     def _in_inertial(self, force: FloatArray) -> FloatArray:
         """Return a force of the estimated frame W as it acts: thrusters are fixed in B [N], shape (3,)."""
-        estimated, true = self._flight.estimate.chaser.orientation, self._truth.chaser.orientation
+        estimated, true = self.pilot.context.estimate.chaser.orientation, self._truth.chaser.orientation
         if np.array_equal(estimated, true):
             return force
         return quaternion.rotate(true, quaternion.rotate(quaternion.conjugate(estimated), force))
 
-    def _bias_step(self) -> FloatArray:
-        """Return what a fault adds to the inertial unit's measurements [m/s^2, rad/s], shape (6,)."""
-        return np.repeat(_BIAS_STEP if self._flight.fails("imu_bias") else (0.0, 0.0), 3)
-
-    def _record(
-        self, output: TrackerOutput, reference: FloatArray, command: tuple[FloatArray, FloatArray], done: TruthStep
-    ) -> None:
-        context, target = self._flight, self._flight.target
+    def _record(self, command: Command, done: TruthStep) -> None:
+        context, target = self.pilot.context, self._target
+        output, reference = self.pilot.followed
         history = done.chaser
         distances = clearances(target, history.translation[0, :, :3], done.target, context.limits.radius)
         design, plan = context.design, context.plan
@@ -314,8 +164,8 @@ class Mission:
             reference=reference,
             z=output.nominal,
             v=output.nominal_force,
-            force=command[0],
-            torque=command[1],
+            force=command.force,
+            torque=command.torque,
             actuator_error=done.error,
             wrench=history.wrench[0, -1],
             status=[int(status) for status in output.status],
@@ -327,16 +177,14 @@ class Mission:
         )
 
     def _event(self, name: str, data: dict[str, Any]) -> None:
-        context = self._flight
+        context = self.pilot.context
         tick = context.step * self._config.mission.control_ticks
         self._log.event(tick, context.time, context.phase.value, name, data)
 
     def _changed(self, before: Phase, guard: str, after: Phase) -> None:
-        context = self._flight
+        context = self.pilot.context
         if after is Phase.TRACK and context.plan is not None:
             self._log.plans.append(context.plan)
         self._event("transition", {"from": before.value, "guard": guard, "to": after.value})
-        if after is not before:
-            context.phase, context.since = after, context.time
-            if self._progress is not None:
-                self._progress(context.time, before, guard, after)
+        if after is not before and self._progress is not None:
+            self._progress(context.time, before, guard, after)

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from safe_inspect.config.models.experiment import Model
 from safe_inspect.plugins.functor import functor_field, misplaced
+from safe_inspect.rendezvous.bound.conformal import ConformalBound
+from safe_inspect.rendezvous.readings import Reading
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
+from safe_inspect.rendezvous.sensors.poses import PoseSensor
+from safe_inspect.rendezvous.sensors.state import StateSensor
+from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.units import (
     Length,
     NonNegativeAngularRate,
@@ -254,9 +261,56 @@ class MissionConfig(Model):
         """Time between two updates of the reference [s]."""
         return float(self.tick * self.update_ticks)
 
+    def fails(self, kind: str, time: float) -> bool:
+        """Return whether something fails at a time [s]."""
+        return any(fault.kind == kind and fault.start <= time < fault.start + fault.duration for fault in self.faults)
+
 
 def _plugin(kind: str, default: str | dict[str, Any]) -> Any:
     return Annotated[functor_field(kind), Field(default=default, validate_default=True)]
+
+
+class SensorsConfig(Model):
+    """What the chaser measures. A sensor that the estimator does not read is not simulated.
+
+    Attributes:
+        camera: The depth camera.
+        frame_period: Time between two frames [s], a multiple of the step of control.
+        imu: Errors of the inertial unit.
+        imu_ticks: Ticks of the truth between its samples.
+        poses: Measures relative poses in place of frames, for ``MeasuredPoses``.
+        state: Measures states, for ``MeasuredState``.
+    """
+
+    camera: TimeOfFlightCamera = TimeOfFlightCamera()
+    frame_period: PositiveDuration = 1.0  # type: ignore[valid-type]
+    imu: ImuNoise = ImuNoise()
+    imu_ticks: int = Field(default=2, ge=1)
+    poses: PoseSensor = PoseSensor()
+    state: StateSensor = StateSensor()
+
+    _check_imu = field_validator("imu")(checked_noise)
+
+    def misfits(self, mission: MissionConfig, reads: Collection[Reading]) -> Iterator[tuple[str, str]]:
+        """Yield the name of each field that does not fit the rates of a mission, and why.
+
+        Args:
+            mission: The mission.
+            reads: What the estimator reads.
+        """
+        steps = round(self.frame_period / mission.step)
+        has_frames = "frames" in reads or "poses" in reads
+        if has_frames and (steps < 1 or abs(steps * mission.step - self.frame_period) > 1e-9):
+            yield (
+                "frame_period",
+                f"{self.frame_period:g} s is no multiple of the step of control, {mission.step:g} s; round it",
+            )
+        if "inertial" in reads and self.imu_ticks > mission.control_ticks:
+            yield (
+                "imu_ticks",
+                f"{self.imu_ticks} ticks between two inertial samples are more than a step of control has, "
+                f"{mission.control_ticks}; lower it",
+            )
 
 
 class RendezvousConfig(Model):
@@ -269,7 +323,8 @@ class RendezvousConfig(Model):
         chaser: The chaser.
         target: The target's shape, inertia and mating point.
         tumble: How it tumbles at the start.
-        estimator: What the chaser knows.
+        sensors: What the chaser measures.
+        estimator: What it knows by that.
         planner: Plans the approach.
         bound: Bounds the error of the reference.
         tracker: Follows the reference.
@@ -281,9 +336,10 @@ class RendezvousConfig(Model):
     chaser: ChaserConfig = ChaserConfig()
     target: _plugin("target_model", "EnvisatTarget")  # type: ignore[valid-type]
     tumble: _plugin("tumble", "TriAxialTumble")  # type: ignore[valid-type]
-    estimator: _plugin("state_estimator", "TruthEstimator")  # type: ignore[valid-type]
+    sensors: SensorsConfig = SensorsConfig()
+    estimator: _plugin("state_estimator", "MeasuredState")  # type: ignore[valid-type]
     planner: _plugin("approach_planner", "SplineSCPPlanner")  # type: ignore[valid-type]
-    bound: _plugin("uncertainty_bound", "ConformalBound")  # type: ignore[valid-type]
+    bound: ConformalBound = ConformalBound()
     tracker: _plugin("tracker", "TubeMPCTracker")  # type: ignore[valid-type]
 
     @model_validator(mode="after")
@@ -297,7 +353,7 @@ class RendezvousConfig(Model):
     @model_validator(mode="after")
     def _check_parts(self) -> RendezvousConfig:
         problems: list[tuple[tuple[str, ...], str]] = [
-            (("estimator", "config", field), said) for field, said in self.estimator.misfits(self.mission)
+            (("sensors", field), said) for field, said in self.sensors.misfits(self.mission, self.estimator.reads)
         ]
         box, position = self.chaser.limits.keep_in, self.chaser.position
         if box is not None and any(abs(p) > half for p, half in zip(position, box, strict=True)):

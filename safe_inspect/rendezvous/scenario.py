@@ -179,10 +179,10 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
     Raises:
         ConfigError: The camera cannot see it from the start.
     """
-    estimator, mission = config.estimator, config.mission
-    if not isinstance(estimator, PipelineEstimator):
+    sensors, mission, reads = config.sensors, config.mission, config.estimator.reads
+    if "frames" not in reads and "poses" not in reads:
         return
-    reach, path = estimator.camera.geometry.largest_range, "chaser.position"
+    reach, path = sensors.camera.geometry.largest_range, "chaser.position"
     distance = float(np.linalg.norm(config.chaser.position))
     nearest = distance - target.swept_radius - float(np.linalg.norm(config.chaser.camera_position))
     seen = f"the target's centre is {distance:.3g} m away, and the camera measures up to {reach:g} m"
@@ -190,23 +190,23 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
         raise ConfigError(Problem(f"{seen}: it sees nothing of the target", path, hint="start nearer"))
     if distance > reach:
         yield Problem(f"{seen}: it sees a part of the target at most", path, hint="start nearer")
-    frame_ticks = round(estimator.frame_period / mission.tick)
-    lag = (estimator.imu_ticks - math.gcd(estimator.imu_ticks, frame_ticks)) * mission.tick
-    if lag > _LARGEST_LAG:
+    frame_ticks = round(sensors.frame_period / mission.tick)
+    lag = (sensors.imu_ticks - math.gcd(sensors.imu_ticks, frame_ticks)) * mission.tick
+    if "inertial" in reads and lag > _LARGEST_LAG:
         yield Problem(
             f"the last inertial sample is up to {1e3 * lag:g} ms older than a frame",
-            "estimator.config.imu_ticks",
+            "sensors.imu_ticks",
             hint=f"take a divisor of the {frame_ticks} ticks between two frames",
         )
-    turn = float(largest_rate(target.principal, rates).max()) * estimator.frame_period
+    turn = float(largest_rate(target.principal, rates).max()) * sensors.frame_period
     if turn > _LARGEST_TURN:
         yield Problem(
             f"the target turns by up to {np.rad2deg(turn):.3g} deg from frame to frame; estimation is tested up to "
             f"{np.rad2deg(_LARGEST_TURN):.3g} deg",
             _rate_path(config),
-            hint="lower the rate, or estimator.config.frame_period",
+            hint="lower the rate, or sensors.frame_period",
         )
-    if not estimator.known_target:
+    if isinstance(config.estimator, PipelineEstimator) and not config.estimator.known_target:
         yield Problem(
             "without the known shape the directions of the axes stay open, and no approach is planned",
             "estimator.config.known_target",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
 from safe_inspect.plugins.plugin import Plugin
@@ -13,15 +13,32 @@ from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 
 
+class EntityParameter(NamedTuple):
+    """A parameter of a component that an experiment lists among its bodies.
+
+    Attributes:
+        symbol: SI unit of the number.
+        value: Name under which a reset gives the drawn number to the components.
+        purpose: Purpose of the draw, see `safe_inspect.random.streams`.
+    """
+
+    symbol: str
+    value: str
+    purpose: str
+
+
 class Component(Plugin):
     """A part of a task, such as the sun or the points of a chief. Called, it gives the running part of a simulation.
 
     Class attributes:
+        entity: Parameters, by name, of the entry under ``additional_entities`` whose ``entity_class`` is the
+            component's name; empty where it has no such entry.
         parameters: SI unit by the name of each reset parameter that it reads where a configuration gives it; None for
             a mapping of states.
     """
 
     kind: ClassVar[str] = "component"
+    entity: ClassVar[Mapping[str, EntityParameter]] = {}
     parameters: ClassVar[Mapping[str, str | None]] = {}
 
     @abstractmethod
@@ -48,6 +65,11 @@ class Component(Plugin):
     def bodies(self) -> tuple[str, ...]:
         """Names of the bodies that it needs. None by default."""
         return ()
+
+    @property
+    def radii(self) -> Mapping[str, float]:
+        """Radius [m] of the bodies whose size it knows, by name. None by default."""
+        return {}
 
 
 class RunningComponent:

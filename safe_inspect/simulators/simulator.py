@@ -46,6 +46,11 @@ class Simulator(Plugin):
         raise ValueError(f"{self.registered_name} moves points; platforms that turn need another simulator")
 
     @property
+    def attitude_field(self) -> str:
+        """A field that is given and has a meaning with platforms that turn alone; empty for none."""
+        return ""
+
+    @property
     def turns(self) -> bool:
         """Whether its deputies have an attitude."""
         return "orientation" in self.compose()[0].arrays

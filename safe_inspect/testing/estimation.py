@@ -1,24 +1,19 @@
-"""The contract of the plugins of an estimation: edges, states and motions, the same for the same measurements."""
+"""The contract of front ends: edges between frames that they have seen, the same for the same frames."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import from_matrix, to_matrix
+from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart
-from safe_inspect.rendezvous.characterise.history import History
 from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.front_end.context import FrontEndContext
-from safe_inspect.rendezvous.plugins.base import BackEnd, Characteriser, FrontEnd
+from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
 from safe_inspect.rendezvous.poses import inverse, pose
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthCamera, DepthRenderer
+from safe_inspect.rendezvous.readings import PoseFrame
+from safe_inspect.rendezvous.sensors.poses import PoseSensor, PoseSensorRun
+from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.testing.report import Report
 from safe_inspect.types import FloatArray
@@ -45,17 +40,22 @@ def edges_of(poses: list[FloatArray], *, model: bool) -> list[Edge]:
 
 def check_front_end(plugin: FrontEnd, target: Target, streams: Streams, report: Report) -> None:
     """Check a front end: edges between frames that it has seen."""
-    camera, T_BC = DepthCamera(), pose(R_BC, np.array([0.13, 0.0, 0.0]))  # noqa: N806
+    camera, T_BC = TimeOfFlightCamera(profile="clean"), pose(R_BC, np.array([0.13, 0.0, 0.0]))  # noqa: N806
     poses = watched_poses(target, 4)
-    renderer = DepthRenderer(camera, target.mesh, PROFILES["clean"])
+    renderer = camera(target)
 
     def edges() -> list[Edge]:
-        at = [poses[0]]
-        run = plugin(FrontEndContext(camera, T_BC, target, streams, None if plugin.needs_frames else lambda: at[0]))
+        run, sensor = (
+            plugin(FrontEndContext(camera.geometry, T_BC, target, streams)),
+            PoseSensorRun(PoseSensor(), streams),
+        )
         found = []
         for number, T_MB in enumerate(poses):  # noqa: N806
-            at[0], T_MC = T_MB, T_MB @ T_BC  # noqa: N806
+            T_MC = T_MB @ T_BC  # noqa: N806
             frame = renderer.render(T_MC[:3, :3], T_MC[:3, 3], streams, number, float(number))
+            if plugin.reads == "poses":
+                measured = sensor.measure(number, T_MB, in_view=True)
+                frame = PoseFrame(**vars(frame), number=number, poses=measured)
             own = run.step(frame, None, np.eye(3))
             right = all(edge.first < edge.second <= number and edge.first >= MODEL for edge in own)
             report.expect(right, "frames", "an edge is between frames that are not there", "count frames by calls")
@@ -67,60 +67,6 @@ def check_front_end(plugin: FrontEnd, target: Target, streams: Streams, report: 
         definite = edge.covariance.shape == (6, 6) and bool((np.linalg.eigvalsh(edge.covariance) > 0.0).all())
         report.expect(definite, "covariance", "a covariance is not positive definite", "state an error of all axes")
     _same(report, "the edges", [edge.pose for edge in first], [edge.pose for edge in second])
-
-
-def check_back_end(plugin: BackEnd, target: Target, streams: Streams, report: Report) -> None:
-    """Check a back end: finite estimates that agree with exact measurements."""
-    poses = watched_poses(target, 6)
-    edges = edges_of(poses, model=False)
-
-    def estimates() -> list[FloatArray]:
-        run = plugin(ImuNoise(), 0.1, ChaserStart(_AT_START, np.zeros(3)), CentrePrior(np.zeros(3), 0.3))
-        for k, edge in enumerate(edges, 1):
-            for _ in range(10):
-                run.measure(np.zeros(3), np.zeros(3), 0.1)
-            run.update(k, [edge])
-        found = run.estimate()
-        assert found.relative is not None, "the last frame has an edge"
-        return [found.chaser, found.relative, found.centre, found.chaser_covariance, found.centre_covariance]
-
-    first = estimates()
-    for array in first:
-        report.expect(bool(np.isfinite(array).all()), "finite", "an estimate is not finite", "return finite arrays")
-    error = np.abs(first[1] - inverse(poses[0]) @ poses[-1]).max()
-    report.expect(error < 1e-3, "pose", f"exact edges give a pose that is {error:.2g} off", "return T_GB")
-    _same(report, "the estimates", first, estimates())
-
-
-def check_characteriser(plugin: Characteriser, target: Target, streams: Streams, report: Report) -> None:
-    """Check a characteriser: a motion with its covariance, or None for too little."""
-    poses = watched_poses(target, 60)
-    q = from_matrix(np.array([(inverse(poses[0]) @ T_MB)[:3, :3] for T_MB in poses]))
-    chaser = np.tile(from_matrix(_AT_START[:3, :3]), (len(poses), 1))
-    history = History.of(np.arange(60.0), chaser, q, edges_of(poses, model=True), range(60))
-    model = from_matrix(inverse(poses[0])[:3, :3])
-    report.expect(
-        plugin(history.between(0.0, 1.0), target, None, None) is None,
-        "too little",
-        "two frames give a motion",
-        "return None until the frames are enough",
-    )
-    found, again = (plugin(history, target, None, model) for _ in range(2))
-    if found is None or again is None:
-        report.expect(found is again, "motion", "the same history gives a motion once", "let it depend on nothing else")
-        return
-    for name, shape in (("orientation", (4,)), ("angular_velocity", (3,)), ("ratios", (2,)), ("covariance", (8, 8))):
-        value = getattr(found, name)
-        right = value.shape == shape and bool(np.isfinite(value).all())
-        report.expect(right, "shape", f"`{name}` has the shape {value.shape}, or is not finite", f"return {shape}")
-    _same(report, "the motion", [found.orientation, found.covariance], [again.orientation, again.covariance])
-
-
-ESTIMATION_CHECKS: dict[str, Callable[[Any, Target, Streams, Report], None]] = {
-    "back_end": check_back_end,
-    "characteriser": check_characteriser,
-    "front_end": check_front_end,
-}
 
 
 def _same(report: Report, what: str, first: list[FloatArray], second: list[FloatArray]) -> None:

@@ -11,28 +11,32 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.bound.conformal import ConformalBound
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
+from safe_inspect.rendezvous.chaser import ChaserState
 from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.design import DesignRequest
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext
-from safe_inspect.rendezvous.planner.approach import plan_approach
+from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.estimation.context import estimator_context
+from safe_inspect.rendezvous.models import ChaserConfig, Fault, MissionConfig, SensorsConfig
 from safe_inspect.rendezvous.planner.certificate import certify
 from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
-from safe_inspect.rendezvous.plugins.base import (
+from safe_inspect.rendezvous.plugins import (
     ApproachPlanner,
-    DepthCameraModel,
+    EnvisatTarget,
+    FrontEnd,
+    SplineSCPPlanner,
     StateEstimator,
     TargetModel,
     Tracker,
     Tumble,
-    UncertaintyBound,
 )
-from safe_inspect.rendezvous.plugins.bound import MaxSampleBound
-from safe_inspect.rendezvous.target.envisat import envisat
+from safe_inspect.rendezvous.readings import Command
+from safe_inspect.rendezvous.sensors.suite import SensorSuite
 from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.rendezvous.tracking import DesignRequest
-from safe_inspect.testing.estimation import ESTIMATION_CHECKS
+from safe_inspect.testing.estimation import check_front_end
 from safe_inspect.testing.report import WRITES, Report
 from safe_inspect.testing.teams import SampleParts
 from safe_inspect.types import AnyArray
@@ -57,25 +61,25 @@ def _check_tumble(plugin: Tumble, parts: SampleParts, report: Report) -> None:
     _same(report, "the tumble", [q, w], [*plugin(_streams())])
 
 
-def _check_depth_camera(plugin: DepthCameraModel, parts: SampleParts, report: Report) -> None:
-    """Check a depth camera: a depth of every pixel, and the points of the valid ones."""
-
-    def take() -> Any:
-        return plugin(_target()).render(np.eye(3), np.array([0.0, 0.0, -1.5]), _streams(), 3, 0.6)
-
-    frame, again = take(), take()
-    _finite(report, "the depth", frame.depth, (plugin.geometry.height, plugin.geometry.width))
-    _finite(report, "the points", frame.points, (int(frame.valid.sum()), 3))
-    _same(report, "the frame", [frame.depth, frame.points], [again.depth, again.points])
-
-
 def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: Report) -> None:
-    """Check an estimator: estimates of a chaser and a target, some of them blind."""
+    """Check an estimator: estimates of a chaser that hangs before a target, with a camera that fails in the end."""
     chaser, body = _bodies()
+    camera = Fault(kind="camera", start=1.5, duration=10.0)
+    mission, sensors = MissionConfig(faults=(camera,)), SensorsConfig()
+    context = estimator_context(_target(), ChaserConfig(), mission, sensors, _streams())
+    ticks = (1, mission.control_ticks)
+    still = ChaserState(
+        np.tile(np.concatenate([chaser.position, chaser.velocity]), (*ticks, 1)),
+        np.tile(chaser.orientation, (*ticks, 1)), np.zeros((*ticks, 3)), np.zeros((*ticks, 6)),
+    )  # fmt: skip
 
     def estimates() -> list[AnyArray]:
-        run = plugin(EstimatorContext(_target(), 1.0, 0.2, _streams()))
-        found = [run.update(0.2 * k, chaser, body, blind=k > 7) for k in range(12)]
+        run = plugin(context)
+        suite = SensorSuite(sensors, context.chaser, mission, _target(), _streams(), plugin.reads)
+        found = []
+        for k in range(12):
+            held = (still, Command(np.zeros(3), np.zeros(3))) if k else ()
+            found.append(run.update(suite.read(mission.step * k, chaser, body, *held)))
         return [array for estimate in found for array in (*estimate.chaser, *estimate.target)]
 
     with _unchanged([*chaser, *body], report, "the estimator"):
@@ -125,20 +129,15 @@ def _expect_flyable(query: PlanQuery, plan: Plan, report: Report) -> None:
     )
 
 
-def _check_uncertainty_bound(plugin: UncertaintyBound, parts: SampleParts, report: Report) -> None:
-    """Check a bound: not negative, at every sample of the plan."""
-    query, count = _bound_query(), len(_plan().times)
-    bound, again = plugin(query, _streams()), plugin(query, _streams())
-    for name in ("position", "velocity", "force"):
-        _finite(report, f"`{name}` of the bound", getattr(bound, name), (count,))
-        report.expect((getattr(bound, name) >= 0.0).all(), "sign", f"`{name}` is negative", "return a half width")
-    _same(report, "the bound", [bound.position, bound.force], [again.position, again.force])
+def _check_front_end(plugin: FrontEnd, parts: SampleParts, report: Report) -> None:
+    """Check a front end; see `check_front_end`."""
+    check_front_end(plugin, _target(), _streams(), report)
 
 
 def _check_tracker(plugin: Tracker, parts: SampleParts, report: Report) -> None:
     """Check a tracker: a force within the limits, the same for the same run of estimates."""
     plan, query, limits = _plan(), _bound_query(), TrackingLimits()
-    bound = MaxSampleBound()(query, _streams())
+    bound = ConformalBound()(query, _streams())
     far = np.ones(len(plan.times))
     design = plugin.design(DesignRequest(plan, bound, far, Axis(query.mass), limits, 3e-3, 5))
     reference = TrackedReference(plan.position, plan.velocity)
@@ -158,24 +157,20 @@ def _check_tracker(plugin: Tracker, parts: SampleParts, report: Report) -> None:
 
 _CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
     "approach_planner": _check_approach_planner,
-    "depth_camera": _check_depth_camera,
+    "front_end": _check_front_end,
     "state_estimator": _check_state_estimator,
     "target_model": _check_target_model,
     "tracker": _check_tracker,
     "tumble": _check_tumble,
-    "uncertainty_bound": _check_uncertainty_bound,
 }
 #: The kinds that `check_rendezvous` knows.
-RENDEZVOUS_KINDS = (*_CHECKS, *ESTIMATION_CHECKS)
+RENDEZVOUS_KINDS = tuple(_CHECKS)
 
 
 def check_rendezvous(plugin: Any, parts: SampleParts, report: Report) -> None:
     """Check a plugin of a rendezvous, of any kind."""
     with report.attempt(f"the {plugin.kind.replace('_', ' ')}", "it must work for the sample target"):
-        if plugin.kind in ESTIMATION_CHECKS:
-            ESTIMATION_CHECKS[plugin.kind](plugin, _target(), _streams(), report)
-        else:
-            _CHECKS[plugin.kind](plugin, parts, report)
+        _CHECKS[plugin.kind](plugin, parts, report)
 
 
 def _streams() -> Streams:
@@ -184,7 +179,7 @@ def _streams() -> Streams:
 
 @functools.cache
 def _target() -> Target:
-    return envisat(0.05, np.array([0.25, 0.0, 0.42]))
+    return EnvisatTarget()()
 
 
 def _bodies() -> tuple[BodyState, BodyState]:
@@ -219,7 +214,7 @@ def _still_query(side: float) -> PlanQuery:
 
 @functools.cache
 def _plan() -> Plan:
-    return plan_approach(_query())
+    return SplineSCPPlanner()(_query())
 
 
 def _bound_query() -> BoundQuery:

@@ -17,8 +17,8 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation import baseline, rollout
 from safe_inspect.evaluation.results.folder import read_evaluation
-from safe_inspect.evaluation.results.statistics import interquartile_mean
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories
+from safe_inspect.metrics.statistics import interquartile_mean
 from safe_inspect.outputs import MARKER
 from safe_inspect.version import __version__
 

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.cli.common import Parser
 from safe_inspect.cli.main import command_parser, main
-from safe_inspect.cli.train import add_train_arguments
 from safe_inspect.config.data import configs_root
 from safe_inspect.outputs import MARKER, mark_folder
 
@@ -93,11 +91,10 @@ def run(*words):
 
 
 def parsers():
-    actions = command_parser()._subparsers._group_actions
-    (commands,) = (action.choices for action in actions)
-    trainer = Parser(prog="train_rl")
-    add_train_arguments(trainer)
-    return {**commands, "train": trainer}
+    (commands,) = (action.choices for action in command_parser()._subparsers._group_actions)
+    for parser in commands.values():
+        parser.load()
+    return commands
 
 
 def test_every_output_of_every_command_is_tried():

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import shutil
 
+import numpy as np
 import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.dones.shared import CollisionDoneFunction
+from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
 
 TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
@@ -166,13 +168,15 @@ def test_a_mistake_among_agents_gives_one_message_with_its_place(team, name):
     assert told[0].location is not None
 
 
-def test_a_success_function_that_no_agent_has_is_an_error(team):
+def test_a_success_function_that_no_agent_has_is_noted(team):
     override = "MultiagentSuccessDoneFunction.config.success_function_name=SafeSuccessfulInspectionDoneFunction"
-    with pytest.raises(ConfigError) as caught:
-        load_experiment(team / "experiment.yml", [override])
-    (problem,) = caught.value.problems
-    assert "no agent has a done function named 'SafeSuccessfulInspectionDoneFunction'" in problem.message
-    assert "did you mean `SuccessfulInspectionDoneFunction`?" in problem.message
+    with pytest.warns(UserWarning, match="no agent has a done function named 'SafeSuccessful") as caught:
+        spec = load_experiment(team / "experiment.yml", [override]).spec
+    assert "config.config.env_config.dones.shared[1].config.success_function_name: " in str(caught[0].message)
+    assert "did you mean `SuccessfulInspectionDoneFunction`?" in str(caught[0].message)
+    environment = TeamEnvironment(spec, 2)
+    environment.reset()
+    environment.step([np.zeros((2, group.size, group.action_layout.size)) for group in environment.acting])
 
 
 def test_a_mistake_in_a_template_is_told_once(team):

@@ -15,7 +15,6 @@ from safe_inspect.dones import (
     SharedDoneFunction,
 )
 from safe_inspect.dynamics import Dynamics
-from safe_inspect.errors import PluginValueError
 from safe_inspect.plugins.functor import build
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TeamStep, TeamView
@@ -97,9 +96,10 @@ class TestSuccess:
         check(self.done, step, [WIN, RUNNING])
         check(self.done, of_agents([[WIN, WIN]], fired=[[0, 0]], has=[False, False]), [RUNNING])
 
-    def test_a_function_that_no_agent_has(self) -> None:
-        with pytest.raises(PluginValueError, match="no agent has a done function named 'Other'"):
-            MultiagentSuccessDoneFunction(success_function_name="Other")(of_agents([[WIN]]))
+    def test_a_function_that_no_agent_has_never_ends_an_episode(self) -> None:
+        check(
+            MultiagentSuccessDoneFunction(success_function_name="Other"), of_agents([[WIN], [RUNNING]]), [RUNNING] * 2
+        )
 
     def test_the_name_is_a_reference(self) -> None:
         assert MultiagentSuccessDoneFunction.references() == {"success_function_name": "done"}

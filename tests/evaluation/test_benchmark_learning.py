@@ -8,7 +8,7 @@ import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.evaluation import rollout, summarise
+from safe_inspect.evaluation import Evaluation, rollout
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "learning.py"
 
@@ -47,8 +47,8 @@ def test_each_policy_of_the_checkpoint_is_loaded_once_and_flies_its_agents(learn
     assert load.asked == asked
     assert list(pilots) == [agent.name for agent in experiment.spec.agents]
     assert len(set(map(id, pilots.values()))) == fliers
-    flown = summarise(rollout(experiment.spec, pilots, episodes=2))
+    flown = Evaluation.of("", rollout(experiment.spec, pilots, episodes=2))
     lines = learning.table({"a": flown, "nobody": flown}).splitlines()
     assert len(lines) == 3
     assert ("closest deputies" in lines[0]) == ("delta-v per deputy" in lines[0]) == (len(pilots) > 1)
-    assert f"{flown.statistics['return'].mean:.3f}" in lines[2]
+    assert f"{flown.team.figures['return'].mean():.3f}" in lines[2]

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from safe_inspect.dones import DoneStatus
+from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes
 from safe_inspect.evaluation.results.comparison import compare
-from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.results.folder import read_evaluation, write_evaluation
-from safe_inspect.evaluation.results.results import GAP, Block, Evaluation, EvaluationError
-from safe_inspect.evaluation.results.statistics import paired_difference, wilson
+from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories, trajectory_table
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.metrics.statistics import paired_difference, wilson
 
 COUNT = 6
 RECORD = {"seed": 3, "episodes": COUNT, "task": {"horizon": 10}}

@@ -3,10 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from safe_inspect.config.data import configs_root
 from safe_inspect.dones import DoneStatus
-from safe_inspect.environments import BatchedEnvironment, load_spec
+from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ArgumentError
 from safe_inspect.evaluation import Flight, rollout
+from safe_inspect.evaluation.results.results import Evaluation
+from safe_inspect.evaluation.task import default_metrics
 from safe_inspect.policies import RandomThrust, ZeroThrust
 
 FIGURES = ("returns", "length", "status", "inspected_fraction", "delta_v")
@@ -149,3 +152,54 @@ def test_a_task_and_a_policy_are_objects(spec, arguments, message):
 def test_a_metric_is_an_object(spec):
     with pytest.raises(ArgumentError, match=r"a metric is an object, .* not 'SmallestRange'"):
         rollout(spec, ZeroThrust(), episodes=1, metrics=["SmallestRange"])
+
+
+class Drawing:
+    """Burns and coasts of each row that are functions of its slot, its deputy, the step and the observation."""
+
+    def begin(self, flight):
+        self.rows, self.step, self.asked = flight.slots * 10 + flight.deputies, 0, []
+        self.coasts = flight.action.coast is not None
+
+    def actions(self, observation, rows, step):
+        numbers = self.rows[rows] * 7 + step * 13 + (observation[:, 0] > 0.0)
+        burns = (numbers[:, None] + np.arange(3)) % 5 / 2.0 - 1.0
+        return np.concatenate((burns, (numbers % 5)[:, None]), axis=1) if self.coasts else burns
+
+    def __call__(self, observation):
+        self.step += 1
+        return self.actions(observation, np.arange(len(observation)), self.step - 1)
+
+
+class Deciding(Drawing):
+    """The same, asked only for the rows that take an action."""
+
+    def decide(self, observation, rows, step):
+        assert np.isfinite(observation).all()
+        self.asked.append(len(rows))
+        return self.actions(observation, rows, step)
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        "translational-inspection/experiment-burn-and-coast.yml",
+        "multiagent-translational-inspection/experiment-burn-and-coast.yml",
+        "translational-inspection/experiment-seed.yml",
+    ],
+)
+def test_a_policy_that_is_asked_for_decisions_alone_flies_the_same_episodes(task, monkeypatch):
+    thrust = "X Thrust.config.properties={low: -2 N, high: 2 N}"
+    spec = load_spec(configs_root() / task, ["horizon=150", *[thrust][: "burn" in task]])
+    sizes, step = set(), TeamEnvironment.step
+    monkeypatch.setattr(TeamEnvironment, "step", lambda self, actions: sizes.add(self.num_envs) or step(self, actions))
+    flown, metrics = [], default_metrics(spec)
+    for policy in (Drawing(), deciding := Deciding()):
+        sizes.clear()
+        flown.append(rollout(spec, policy, 40, 3, 40, metrics=metrics))
+    assert sizes == ({40} if "multiagent" in task else {40, 32, 16})  # all of the team fly to the time limit
+    assert sum(deciding.asked) < flown[0].length.max() * 40 * len(spec.agents) * 0.8
+    wanted, found = (Evaluation.of("", episodes, {}).columns() for episodes in flown)
+    assert list(wanted) == list(found)
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)

@@ -7,8 +7,8 @@ import pytest
 
 from safe_inspect.evaluation.results.comparison import compare
 from safe_inspect.evaluation.results.results import Block, Evaluation
-from safe_inspect.evaluation.results.statistics import paired_difference
 from safe_inspect.evaluation.results.tables import evaluation_table, pooled_table
+from safe_inspect.metrics.statistics import paired_difference
 
 EPISODES = 41  # no rate lies between two that are shown
 UNITS = {"return": "-", "delta-v": "m/s", "closest deputies": "m", "spin": "rad/s"}

@@ -10,7 +10,7 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.evaluation import rollout, summarise
+from safe_inspect.evaluation import Evaluation, evaluation_table, rollout
 from safe_inspect.policies import RandomThrust, ZeroThrust
 
 WHOLE = ("returns", "length", "status", "inspected_fraction", "delta_v", "closest")
@@ -105,14 +105,12 @@ def test_a_crash_into_each_other_is_lost(team):
 
 
 def test_the_table_has_a_block_for_each_agent(flown):
-    summary = summarise(flown)
-    lines = str(summary).splitlines()
+    found = Evaluation.of("", flown)
+    lines = evaluation_table(found).splitlines()
     assert [line.partition(":")[0] for line in lines if not line.startswith("  ")][1:] == list(flown.agents)
     assert any(line.startswith("  closest deputies") for line in lines)
-    told = json.loads(json.dumps(summary.as_dict(), allow_nan=False))
+    told = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     first = next(iter(flown.agents))
-    assert (
-        told["agents"][first]["statistics"]["inspected first"]["mean"] == flown.agents[first].own_inspected_count.mean()
-    )
-    alone = summarise(dataclasses.replace(flown, agents={first: flown.agents[first]}, closest=None))
+    assert told["agents"][first]["figures"]["inspected first"]["mean"] == flown.agents[first].own_inspected_count.mean()
+    alone = Evaluation.of("", dataclasses.replace(flown, agents={first: flown.agents[first]}, closest=None))
     assert "agents" not in alone.as_dict()

@@ -43,7 +43,6 @@ def test_its_planner_flies_to_the_mating_point(package, tracker):
     assert result.summary["success"], result.summary
     plan = result.log.plans[0]
     assert plan.solved
-    assert plan.control_points.shape == (0, 3)
     # It flew the plan, not another one.
     moves = result.log.arrays()["state"] == 6
     assert np.abs(result.log.arrays()["reference"][moves][0, :3] - plan.position[0]).max() < 1e-6

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from random_checkpoint import LEVELS, TEAM, discrete, experiment_of, make_module, save_run, scaled, single_run
 
-from safe_inspect.cli.commands.export import run_export
-from safe_inspect.cli.export import add_export_arguments
+from safe_inspect.cli.commands.export import add_export_arguments, run_export
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
 from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx

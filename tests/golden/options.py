@@ -1,12 +1,15 @@
-"""The options of every plugin and of every kind of file: names, defaults and ranges, one a line."""
+"""The options of every plugin, file and command: names, defaults and ranges, one a line."""
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Iterator
 from typing import Any
 
-from safe_inspect.config.messages.file_schemas import FILES, model_schema
+from safe_inspect.cli.common import Parser
+from safe_inspect.cli.main import command_parser
+from safe_inspect.config.messages.schema import FILES, model_schema
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.open_loop import OpenLoopPlan  # noqa: F401 - which no configuration names
 from safe_inspect.rendezvous.models import RendezvousConfig
@@ -31,7 +34,24 @@ def lines() -> list[str]:
         schema = model_schema(model)
         for name, part in {file: schema, **schema.get("$defs", {})}.items():
             found |= set(_fields(f"file {file}, {name}", part))
-    return sorted(found)
+    return sorted(found | set(_arguments("", command_parser())))
+
+
+def _arguments(command: str, parser: Parser) -> Iterator[str]:
+    parser.load()
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, inner in action.choices.items():
+                yield from _arguments(f"{command} {name}", inner)
+            continue
+        told = {
+            "choices": None if action.choices is None else [str(choice) for choice in action.choices],
+            "default": str(action.default), "nargs": action.nargs, "required": action.required,
+            "type": getattr(action.type, "__name__", None), "metavar": action.metavar, "const": action.const,
+            "kind": type(action).__name__.strip("_"),
+        }  # fmt: skip
+        known = {name: value for name, value in told.items() if value not in (None, False, "None")}
+        yield f"command{command} {'/'.join(action.option_strings) or action.dest}: {json.dumps(known, sort_keys=True)}"
 
 
 def _fields(owner: str, schema: dict[str, Any]) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The options of plugins and files, their defaults and their ranges are as recorded: none changes unnoticed.
+"""The options of plugins, files and commands, their defaults and their ranges are as recorded: none changes unnoticed.
 
 python tests/golden/record.py options
 """

@@ -43,7 +43,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("distribution")
     source = folder / "source"
     for name in _run("git", "ls-files", "-z", cwd=_ROOT).split("\0"):
-        if name and (_ROOT / name).is_file() and not name.startswith(("tests/", "docs/", "benchmarks/")):
+        if name and (_ROOT / name).is_file():
             (source / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(_ROOT / name, source / name)
     sdist = folder / _run(sys.executable, "-c", _BUILD, "sdist", folder, cwd=source).split()[-1]
@@ -51,6 +51,16 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         archive.extractall(folder / "unpacked", filter="data")
     (unpacked,) = (folder / "unpacked").iterdir()
     return sdist, folder / _run(sys.executable, "-c", _BUILD, "wheel", folder, cwd=unpacked).split()[-1]
+
+
+@pytest.mark.slow
+def test_the_source_distribution_has_everything_that_the_readme_points_to(built: tuple[Path, Path]) -> None:
+    with tarfile.open(built[0]) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    links = re.findall(r"\]\(([^)#:]+)[^):]*\)", (_ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len(links) > 30
+    assert {link for link in links if link not in names} == set()
+    assert {"scripts/demo.sh", "scripts/test.sh", "constraints.txt", "tests/conftest.py"} <= names
 
 
 @pytest.mark.slow

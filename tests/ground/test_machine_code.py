@@ -1,10 +1,12 @@
-"""Kernels that kernels call are linked into those that Python calls, and machine code is kept where it can be."""
+"""Where machine code is kept, and that none is used that does not belong to the sources."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -12,94 +14,158 @@ import pytest
 
 from safe_inspect.compiling import folders
 
-#: `inner` is called by both others: a function must not be linked before all that call it are.
-MODULE = """
-from safe_inspect.compiling import njit
-
-@njit
-def inner(x):
-    return 2.0 * x
-
-@njit
-def middle(x):
-    if x < 0.0:
-        raise ValueError("negative")
-    return inner(x) + 1.0
-
-@njit
-def outer(x):
-    return inner(x) + middle(x)
-
-@njit
-def other(x):
-    return middle(x) - inner(x)
-"""
-RUN = """
-import sys
-from safe_inspect.compiling import linking
-from frozen import inner, middle, outer, other
-print(outer(3.0), *([other(3.0), inner(3.0)] if "all" in sys.argv else []))
-try:
-    outer(-1.0)
-except ValueError as error:
-    print(error)
-print(sum(outer.dispatcher.stats.cache_hits.values()), sum(middle.part.stats.cache_hits.values()), middle._dispatcher)
-for result in middle.part.overloads.values():
-    assert isinstance(result.library, linking.PartLibrary), result.library
-    assert result.library.complete
-    assert result.library.get_pointer_to_function(result.fndesc.llvm_func_name) == 0
-"""
+DIGEST = "0123456789abcdef" * 4
+NAME = DIGEST[:16]
+KERNEL = "from safe_inspect.compiling import njit\n@njit\ndef double(x): return 2.0 * x\n"
 
 
-def run(folder: Path, *arguments: str) -> list[str]:
-    environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "LOCALAPPDATA": str(folder / "cache")}
-    environment.pop("NUMBA_CACHE_DIR", None)
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A package of its own, and a user's folder."""
+    monkeypatch.setattr(folders, "PACKAGE", tmp_path / "package")
+    monkeypatch.setattr(folders, "user_folder", lambda: tmp_path / "user")
+    (tmp_path / "package").mkdir()
+    folders.machine_code_folder.cache_clear()
+    yield tmp_path
+    folders.machine_code_folder.cache_clear()
+
+
+def run(code: str, folder: Path, **environment: str) -> str:
+    """Run code in a folder with an empty folder of the user's, and return what it prints."""
+    variables = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
-        [sys.executable, "-c", RUN, *arguments],
+        [sys.executable, "-c", code],
         capture_output=True,
         text=True,
         cwd=folder,
-        env=environment,
+        env=variables | environment,
         timeout=120,
     )
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    return done.stdout.strip()
 
 
-@pytest.mark.skipif(sys.platform == "darwin", reason="the user's folder follows no variable there")
-def test_machine_code_of_a_folder_that_cannot_be_written_is_kept_in_the_users(tmp_path: Path) -> None:
-    (tmp_path / "frozen.py").write_text(MODULE, encoding="utf-8")
-    (tmp_path / "__pycache__").write_text("no folder can be made here", encoding="utf-8")
-    assert run(tmp_path) == ["13.0", "negative", "0 0 None"]
-    kept = sorted(path.name for path in (tmp_path / "cache" / "safe_inspect" / folders.digest_of()[:16]).rglob("*.nbi"))
-    assert [name.partition("-")[0] for name in kept] == ["frozen.inner", "frozen.middle", "frozen.outer"]
-    # `outer` comes from the folder; `other` is compiled, with `middle` and `inner` from there
-    assert run(tmp_path, "all") == ["13.0 1.0 6.0", "negative", "1 1 None"]
+def test_machine_code_is_kept_in_the_package(home: Path) -> None:
+    kept = home / "package" / "__pycache__" / "machine_code" / NAME
+    assert folders.machine_code_folder(DIGEST) == kept
+    assert kept.is_dir()
 
 
-def test_a_kernel_of_another_file_may_change_what_it_returns(tmp_path: Path) -> None:
-    (tmp_path / "caller.py").write_text(
-        "from called import share\nfrom safe_inspect.compiling import njit\n@njit\ndef double(x): return 2 * share(x)\n"
-    )
+def test_a_package_that_cannot_be_written_keeps_machine_code_with_the_user(home: Path) -> None:
+    (home / "package" / "__pycache__").write_text("no folder can be made here", encoding="utf-8")
+    assert folders.machine_code_folder(DIGEST) == home / "user" / NAME
+
+
+def test_machine_code_of_an_image_is_copied_for_a_user_who_cannot_write_there(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installed = folders.installed_folder(DIGEST)
+    (installed / "room").mkdir(parents=True)
+    (installed / "room" / "kernel.nbi").write_text("machine code", encoding="utf-8")
+    can_be_written = folders._can_be_written
+    monkeypatch.setattr(folders, "_can_be_written", lambda folder: folder != installed and can_be_written(folder))
+    mine = folders.machine_code_folder(DIGEST)
+    assert mine == home / "user" / NAME
+    assert (mine / "room" / "kernel.nbi").read_text(encoding="utf-8") == "machine code"
+
+
+def test_where_no_folder_can_be_written_nothing_is_kept(home: Path) -> None:
+    (home / "package" / "__pycache__").write_text("", encoding="utf-8")
+    (home / "user").write_text("", encoding="utf-8")
+    assert folders.machine_code_folder(DIGEST) is None
+    assert folders.machine_code_folder(DIGEST, str(home / "user")) is None
+
+
+def test_the_folder_that_the_user_names_is_taken(home: Path) -> None:
+    assert folders.machine_code_folder(DIGEST, str(home / "named")) == home / "named" / "safe_inspect" / NAME
+
+
+def test_machine_code_of_the_last_states_of_the_sources_is_kept(home: Path) -> None:
+    parent = folders.installed_folder(DIGEST).parent
+    for age, name in enumerate(("a" * 16, "b" * 16, "c" * 16, "d" * 16, "notes")):
+        (parent / name).mkdir(parents=True)
+        os.utime(parent / name, (0, 1000 - age))
+    folders.machine_code_folder(DIGEST)
+    assert {path.name for path in parent.iterdir()} == {"a" * 16, "b" * 16, NAME, "notes"}
+
+
+def test_the_digest_is_that_of_all_files_with_kernels(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    digests = []
+    for name, text in (
+        ("kernel.py", "@njit\ndef f(): ...\n"),
+        ("inner/plain.py", "def g(): ...\n"),
+        ("inner/other.py", "@njit\ndef h(): ...\n"),
+        ("inner/other.py", "@njit\ndef h(): return 1\n"),
+    ):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        digests.append(folders.digest_of.__wrapped__(tmp_path))
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
+
+
+def test_a_kernel_is_compiled_where_no_machine_code_can_be_kept(tmp_path: Path) -> None:
+    (tmp_path / "frozen.py").write_text(KERNEL, encoding="utf-8")
     code = (
-        "from safe_inspect.compiling import njit\nfrom caller import double\n"
-        "@njit\ndef {0}(x): return double(x)\nprint({0}(7))"
+        "from safe_inspect.compiling import folders\n"
+        "folders._can_be_written = lambda folder: False\n"
+        "from frozen import double\nprint(double(2.0), double.dispatcher.stats.cache_path)"
     )
-    for name, returned, printed in (("first", "x // 2", "6"), ("second", "x / 2", "7.0")):
-        (tmp_path / "called.py").write_text(
-            f"from safe_inspect.compiling import njit\n@njit\ndef share(x): return {returned}\n"
-        )
-        (tmp_path / f"{name}.py").write_text(code.format(name))
-        done = subprocess.run([sys.executable, f"{name}.py"], capture_output=True, text=True, cwd=tmp_path, timeout=120)
-        assert done.stdout.strip() == printed, done.stderr
+    assert run(code, tmp_path) == "4.0 None"
+
+
+def test_a_kernel_is_compiled_that_has_no_file(tmp_path: Path) -> None:
+    assert run(KERNEL + "print(double(2.0))", tmp_path) == "4.0"
+
+
+def test_a_kernel_comes_from_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "frozen.py").write_text(KERNEL, encoding="utf-8")
+    code = "from frozen import double\nprint(double(2.0), sum(double.dispatcher.stats.cache_hits.values()))"
+    named = {"NUMBA_CACHE_DIR": str(tmp_path / "named")}
+    assert run(code, tmp_path, **named) == "4.0 0"
+    assert run(code, tmp_path, **named) == "4.0 1"
+    shutil.rmtree(tmp_path / "named")
+    assert run(code, tmp_path, **named) == "4.0 0"
+
+
+CALLERS = """
+import called
+from called import share
+from safe_inspect.compiling import njit
+
+@njit
+def by_name(x): return 2 * share(x)
+
+@njit
+def by_module(x): return 2 * called.share(x)
+
+def made(inner):
+    @njit
+    def by_closure(x): return 2 * inner(x)
+    return by_closure
+
+by_closure = made(share)
+"""
+
+
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path: Path) -> None:
+    (tmp_path / "caller.py").write_text(CALLERS, encoding="utf-8")
+    code = (
+        "from caller import by_name, by_module, by_closure\nfor each in (by_name, by_module, by_closure):\n"
+        "    print(each(7), sum(each.dispatcher.stats.cache_hits.values()))"
+    )
+    named = {"NUMBA_CACHE_DIR": str(tmp_path / "named"), "PYTHONDONTWRITEBYTECODE": "1"}
+    for returned, printed in (("x // 2", "6 0"), ("x // 2", "6 1"), ("x / 2", "7.0 0")):
+        source = f"from safe_inspect.compiling import njit\n@njit\ndef share(x): return {returned}\n"
+        (tmp_path / "called.py").write_text(source, encoding="utf-8")
+        assert run(code, tmp_path, **named).splitlines() == [printed] * 3
 
 
 def test_machine_code_of_a_users_kernel_belongs_to_the_sources_of_the_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A kernel of the package is linked into it, so after an update of the package it is compiled again."""
-    source = "from safe_inspect.compiling import njit\n@njit\ndef double(x): return 2.0 * x\n"
-    (tmp_path / "mine.py").write_text(source, encoding="utf-8")
+    (tmp_path / "mine.py").write_text(KERNEL, encoding="utf-8")
 
     def loaded() -> int:
         spec = spec_from_file_location("mine", tmp_path / "mine.py")
@@ -110,8 +176,26 @@ def test_machine_code_of_a_users_kernel_belongs_to_the_sources_of_the_package(
         return sum(module.double.dispatcher.stats.cache_hits.values())
 
     assert [loaded(), loaded()] == [0, 1]
-    monkeypatch.setattr("safe_inspect.compiling.dispatchers.digest_of", lambda: "an update")
+    kept = tmp_path / "an update"
+    monkeypatch.setattr("safe_inspect.compiling.kernel.machine_code_folder", lambda digest, given: kept / digest)
     assert [loaded(), loaded()] == [0, 1]
+    monkeypatch.setattr("safe_inspect.compiling.kernel.digest_of", lambda: "another")
+    assert [loaded(), loaded()] == [0, 1]
+
+
+def test_an_exception_in_a_kernel_that_a_kernel_calls_reaches_python(tmp_path: Path) -> None:
+    (tmp_path / "frozen.py").write_text(
+        "from safe_inspect.compiling import njit\n"
+        "@njit\ndef inner(x):\n    if x < 0.0:\n        raise ValueError('negative')\n    return 2.0 * x\n"
+        "@njit\ndef outer(x): return inner(x) + 1.0\n",
+        encoding="utf-8",
+    )
+    code = (
+        "from frozen import inner, outer\nprint(outer(3.0), inner(3.0))\ntry:\n    outer(-1.0)\n"
+        "except ValueError as error:\n    print(error)"
+    )
+    for _ in range(2):  # compiled, and from the folder
+        assert run(code, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "named")) == "7.0 6.0\nnegative"
 
 
 def test_the_users_folder_follows_the_platform(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -121,9 +205,9 @@ def test_the_users_folder_follows_the_platform(monkeypatch: pytest.MonkeyPatch, 
     found = {}
     for platform in ("linux", "darwin", "win32"):
         monkeypatch.setattr(folders.sys, "platform", platform)
-        found[platform] = folders.user_folder("0123456789abcdefg")
+        found[platform] = folders.user_folder()
     assert found == {
-        "linux": tmp_path / "XDG_CACHE_HOME" / "safe_inspect" / "0123456789abcdef",
-        "darwin": tmp_path / "Library" / "Caches" / "safe_inspect" / "0123456789abcdef",
-        "win32": tmp_path / "LOCALAPPDATA" / "safe_inspect" / "0123456789abcdef",
+        "linux": tmp_path / "XDG_CACHE_HOME" / "safe_inspect",
+        "darwin": tmp_path / "Library" / "Caches" / "safe_inspect",
+        "win32": tmp_path / "LOCALAPPDATA" / "safe_inspect",
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,16 @@ def test_faults_change_the_source_and_compile(mutants: Any) -> None:
         assert one.applied(SOURCE) != SOURCE
 
 
+def test_machine_code_of_files_that_reach_a_fault_is_left_out(mutants: Any, tmp_path: Path) -> None:
+    before, after = tmp_path / "before", tmp_path / "after"
+    for name in ("room_0f/a.f-1.nbi", "called/room_0f/a.f-1.nbi", "room_0f/b.g-1.nbi", "hall_1a/a.f-1.nbi"):
+        (before / name).parent.mkdir(parents=True, exist_ok=True)
+        (before / name).write_text(name, encoding="utf-8")
+    mutants.link_machine_code(before, after, {"safe_inspect.room.a", "safe_inspect.hall"})
+    found = {path.relative_to(after).as_posix() for path in after.rglob("*.nbi")}
+    assert found == {"room_0f/b.g-1.nbi", "hall_1a/a.f-1.nbi"}
+
+
 def test_draws_are_reproducible_and_keep_to_their_rooms(mutants: Any) -> None:
     drawn = mutants.draw(5, 12, ["dynamics", "dones"])
     assert drawn == mutants.draw(5, 12, ["dynamics", "dones"])
@@ -95,3 +106,26 @@ def test_the_table_counts_by_room(mutants: Any) -> None:
     assert rows[1][:4] == ["a", "10", "8", "80.0%"]
     assert rows[1][4:6] == ["49.0%", "94.3%"]  # Wilson
     assert rows[3][:4] == ["all", "15", "13", "86.7%"]
+
+
+def test_only_files_that_run_a_function_are_tried_on_it(mutants: Any, tmp_path: Path) -> None:
+    module, tests = "safe_inspect/dynamics/tumble.py", ("tests/dynamics",)
+    source = (mutants.ROOT / module).read_text(encoding="utf-8")
+    lines = mutants.functions_of(source)
+    files = [
+        file for file in mutants.files_of(tests) if not mutants._PROCESSES.search((mutants.ROOT / file).read_text())
+    ]
+    runs, other = files[:2]
+    inside = next(one for one in mutants.mutations(source) if one.line in lines)
+    outside = next(one for one in mutants.mutations(source) if one.line not in lines)
+    known = {file: {"seconds": 1.0, "functions": {}, "digest": mutants.digest_of(file)} for file in files}
+    known[runs]["functions"] = {module: [lines[inside.line]]}
+    (tmp_path / "reach.json").write_text(json.dumps(known))
+    reach = mutants.Reach(tmp_path / "reach.json")
+    tried = reach.files(module, inside, tests)
+    assert runs in tried
+    assert other not in tried
+    assert set(reach.files(module, outside, tests)) >= set(files)
+    known[other]["digest"] = "of an earlier text"
+    (tmp_path / "reach.json").write_text(json.dumps(known))
+    assert other in mutants.Reach(tmp_path / "reach.json").unknown(tests)

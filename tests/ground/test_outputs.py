@@ -36,6 +36,21 @@ def test_a_finished_file_takes_its_place_in_a_folder_that_is_made(tmp_path):
     assert list(target.parent.iterdir()) == [target]
 
 
+@pytest.mark.parametrize("new", [new_file, lambda path: new_folder(path, "test")])
+def test_folders_that_are_made_for_an_output_go_when_it_is_not_finished(tmp_path, new):
+    with pytest.raises(ValueError, match="stopped"), new(tmp_path / "some" / "where" / "a.txt"):
+        raise ValueError("stopped")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_check_leaves_no_folder(tmp_path):
+    check_writable(tmp_path / "some" / "where" / "a.txt")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "some").mkdir()
+    check_writable(tmp_path / "some" / "where" / "a.txt")
+    assert list(tmp_path.rglob("*")) == [tmp_path / "some"]
+
+
 def test_a_link_stays_and_leads_to_the_new_file(tmp_path):
     (tmp_path / "there").write_text("old")
     (tmp_path / "link").symlink_to("there")
@@ -202,8 +217,7 @@ def test_what_cannot_be_written_is_found_before(tmp_path):
         check_writable(tmp_path)
     with pytest.raises(OutputError, match="Not a directory"):
         check_writable(tmp_path / "file" / "a")
-    check_writable(tmp_path / "new" / "a")
-    assert not list((tmp_path / "new").iterdir())
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_a_folder_without_room(tmp_path):

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_inspect.cli.baseline import add_baseline_arguments
-from safe_inspect.cli.commands.baseline import run_baseline
+from safe_inspect.cli.commands.baseline import add_baseline_arguments, run_baseline
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation import baseline, rollout

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.rendezvous.planner.direct import direct_approach
+from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
+from safe_inspect.rendezvous.planner.spline import SplinePath
 
 
 @pytest.fixture(scope="session")
@@ -28,4 +29,10 @@ def query() -> PlanQuery:
 
 @pytest.fixture(scope="session")
 def plan(query) -> Plan:
-    return direct_approach(query)
+    return unobstructed_plan(query)
+
+
+def unobstructed_plan(query: PlanQuery) -> Plan:
+    """Return the cheapest approach of a query, whatever is in its way."""
+    problem = approach_problem(query, 0.0, 60.0, 20, 121)
+    return sampled_plan(query, SplinePath(problem.basis, problem.cold()))

@@ -118,9 +118,9 @@ def test_a_damaged_campaign_is_one_message(
         ("target={functor: MeshTarget, config: {path: FILES/text}}", "text: the mesh cannot be read (file_type"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.ply}}", "bad.ply: the mesh cannot be read"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.obj}}", "bad.obj: the mesh cannot be read"),
-        ("estimator={functor: PipelineEstimator, config: {imu: {rate: 0.0}}}", "imu: rate is 0; an estimator needs"),
+        ("sensors.imu={rate: 0.0}", "imu: rate is 0; an estimator needs"),
         (
-            "estimator={functor: PipelineEstimator, config: {imu: {rate_walk: -1.0}}}",
+            "sensors.imu={rate_walk: -1.0}",
             "imu: rate_walk is -1; an estimator",
         ),
     ],

@@ -12,12 +12,11 @@ from safe_inspect.rendezvous.bound.conformal import Bound, conformal_bound
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
 from safe_inspect.rendezvous.bound.samples import sample_errors
 from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.design import TubeDesign
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance
 from safe_inspect.rendezvous.control.gains import natural_gain
 from safe_inspect.rendezvous.control.tightening import TrackingLimits
 from safe_inspect.rendezvous.coordination.demands import FIRST_MARGIN, PlanDemands
 from safe_inspect.rendezvous.planner.query import Limits
-from safe_inspect.rendezvous.tracking import DesignRequest, design_by_clearance
 
 AXIS = Axis(9.583788668)
 TIMES = np.linspace(0.0, 60.0, 31)

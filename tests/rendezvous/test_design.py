@@ -13,8 +13,9 @@ from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Upda
 from safe_inspect.rendezvous.bound.samples import ErrorSamples, sample_errors
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.design import DesignOptions, TubeDesign, design_tube
-from safe_inspect.rendezvous.control.lqr import AxisStatus
+from safe_inspect.rendezvous.control.mpc import TubeMPC
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import AxisStatus
 
 AXIS = Axis(9.583788668)
 LIMITS = TrackingLimits(keep_in=(2.0, 3.0, 2.0))
@@ -62,7 +63,7 @@ def test_flights_with_drawn_errors_stay_in_the_tube(plan, bound, samples, design
     flown = [i for i in range(300, 320) if bound.covers(samples[i : i + 1])[0]][:2]
     assert flown
     for i in flown:
-        tracker = design.tracker()
+        tracker = TubeMPC(AXIS, design.tube, LIMITS)
         state = np.stack((plan.position[0], plan.velocity[0]), axis=1)
         for k in range(len(plan.times)):
             known = TrackedReference(plan.position + samples.position[i, k], plan.velocity + samples.velocity[i, k])

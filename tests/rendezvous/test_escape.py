@@ -9,10 +9,12 @@ from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.rendezvous.bound.query import EstimateErrors
 from safe_inspect.rendezvous.coordination.escape import find_escape, remains_clear, safe_radius
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
+from safe_inspect.rendezvous.models import MissionConfig
 from safe_inspect.rendezvous.planner.query import Limits
-from safe_inspect.rendezvous.target.envisat import envisat
+from safe_inspect.rendezvous.target.envisat import EnvisatTarget
 
-_TARGET = envisat(0.05, np.array([0.25, 0.0, 0.42]))
+_DURATIONS = MissionConfig().escapes
+_TARGET = EnvisatTarget()()
 _LIMITS = Limits()
 
 
@@ -26,13 +28,13 @@ def _estimate(position: np.ndarray, seed: int, rate: float = 0.0873) -> StateEst
         rotate(q, position), rotate(q, np.cross(w, position)), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     )
     target = BodyState(np.zeros(3), np.zeros(3), q, w)
-    return StateEstimate(7.0, 7.0, chaser, target, _TARGET.principal, EstimateErrors(), 0.0)
+    return StateEstimate(7.0, 7.0, chaser, target, _TARGET.principal, EstimateErrors(0.0, 0.0), 0.0)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_an_escape_from_the_mating_point_is_clear_and_ends_at_rest_outside(seed: int) -> None:
     estimate = _estimate(_TARGET.mating_point, seed)
-    escape = find_escape(estimate, _TARGET, _LIMITS)
+    escape = find_escape(estimate, _TARGET, _LIMITS, _DURATIONS)
     assert escape is not None
     np.testing.assert_allclose(escape.position[0], estimate.chaser.position, atol=1e-12)
     np.testing.assert_allclose(escape.velocity[0], estimate.chaser.velocity, atol=1e-12)
@@ -51,14 +53,14 @@ def test_an_escape_from_the_mating_point_is_clear_and_ends_at_rest_outside(seed:
 
 
 def test_there_is_no_escape_from_inside() -> None:
-    assert find_escape(_estimate(np.zeros(3), 0), _TARGET, _LIMITS) is None
+    assert find_escape(_estimate(np.zeros(3), 0), _TARGET, _LIMITS, _DURATIONS) is None
 
 
 def test_an_escape_remains_clear_until_the_target_turns_otherwise() -> None:
     blocked = 0
     for seed in range(4):
         estimate = _estimate(_TARGET.mating_point, seed)
-        escape = find_escape(estimate, _TARGET, _LIMITS)
+        escape = find_escape(estimate, _TARGET, _LIMITS, _DURATIONS)
         assert escape is not None
         assert remains_clear(escape, estimate, _TARGET, _LIMITS)
         struck = replace(

@@ -74,13 +74,13 @@ def test_overrides_are_checked() -> None:
 @pytest.mark.parametrize(
     ("overrides", "where", "message"),
     [
-        (["bound.config.epsilon=0.001"], "bound.config.epsilon", r"0\.001 needs 999 trials, and `trials` is 200"),
+        (["bound.epsilon=0.001"], "bound.epsilon", r"0\.001 needs 999 trials, and `trials` is 200"),
         (
-            ["estimator.config.frame_period=0.3 s"],
-            "estimator.config.frame_period",
+            ["sensors.frame_period=0.3 s"],
+            "sensors.frame_period",
             r"0\.3 s is no multiple of the step",
         ),
-        (["estimator.config.imu_ticks=26"], "estimator.config.imu_ticks", "more than a step of control has, 25"),
+        (["sensors.imu_ticks=26"], "sensors.imu_ticks", "more than a step of control has, 25"),
         (["chaser.position=[0 m, -3.5 m, 0 m]"], "chaser.position", "the start is outside of the keep-in box"),
         (["tumble.config.attitude=[1, 1, 1, 1]"], "tumble.config.attitude", "no unit quaternion .* its length is 2"),
     ],
@@ -108,11 +108,11 @@ def test_a_mistake_of_merged_mappings_stands_where_its_value_was_written(tmp_pat
 
 
 def test_a_key_that_no_file_has_may_be_given_on_the_command_line(tmp_path: Path) -> None:
-    (tmp_path / "experiment.yml").write_text("seed: 3\n\ntumble: FlatSpin\n")
-    overrides = ["mission.observe=5 s", "planner.config.samples=61", "bound=MaxSampleBound", "plugin_paths=[json]"]
+    (tmp_path / "experiment.yml").write_text("seed: 3\n\ntumble: RandomTumble\n")
+    overrides = ["mission.observe=5 s", "planner.config.samples=61", "bound.trials=300", "plugin_paths=[json]"]
     config = load_rendezvous(tmp_path / "experiment.yml", overrides).config
     assert (config.mission.observe, config.planner.samples, config.plugin_paths) == (5.0, 61, ("json",))
-    assert type(config.bound).__name__ == "MaxSampleBound"
+    assert config.bound.trials == 300
 
 
 def _doubts(*overrides: str, missions: int = 1) -> list[str]:
@@ -133,7 +133,7 @@ def test_the_shipped_experiments_are_not_doubted() -> None:
     ("overrides", "message"),
     [
         (
-            ["estimator.config.imu_ticks=7"],
+            ["sensors.imu_ticks=7"],
             r"imu_ticks: the last inertial sample is up to 48 ms older than a frame; take",
         ),
         ([_ROOM, "chaser.position=[0 m, -4.5 m, 0 m]"], r"chaser\.position: the target's centre is 4\.5 m away"),
@@ -143,7 +143,7 @@ def test_the_shipped_experiments_are_not_doubted() -> None:
             r"tumble\.config\.rate: the target turns by up to",
         ),
         (
-            ["estimator=TruthEstimator", "tumble.config.rate=30 deg/s"],
+            ["estimator=MeasuredState", "tumble.config.rate=30 deg/s"],
             r"the mating point moves at .* m/s and takes .* N",
         ),
         (["tumble.config.rate=0.0872"], r"0\.0872 has no unit and is read as 0\.0872 rad/s, which is 4\.996 deg/s"),
@@ -163,7 +163,7 @@ def test_a_target_that_the_camera_cannot_see_is_refused() -> None:
 
 def test_tumbles_of_many_missions_are_drawn() -> None:
     random = "tumble={functor: RandomTumble, config: {least_rate: 2 deg/s, largest_rate: 40 deg/s}}"
-    (doubt,) = _doubts("estimator=TruthEstimator", random, missions=20)
+    (doubt,) = _doubts("estimator=MeasuredState", random, missions=20)
     assert re.search(r"the mating point moves in \d+ of 20 missions, such as \d+, at", doubt)
 
 

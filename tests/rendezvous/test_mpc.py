@@ -7,19 +7,15 @@ import pytest
 
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.gains import natural_gain
-from safe_inspect.rendezvous.control.lqr import AxisStatus, LQRTracker
-from safe_inspect.rendezvous.control.mpc import InitialState, TubeMPC
+from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
+from safe_inspect.rendezvous.control.mpc import TubeMPC
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import AxisStatus
 from safe_inspect.rendezvous.control.tube import AxisBound, Tube, no_tube, truth_tube
 
 AXIS = Axis(9.583788668)
 STEPS = 121
 LIMITS = TrackingLimits()
-
-
-def plain_mpc() -> TubeMPC:
-    """Return model predictive control that ignores disturbances."""
-    return TubeMPC(AXIS, no_tube(1), LIMITS, initial=InitialState.MEASURED)
 
 
 @pytest.fixture
@@ -89,7 +85,7 @@ def test_the_true_error_stays_inside_the_tube(tube, reference, bound):
 
 def test_without_error_the_reference_is_met(tube, reference, bound):
     none = AxisBound(*np.zeros((3, STEPS)), bound.process)
-    for tracker in (TubeMPC(AXIS, tube, LIMITS), plain_mpc(), LQRTracker(AXIS)):
+    for tracker in (TubeMPC(AXIS, tube, LIMITS), LQRTrackerRun(AXIS)):
         states, _ = fly(tracker, reference, none)
         assert np.abs(states[:, :, 0] - reference.position).max() < 2e-4
 
@@ -97,7 +93,7 @@ def test_without_error_the_reference_is_met(tube, reference, bound):
 def test_a_start_off_the_reference_is_corrected(tube, reference, bound):
     none = AxisBound(*np.zeros((3, STEPS)), bound.process)
     start = np.stack((reference.position[0] + [0.1, -0.1, 0.05], np.zeros(3)), axis=1)
-    for tracker in (TubeMPC(AXIS, tube, LIMITS), plain_mpc(), LQRTracker(AXIS)):
+    for tracker in (TubeMPC(AXIS, tube, LIMITS), LQRTrackerRun(AXIS)):
         states, outputs = fly(tracker, reference, none, start=start)
         assert np.abs(states[-1, :, 0] - reference.position[-1]).max() < 2e-3
         assert all(np.abs(output.force).max() <= LIMITS.force for output in outputs)

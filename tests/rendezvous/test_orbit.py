@@ -16,13 +16,14 @@ from safe_inspect.dynamics.tide import to_hill
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.chaser import ChaserState, last
 from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.lqr import LQRTracker
+from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
 from safe_inspect.rendezvous.control.tightening import TrackedReference
+from safe_inspect.rendezvous.coordination.reference import tide_of
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.mission import Mission, dynamics_of, limits_of
-from safe_inspect.rendezvous.planner.approach import plan_approach
+from safe_inspect.rendezvous.mission import Mission, dynamics_of
+from safe_inspect.rendezvous.pilot import limits_of
+from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
-from safe_inspect.rendezvous.tracking import tide_of
 
 FILE: Path = configs_root() / "tumbling-rendezvous" / "experiment-orbit.yml"
 CONFIG = load_rendezvous(FILE).config
@@ -53,7 +54,7 @@ def _query(seed: int, **changes: object) -> PlanQuery:
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    found = plan_approach(_query(0))
+    found = SplineSCPPlanner()(_query(0))
     assert found.solved, found.report.message
     return found
 
@@ -127,10 +128,10 @@ def test_a_scenario_of_any_size_is_planned_as_in_a_room() -> None:
         durations=(60.0 * time,),
         length=length,
     )  # fmt: skip
-    small, big = plan_approach(room), plan_approach(large)
+    small, big = SplineSCPPlanner()(room), SplineSCPPlanner()(large)
     assert small.solved, small.report.message
     assert big.solved, big.report.message
-    np.testing.assert_allclose(big.control_points, length * small.control_points, atol=1e-4)
+    np.testing.assert_allclose(big.path.points, length * small.path.points, atol=1e-4)
     assert big.report.cost == pytest.approx(small.report.cost * force**2 * time, rel=1e-5)
     assert big.report.clearance == pytest.approx(small.report.clearance * length, abs=1e-4)
 
@@ -138,7 +139,7 @@ def test_a_scenario_of_any_size_is_planned_as_in_a_room() -> None:
 def test_the_chaser_holds_its_place_against_the_tide() -> None:
     dynamics, step = dynamics_of(CONFIG), CONFIG.mission.step
     place = np.array([20.0, -30.0, 5.0])
-    tracker = LQRTracker(Axis(CONFIG.chaser.mass, step), CONFIG.chaser.limits.force)
+    tracker = LQRTrackerRun(Axis(CONFIG.chaser.mass, step), CONFIG.chaser.limits.force)
     away = {}
     for known in (True, False):
         state = ChaserState(

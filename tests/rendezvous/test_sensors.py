@@ -6,11 +6,11 @@ import pytest
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.sensors.imu import Imu, ImuNoise
-from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthCamera, DepthFrame, DepthRenderer
+from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthFrame, DepthRenderer, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.box import aligned_boxes, mesh_of_boxes
 from safe_inspect.rendezvous.target.model import TriangleMesh
 
-_CAMERA = DepthCamera()
+_CAMERA = TimeOfFlightCamera().geometry
 
 
 def _streams(seed: int = 0) -> Streams:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from safe_inspect.dynamics.inertia import principal_axes
 from safe_inspect.dynamics.quaternion import exp, rotate
@@ -12,24 +13,22 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.target.box import aligned_boxes, inertia_of_boxes, mesh_of_boxes
-from safe_inspect.rendezvous.target.envisat import envisat, envisat_boxes
-from safe_inspect.rendezvous.target.mesh import covering_boxes, mesh_target, read_mesh
-
-_MATING_POINT = np.array([0.25, 0.0, 0.42])
+from safe_inspect.rendezvous.target.envisat import EnvisatTarget, envisat_boxes
+from safe_inspect.rendezvous.target.mesh import MeshTarget, covering_boxes, read_mesh
 
 
 def test_envisat_has_the_published_principal_moments_and_tilt() -> None:
-    target = envisat(1.0, _MATING_POINT)
+    target = EnvisatTarget(scale=1.0)()
     np.testing.assert_allclose(target.principal, [16979.7, 124801.2, 129180.3], atol=0.06)
     np.testing.assert_allclose(target.principal[:2] / target.principal[2], [0.1314, 0.9661], atol=5e-5)
     tilt = np.rad2deg(np.arccos(np.diag(target.R_MT)))
     np.testing.assert_allclose(tilt, [1.1, 4.4, 4.6], atol=0.05)
     assert target.swept_radius == pytest.approx(20.06, abs=0.01)
-    assert envisat(0.05, _MATING_POINT).swept_radius == pytest.approx(1.003, abs=1e-3)
+    assert EnvisatTarget()().swept_radius == pytest.approx(1.003, abs=1e-3)
 
 
 def test_the_camera_looks_at_a_corner_near_the_mating_point_and_at_the_centre_from_afar() -> None:
-    target = envisat(0.05, _MATING_POINT)
+    target = EnvisatTarget()()
     corner = target.R_MT @ target.landmark
     np.testing.assert_allclose(corner, [0.193, np.copysign(0.06875, corner[1]), 0.0525], atol=1e-9)
     q = exp(np.array([0.3, -1.0, 0.7]))
@@ -97,7 +96,7 @@ def _arrays(boxes):  # type: ignore[no-untyped-def]
 def test_a_mesh_file_becomes_a_target_covered_by_boxes(tmp_path: Path) -> None:
     trimesh = require("trimesh")
     trimesh.creation.annulus(r_min=0.3, r_max=0.5, height=0.2).export(tmp_path / "ring.stl")
-    target = mesh_target(read_mesh(tmp_path / "ring.stl", 2.0), None, _MATING_POINT, 12)
+    target = MeshTarget(path=str(tmp_path / "ring.stl"), scale=2.0)()
     assert 2 < len(target.boxes) <= 12
     sampled = trimesh.Trimesh(target.mesh.vertices, target.mesh.faces)
     surface, _ = trimesh.sample.sample_surface(sampled, 2000, seed=1)
@@ -123,6 +122,5 @@ def test_an_open_mesh_and_a_missing_file_are_refused(tmp_path: Path) -> None:
         read_mesh(tmp_path / "open.stl")
     with pytest.raises(ConfigError, match="cannot be read"):
         read_mesh(tmp_path / "none.stl")
-    mesh = require("trimesh").creation.box()
-    with pytest.raises(ConfigError, match="box: no body has the principal moments"):
-        mesh_target(mesh, np.diag([1.0, 1.0, 3.0]), _MATING_POINT, 4, "box")
+    with pytest.raises(ValidationError, match="no body has the principal moments"):
+        MeshTarget(path="box.stl", inertia=np.diag([1.0, 1.0, 3.0]).tolist())

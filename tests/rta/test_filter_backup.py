@@ -7,7 +7,7 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.evaluation.safety.audit import Audit, fly_filtered
+from safe_inspect.rta.audit.audit import Audit, fly_filtered
 from safe_inspect.rta.constraints import NAMES, CrossTrackSpeed, RelativeState
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.filters import BackupFilter, ContinuousFilter

@@ -16,9 +16,9 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment, InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.episodes import state_info, transition_info
 from safe_inspect.errors import ConfigError, PluginValueError, UnsafeInitialStateWarning
-from safe_inspect.evaluation.safety.adversaries import adversarial_thrust
 from safe_inspect.plugins.registry import registry
 from safe_inspect.random.streams import Streams
+from safe_inspect.rta.audit.adversaries import adversarial_thrust
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.base import ConstraintValues
 from safe_inspect.rta.filters import BackupFilter

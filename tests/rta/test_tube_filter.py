@@ -13,7 +13,7 @@ from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.evaluation.safety.audit import audit, grazing_states
+from safe_inspect.rta.audit.audit import audit, grazing_states
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters import BackupFilter, TubeFilter

@@ -1,1 +1,1 @@
-"""What the commands do. A module is imported when its command runs, so that the others need not wait for it."""
+"""One module for each command or few: its arguments, and what it does; imported when its command line is parsed."""

@@ -1,10 +1,13 @@
-"""What ``safe-inspect baseline`` does."""
+"""The command ``safe-inspect baseline``: open-loop plans, or a scripted policy, episode by episode."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
+from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.common import add_overrides
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
@@ -15,6 +18,28 @@ from safe_inspect.evaluation.task import task_of
 from safe_inspect.planning.record import Record
 from safe_inspect.plugins.registry import registry
 from safe_inspect.version import __version__
+
+#: The task that is flown unless another is given.
+_DEFAULT_CFG = "safe_inspect/TranslationalInspectionSeed-v0"
+
+
+def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the baselines."""
+    parser.add_argument(
+        "kind", metavar="BASELINE", help="optimiser (open-loop plans made with perfect knowledge), zero-thrust, "
+        "random, inspector, or the name of any scripted policy",
+    )  # fmt: skip
+    parser.add_argument(
+        "--cfg", metavar="FILE", default=_DEFAULT_CFG, help="experiment file, or id of a task (default: %(default)s)"
+    )
+    add_overrides(parser)
+    parser.add_argument("--episodes", type=positive, default=100, metavar="N", help="number of episodes (default: 100)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the episodes (default: 0)")
+    parser.add_argument(
+        "--effort", choices=("quick", "normal", "thorough"), help="how long the optimiser searches (default: normal)"
+    )
+    parser.add_argument("--output", type=Path, metavar="FILE", help="write the result to this file, or continue it")
+    parser.add_argument("--force", action="store_true", help="replace a file of another task, seed or effort")
 
 
 def run_baseline(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""What ``safe-inspect list``, ``validate`` and ``schema`` do."""
+"""The commands ``safe-inspect list``, ``validate`` and ``schema``."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import argparse
 import inspect
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
-from safe_inspect.cli.common import print_doubts
+from safe_inspect.cli.common import add_experiment_arguments, print_doubts
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.messages.file_schemas import FILES, model_schema
+from safe_inspect.config.messages.schema import FILES, model_schema
 from safe_inspect.errors import ConfigError, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
@@ -33,6 +34,34 @@ _SCHEMAS: dict[str, type[BaseModel]] = {**FILES, "rendezvous": RendezvousConfig}
 _FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
 
 
+def add_list_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``list``."""
+    parser.add_argument(
+        "kind",
+        nargs="?",
+        metavar="KIND",
+        help=f"one of: tasks, policies, {', '.join(registry.kinds())} (default: all plugins)",
+    )
+    parser.add_argument("name", nargs="?", metavar="NAME", help="name of one plugin")
+
+
+def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``validate``."""
+    add_experiment_arguments(parser)
+
+
+def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``schema``."""
+    parser.add_argument(
+        "file",
+        nargs="?",
+        metavar="KIND",
+        default="experiment",
+        help=f"kind of file, one of: {', '.join(_SCHEMAS)} (default: experiment)",
+    )
+    parser.add_argument("--output", type=Path, metavar="FILE", help="write the schema to this file (default: print it)")
+
+
 def run_list(arguments: argparse.Namespace) -> int:
     """Print the tasks, the shipped policies, or plugins."""
     lists = {"tasks": _tasks, "policies": _policies}
@@ -41,7 +70,7 @@ def run_list(arguments: argparse.Namespace) -> int:
             raise SafeInspectError(f"`list {arguments.kind}` takes no name; remove {arguments.name!r}")
         print(lists[arguments.kind]())
     else:
-        print(catalogue(arguments.kind, arguments.name))
+        print(_catalogue(arguments.kind, arguments.name))
     return 0
 
 
@@ -100,7 +129,7 @@ def run_schema(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def catalogue(kind: str | None = None, name: str | None = None) -> str:
+def _catalogue(kind: str | None = None, name: str | None = None) -> str:
     """Return the plugins with their fields, defaults and units, one block for each.
 
     Args:

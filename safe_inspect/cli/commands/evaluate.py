@@ -1,4 +1,4 @@
-"""What ``safe-inspect evaluate`` and ``safe-inspect compare`` do."""
+"""The commands ``safe-inspect evaluate`` and ``safe-inspect compare``."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
+from safe_inspect.cli.arguments import add_output_folder, positive, seed
 from safe_inspect.cli.common import equals_hint, is_override
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import OutputError, SafeInspectError
@@ -24,10 +26,10 @@ from safe_inspect.evaluation.results.folder import (
     write_json,
 )
 from safe_inspect.evaluation.results.hashes import sha256
-from safe_inspect.evaluation.results.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.results.reference import read_reference
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import evaluation_table, pooled_table
+from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.rollouts.measuring import check_metrics
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.evaluation.task import default_metrics, price_of, read_metrics, task_of
@@ -41,6 +43,68 @@ from safe_inspect.version import __version__
 
 #: What may differ between an evaluation that was stopped and the one that continues it.
 _VOLATILE = {"date", "command"}
+
+
+def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the evaluation."""
+    parser.add_argument(
+        "words", nargs="*", metavar="SOURCE", help="folder of a checkpoint or a training run, ONNX file, or name of a "
+        "policy (see `safe-inspect list policies`); KEY=VALUE replaces a value of the configuration",
+    )  # fmt: skip
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
+    _add_flight_arguments(parser)
+    add_output_folder(parser, "the results")
+    parser.add_argument("--record", type=positive, metavar="N", help="record the trajectories of the first N episodes")
+    parser.set_defaults(overrides=[])
+
+
+def add_compare_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the comparison."""
+    parser.add_argument(
+        "words", nargs="*", metavar="SOURCE", help="folder of an evaluation, or a source that `evaluate` takes, which "
+        "is run on the episodes of the first evaluation; every source is compared with the first",
+    )  # fmt: skip
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
+    _add_flight_arguments(parser)
+    add_output_folder(parser, "the evaluations that are flown")
+    parser.set_defaults(overrides=[], record=None)
+
+
+def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--cfg",
+        metavar="FILE",
+        help="experiment file, or id of a task (default: the task in which each policy was trained)",
+    )
+    parser.add_argument("--episodes", type=positive, metavar="N", help="number of episodes (default: 100)")
+    parser.add_argument("--seed", type=seed, metavar="N", help="seed of the episodes (default: 0)")
+    parser.add_argument(
+        "--num-envs", type=positive, default=512, metavar="N", help="number of episodes run at a time (default: 512)"
+    )
+    drawn = parser.add_mutually_exclusive_group()
+    drawn.add_argument(
+        "--sampled",
+        action="store_const",
+        const=True,
+        help="draw actions from the policy's distribution (as categorical policies do in any case)",
+    )
+    drawn.add_argument(
+        "--mode", dest="sampled", action="store_const", const=False, help="take the most likely action, or the mean"
+    )
+    parser.add_argument(
+        "--metric", action="append", default=[], metavar="NAME", help="additional metric: a name from `safe-inspect "
+        "list metric`, a dotted path, or {functor: NAME, config: {...}}",
+    )  # fmt: skip
+    parser.add_argument(
+        "--reference",
+        type=Path,
+        metavar="FILE",
+        help="file of `safe-inspect baseline optimiser`; adds the ratio to the optimum",
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
+    parser.add_argument(
+        "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
+    )
 
 
 def run_evaluate(arguments: argparse.Namespace) -> int:

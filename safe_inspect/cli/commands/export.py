@@ -1,4 +1,4 @@
-"""What ``safe-inspect export`` does."""
+"""The command ``safe-inspect export``."""
 
 from __future__ import annotations
 
@@ -6,12 +6,26 @@ import argparse
 import os
 from pathlib import Path
 
+from safe_inspect.cli.common import add_overrides
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.files.checkpoint_folders import newest_checkpoint
 from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.outputs import check_ending
+
+
+def add_export_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the export."""
+    parser.add_argument(
+        "checkpoint", metavar="CHECKPOINT", help="folder of a checkpoint, or of a training run (its newest checkpoint)"
+    )
+    parser.add_argument("--policy", metavar="NAME", help="name of the policy, if the checkpoint contains several")
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE", help="ONNX file (default: POLICY.onnx in the working directory)"
+    )
+    parser.add_argument("--cfg", metavar="FILE", help="experiment of the training (default: that of the run)")
+    add_overrides(parser)
 
 
 def run_export(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""What ``safe-inspect draw``, ``film``, ``view`` and ``curves`` do."""
+"""The commands ``safe-inspect draw``, ``film``, ``view`` and ``curves``: pictures of episodes and of trainings."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from safe_inspect.cli.arguments import positive, seed
 from safe_inspect.cli.commands.mission_figures import (
     draw_mission,
     is_mission_source,
@@ -13,11 +14,12 @@ from safe_inspect.cli.commands.mission_figures import (
     print_mission,
     view_mission,
 )
+from safe_inspect.cli.common import add_overrides
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.results.trajectory_table import read_trajectories
 from safe_inspect.evaluation.rollouts.recording import record_episode
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
 from safe_inspect.figures.curves import curves_figure
@@ -31,6 +33,92 @@ from safe_inspect.outputs import check_ending
 
 _FILMS = (".gif", ".mp4")
 _PAGES = (".html", ".htm")
+
+
+def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add all arguments of ``draw``."""
+    _add_episode_arguments(parser, "episode.png", "figure (.png, .pdf or .svg)")
+
+
+def add_film_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add all arguments of ``film``."""
+    _add_episode_arguments(parser, "episode.gif", "film (.gif or .mp4)")
+    parser.add_argument("--frames", type=positive, default=200, metavar="N", help="number of frames (default: 200)")
+    parser.add_argument("--fps", type=positive, default=25, metavar="N", help="frames per second (default: 25)")
+    parser.add_argument("--width", type=positive, default=800, metavar="N", help="width in pixels (default: 800)")
+    parser.add_argument(
+        "--turn", type=float, default=0.0, metavar="DEGREES", help="rotate the camera by this angle over the film"
+    )
+
+
+def add_view_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add all arguments of ``view``."""
+    _add_episode_arguments(parser, "episode.html", "page (.html)")
+    parser.add_argument("--title", metavar="TEXT", help="title of the page (default: source and episode)")
+
+
+def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add all arguments of ``curves``."""
+    parser.add_argument(
+        "runs", nargs="*", metavar="RUN", help="folder of a training run, a search or a trial; runs that differ only "
+        "in their seed are one recipe",
+    )  # fmt: skip
+    parser.add_argument(
+        "--label", action="append", default=[], metavar="TEXT", help="label: once for each RUN (runs with equal "
+        "labels are one recipe), or once for each recipe",
+    )  # fmt: skip
+    parser.add_argument(
+        "--recipe",
+        action="append",
+        default=[],
+        nargs="+",
+        metavar="TEXT",
+        help="a label followed by the RUNs of one recipe",
+    )
+    parser.add_argument(
+        "--centre",
+        choices=("mean", "iqm"),
+        default="mean",
+        help="mean or interquartile mean over seeds (default: mean)",
+    )
+    parser.add_argument("--each", action="store_true", help="also draw a line for each seed")
+    parser.add_argument(
+        "--output", type=Path, default=Path("curves.png"), metavar="FILE", help="figure (default: curves.png)"
+    )
+
+
+def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: str) -> None:
+    parser.add_argument(
+        "source", metavar="SOURCE", help="folder of a checkpoint or a training run, ONNX file, name of a policy, or "
+        "the output of `evaluate --record` or `rendezvous --output`",
+    )  # fmt: skip
+    add_overrides(parser)
+    parser.add_argument(
+        "--cfg", metavar="FILE", help="experiment file, or id of a task (default: the policy's own task)"
+    )
+    parser.add_argument("--episode", type=_number, default=0, metavar="N", help="number of the episode (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the episodes (default: 0)")
+    parser.add_argument(
+        "--until", type=_seconds, metavar="SECONDS", help="show the episode, or the mission, up to this time"
+    )
+    default = f"(default: {output}, or mission{Path(output).suffix} of a rendezvous)"
+    parser.add_argument("--output", type=Path, metavar="FILE", help=f"{what} {default}")
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal() or int(text) >= 2**31:
+        raise argparse.ArgumentTypeError(f"a number of an episode from 0 on is wanted, not {text!r}")
+    return int(text)
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"a time above 0 in seconds is wanted, not {text!r}")
+    return value
 
 
 def run_draw(arguments: argparse.Namespace) -> int:

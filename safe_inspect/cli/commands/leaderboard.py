@@ -1,4 +1,4 @@
-"""What ``safe-inspect leaderboard`` does."""
+"""The command ``safe-inspect leaderboard``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from safe_inspect.cli.arguments import positive
 from safe_inspect.cli.commands.evaluate import fly_candidates
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.data import configs_root
@@ -32,6 +33,26 @@ from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted,
 from safe_inspect.outputs import check_writable, new_file
 from safe_inspect.planning.record import Record
 from safe_inspect.version import __version__
+
+
+def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the leaderboard."""
+    parser.add_argument(
+        "files", nargs="*", type=Path, metavar="FILE", help="YAML file of boards; further files add rows to boards of "
+        "the same title (default: configs/leaderboard.yml)",
+    )  # fmt: skip
+    parser.add_argument("--output", type=Path, metavar="FILE", help="write the page to this Markdown file")
+    parser.add_argument(
+        "--results", type=Path, metavar="FOLDER", default=Path("output/leaderboard"), help="folder of the episodes of "
+        "every row; rows that have not changed are not run again (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--board", action="append", default=[], metavar="TEXT", help="title of a board; the others are left out"
+    )
+    parser.add_argument("--episodes", type=positive, metavar="N", help="override the number of episodes")
+    parser.add_argument(
+        "--num-envs", type=positive, default=512, metavar="N", help="number of episodes run at a time (default: 512)"
+    )
 
 
 @dataclass(frozen=True)

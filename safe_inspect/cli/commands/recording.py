@@ -1,4 +1,4 @@
-"""What ``safe-inspect record-log`` and ``safe-inspect characterise`` do."""
+"""The commands ``safe-inspect record-log`` and ``safe-inspect characterise``."""
 
 from __future__ import annotations
 
@@ -6,20 +6,17 @@ import argparse
 import math
 import sys
 
-from safe_inspect.cli.common import output_folder, print_doubts
+from safe_inspect.cli.arguments import add_output_folder, natural, positive_number
+from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
 from safe_inspect.plugins.registry import registry
+from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
+from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.plugins import (
-    FrontEnd,
-    ISAM2BackEnd,
-    PipelineEstimator,
-    PolhodeCharacteriser,
-    TimeOfFlightCamera,
-)
+from safe_inspect.rendezvous.plugins import FrontEnd
 from safe_inspect.rendezvous.recording.estimation import Estimators, estimate_log
 from safe_inspect.rendezvous.recording.mating_point import in_principal_axes, mating_point_text, pick_point
 from safe_inspect.rendezvous.recording.plausibility import check_log
@@ -27,14 +24,49 @@ from safe_inspect.rendezvous.recording.reader import read_sensor_log
 from safe_inspect.rendezvous.recording.record import record_watch
 from safe_inspect.rendezvous.recording.report import estimate_table, summary_of, write_estimate
 from safe_inspect.rendezvous.recording.target_file import read_target
-from safe_inspect.rendezvous.recording.watch import WatchSensors
 from safe_inspect.rendezvous.scenario import check_scenario
 
 FIGURE = "estimate.png"
 
 
+def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the recording of a sensor log."""
+    add_experiment_file(parser)
+    add_output_folder(parser, "the log", required=True)
+    parser.add_argument(
+        "--seconds", type=positive_number, default=120.0, metavar="SECONDS", help="length of the log (default: 120)"
+    )
+    parser.add_argument(
+        "--period", type=positive_number, default=1.0, metavar="SECONDS", help="time between two frames (default: 1)"
+    )
+    parser.add_argument(
+        "--mission", type=natural, default=0, metavar="N", help="draw the tumble of mission N (default: 0)"
+    )
+    parser.add_argument("--images", choices=("npz", "png"), default="npz", help="format of the frames (default: npz)")
+
+
+def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the estimation on a sensor log."""
+    parser.add_argument("folder", metavar="FOLDER", help="folder of a sensor log")
+    parser.add_argument(
+        "--target",
+        metavar="FILE",
+        help="known target: a YAML file with the key `target`, such as an experiment, or a mesh (STL, PLY or OBJ)",
+    )
+    parser.add_argument(
+        "--front-end", metavar="NAME", help="front end (default: ModelFrontEnd with a target, else GicpSubmapFrontEnd)"
+    )
+    parser.add_argument(
+        "--pick",
+        metavar="FRAME,COLUMN,ROW,DISTANCE",
+        help="print the mating point at a distance [m] above what a pixel of a frame sees",
+    )
+    add_output_folder(parser, "estimate, tables and figure")
+
+
 def run_record_log(arguments: argparse.Namespace) -> int:
     """Record the sensors of a simulated watch."""
+    print_loading()
     experiment = load_rendezvous(arguments.cfg, arguments.overrides)
     print_doubts(check_scenario(experiment))
     config = experiment.config
@@ -43,17 +75,13 @@ def run_record_log(arguments: argparse.Namespace) -> int:
         raise SafeInspectError(
             f"--period {arguments.period:g} is no multiple of the step of control, {config.mission.step:g} s; round it"
         )
-    sensors = WatchSensors(TimeOfFlightCamera(), period=arguments.period)
-    if isinstance(config.estimator, PipelineEstimator):
-        own = config.estimator
-        sensors = WatchSensors(own.camera, own.imu, own.imu_ticks, arguments.period)
+    sensors = config.sensors.model_copy(update={"frame_period": arguments.period})
+    config = config.model_copy(update={"sensors": sensors})
     bar = EpisodeBar("frames", sys.stderr)
     try:
         with output_folder(arguments) as folder:
             assert folder is not None, "--output is required"
-            count = record_watch(
-                folder, config, sensors, arguments.mission, arguments.seconds, arguments.images, bar.show
-            )
+            count = record_watch(folder, config, arguments.mission, arguments.seconds, arguments.images, bar.show)
     finally:
         bar.close()
     print(f"{count} frames are in {arguments.output}")
@@ -62,6 +90,7 @@ def run_record_log(arguments: argparse.Namespace) -> int:
 
 def run_characterise(arguments: argparse.Namespace) -> int:
     """Estimate how a target tumbles, and write and print what was found."""
+    print_loading()
     log = read_sensor_log(arguments.folder)
     print_doubts(check_log(log))
     target = None if arguments.target is None else read_target(arguments.target)

@@ -1,4 +1,4 @@
-"""What ``safe-inspect rendezvous`` does."""
+"""The command ``safe-inspect rendezvous``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import TextIO
 
 import numpy as np
 
-from safe_inspect.cli.common import output_folder, print_doubts
+from safe_inspect.cli.arguments import add_output_folder, positive
+from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import ConfigError, OutputError, Problem, SafeInspectError
 from safe_inspect.rendezvous.campaign.missions import Flights, LocalFlights, fly_missions, write_missions
@@ -26,8 +27,23 @@ from safe_inspect.rendezvous.scenario import check_scenario
 _TERMINAL_PERIOD, _PERIOD = 1.0, 10.0
 
 
+def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of a rendezvous."""
+    add_experiment_file(parser)
+    parser.add_argument(
+        "--missions",
+        type=positive,
+        metavar="N",
+        help="fly N missions, each with its own random draws; by Ray with address=auto (or HOST:PORT, or local)",
+    )
+    parser.add_argument("--workers", type=positive, metavar="N", help="missions flown at a time (default: 1)")
+    add_output_folder(parser, "the log, or the logs of --missions, which continue in the same folder,")
+    parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment, and fly nothing")
+
+
 def run_rendezvous(arguments: argparse.Namespace) -> int:
     """Fly one mission or several and print the table; return 1 when a mission has failed."""
+    print_loading()
     address, overrides = _address(arguments.overrides)
     experiment = load_rendezvous(arguments.cfg, overrides)
     print_doubts(check_scenario(experiment, arguments.missions or 1))

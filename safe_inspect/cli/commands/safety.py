@@ -1,21 +1,54 @@
-"""What ``safe-inspect safety`` and ``safe-inspect acceptance`` do."""
+"""The commands ``safe-inspect safety`` and ``safe-inspect acceptance``."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
+from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety.acceptance import acceptance
-from safe_inspect.evaluation.safety.audit import Audit, audit
 from safe_inspect.evaluation.safety.report import safety_report
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
 from safe_inspect.outputs import check_ending
+from safe_inspect.rta.audit.audit import Audit, audit
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
+
+
+def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the safety report."""
+    add_experiment_arguments(parser)
+    parser.add_argument(
+        "--steps", type=positive, default=1_000_000, metavar="N", help="number of filtered steps (default: 1000000)"
+    )
+    parser.add_argument(
+        "--num-envs", type=positive, default=1024, metavar="N", help="number of environments (default: 1024)"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="N", help="seed of initial states and adversaries (default: 0)"
+    )
+    parser.add_argument("--off", action="store_true", help="use the filter as configured; otherwise it is switched on")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the safety quantities of the worst episode")
+    parser.add_argument(
+        "--audit", type=positive, metavar="N",
+        help="start from states near the limits, with this filter and N filters of random parameters and constraints",
+    )  # fmt: skip
+
+
+def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the acceptance rates."""
+    add_experiment_arguments(parser)
+    parser.add_argument(
+        "--draws", type=positive, default=100_000, metavar="N", help="number of initial states (default: 100000)"
+    )
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the draws (default: 0)")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the drawn and the accepted states")
 
 
 def run_safety(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""What ``safe-inspect train`` does."""
+"""The command ``safe-inspect train``."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from typing import Any
 from pydantic import BaseModel
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
+from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.config.experiment import Experiment, load_experiment
-from safe_inspect.config.models.learning import placed
+from safe_inspect.config.learning import placed
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError
@@ -30,6 +31,23 @@ from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.rta.team import TeamSafety
 
 
+def add_train_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the training."""
+    add_experiment_arguments(parser, needed=False)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="parent of the run folder (default: output_path of the experiment)",
+    )
+    parser.add_argument("--resume", type=Path, metavar="FOLDER", help="continue the training run in this folder")
+    parser.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="validate, build and step the environment, print its layout, and stop; Ray is not started",
+    )
+
+
 def run_train(arguments: argparse.Namespace) -> int:
     """Train, or go on with a training, or only try the experiment out."""
     cfg = arguments.cfg
@@ -40,7 +58,7 @@ def run_train(arguments: argparse.Namespace) -> int:
     experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)
     checked_settings(experiment)
     if arguments.dry_run:
-        print(dry_run(experiment))
+        print(_dry_run(experiment))
         return 0
     task = experiment.config.config.config
     try:
@@ -64,7 +82,7 @@ def run_train(arguments: argparse.Namespace) -> int:
     return 128 + signal.SIGINT if result.interrupted else 0
 
 
-def dry_run(experiment: Experiment, steps: int = 20) -> str:
+def _dry_run(experiment: Experiment, steps: int = 20) -> str:
     """Build the experiment's environment, step it with random actions and describe it."""
     import numpy as np
 

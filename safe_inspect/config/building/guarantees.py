@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.building.world import WorldValues, distinct, plugins_of
+from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.range import CrashDoneFunction, MaxDistanceDoneFunction

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig, PolicyConfig
 from safe_inspect.config.spec import PolicySpec
 

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import EntityConfig, ExperimentConfig
 from safe_inspect.errors import did_you_mean
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rta.rejection_sampler import RejectionSampler, check_parameters
 from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer, RejectionSamplerInitializer
 from safe_inspect.simulators.resets.parameters import Parameter, ScalarParameter, SimAttributeAccessor
@@ -31,16 +32,17 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
     read = [component.parameters for component in components]
     _check_parameters(parameters, read, report)
     entities: dict[str, BodyReset] = {}
-    sun: Parameter | None = None
+    environment: dict[str, EnvironmentDraw] = {}
     platforms = {entry.name for entry in config.platform_config}
     for name, entity in drawn.additional_entities.items():
         where = (*_RESET, "additional_entities", name)
-        if entity.entity_class == "Sun":
-            if sun is not None:
-                report(where, "there is a sun already; remove one")
-            sun = _sun(entity, parameters, where, report)
+        if entity.entity_class is not None:
+            for item in _drawn_for(entity.entity_class, entity, parameters, where, report):
+                if item.name in environment:
+                    report(where, f"there is a {entity.entity_class} already; remove one")
+                environment[item.name] = item
         elif entity.initializer is None and entity.platform is None:
-            report(where, "a body needs a `platform` or an `initializer`, and the sun `entity_class: Sun`")
+            report(where, "a body needs a `platform` or an `initializer`, and a component its `entity_class`")
         else:
             if name in platforms:
                 report(where, f"a platform is named {name!r} too; give the body another name")
@@ -53,12 +55,13 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
         _check_body(body, parameters, ("agent_config", index, "config", "config", _RESET[-1]), report)
         deputies |= dict.fromkeys(agent.platforms[:1], body)
     takers = [taken for body in (*deputies.values(), *entities.values()) for taken in body.parameters.values()]
-    used = {name for accessor in _accessors([*parameters.values(), *takers, sun]) for name in [_source(accessor)[0]]}
+    takers += [*parameters.values(), *(item.parameter for item in environment.values())]
+    used = {_source(accessor)[0] for accessor in _accessors(takers)}
     known = used.union(*read)
     for name in parameters:
         if name not in known:
             report((*_RESET, name), f"nothing uses the reset parameter {name!r}; {did_you_mean(name, known)}")
-    return ResetPlan(parameters, deputies, entities, () if sun is None else (EnvironmentDraw("sun_angle", "sun", sun),))
+    return ResetPlan(parameters, deputies, entities, tuple(environment.values()))
 
 
 def _check_parameters(
@@ -82,21 +85,22 @@ def _check_parameters(
                 report((*_RESET, name), f"`{missing}` is needed beside it; add it, or remove this one")
 
 
-def _sun(
-    entity: EntityConfig, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem
-) -> Parameter | None:
-    for key in entity.config:
-        if key != "theta":
-            report((*where, "config", key), "the sun takes `theta` alone")
+def _drawn_for(
+    name: str, entity: EntityConfig, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem
+) -> Iterator[EnvironmentDraw]:
+    """Yield what is drawn for a component that stands among the bodies."""
+    taken = registry.get("component", name).entity
+    for key in [key for key in entity.config if key not in taken]:
+        report((*where, "config", key), f"a {name} takes {' and '.join(f'`{other}`' for other in taken)} alone")
     for key in ("platform", "initializer"):
         if getattr(entity, key) is not None:
-            report((*where, key), f"the sun takes no `{key}`; remove it")
-    theta = entity.config.get("theta")
-    if theta is None:
-        report(where, "the sun needs `theta`, its angle at the reset")
-    else:
-        _check_taken(theta, "rad", parameters, (*where, "config", "theta"), report)
-    return theta
+            report((*where, key), f"a {name} takes no `{key}`; remove it")
+    for key, told in taken.items():
+        if key not in entity.config:
+            report(where, f"a {name} needs `{key}`, which is drawn at a reset")
+            continue
+        _check_taken(entity.config[key], told.symbol, parameters, (*where, "config", key), report)
+        yield EnvironmentDraw(told.value, told.purpose, entity.config[key])
 
 
 def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem) -> None:

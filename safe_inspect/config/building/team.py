@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
+from safe_inspect.config.loading.located import path_text
 from safe_inspect.config.loading.templates import MAX_COUNT
+from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import EnvironmentConfig, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.shared import CollisionDoneFunction
@@ -65,8 +66,11 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
         for field, kind in named.functor.references().items():
             value = getattr(named.functor, field)
             if kind == "done" and value not in done_names and len(agents) == len(config.agent_config):
-                message = f"no agent has a done function named {value!r}; {did_you_mean(value, done_names)}"
-                report((*where, "config", field), message)
+                warnings.warn(
+                    f"{path_text((*where, 'config', field))}: no agent has a done function named {value!r}, so that "
+                    f"{named.name} never ends an episode; {did_you_mean(value, done_names)}",
+                    stacklevel=2,
+                )
     safety = config.config.config.env_config.rta
     if safety is not None and safety.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
         message = "the environment's `rta` counts on ended deputies that coast; let them `coast`, or switch it off"
@@ -130,7 +134,7 @@ def _warn_of_starts(
     values: Mapping[str, Any],
 ) -> None:
     """Warn of initial states from which a filter promises nothing; see `StartWatch`."""
-    states = {"sun_angle": values["sun_angle"]} if "sun_angle" in values else {}
+    states = {name: value for name, value in values.items() if not isinstance(value, Mapping)}
     for state in ("position", "velocity"):
         own = [bodies[name][state] for name in platforms]
         states[state] = np.stack(own, axis=1) if isinstance(safety, TeamSafety) else own[0]

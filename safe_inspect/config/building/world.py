@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from safe_inspect.config.building.reporting import KeyTuple, ReportProblem
 from safe_inspect.config.messages.messages import message
+from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin
@@ -102,7 +102,8 @@ def check_world(
     for name, parameter in reset.parameters.items():
         if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
             shared.append((_sampler(name), parameter.rta.glue))
-    spheres = getattr(environment.simulator, "inspection_points_map", {})
+    dynamics, components = environment.simulator.compose()
+    bodies = {name: radius for component in components for name, radius in component.radii.items()}
     for index, entry in enumerate(config.agent_config):
         world = worlds[index]
         base = ("agent_config", index, "config", "config")
@@ -111,14 +112,14 @@ def check_world(
         for path, plugin, taken in looked + [(path, plugin, common) for path, plugin in shared]:
             kept = getattr(plugin, "kept", {})
             radius = _value(kept.get("chief_collision", plugin), "collision_radius", taken)
-            for name, sphere in spheres.items():
-                if radius is not None and radius < sphere.radius:
-                    text = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({sphere.radius:g} m)"
+            for name, own in bodies.items():
+                if radius is not None and radius < own:
+                    text = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({own:g} m)"
                     report((*path, "config", "collision_radius"), f"{text}; make it at least as large")
             filters = isinstance(plugin, SafetyGlue | TeamSafety) and plugin.enabled
             if filters and isinstance(plugin, TaskParameters) and "n" not in world:
-                kind = environment.simulator.compose()[0].registered_name
-                text = f"the filter keeps deputies in Clohessy-Wiltshire dynamics safe, and these move by {kind}"
+                text = "the filter keeps deputies in Clohessy-Wiltshire dynamics safe, and these move by "
+                text += dynamics.registered_name
                 report((*path, "config", "enabled"), f"{text}; switch it off")
             elif filters and environment.simulator.turns:
                 text = (

@@ -1,1 +1,1 @@
-"""From YAML files to one tree: includes, merges, references, overrides."""
+"""From YAML files to one tree: includes, merges, references, templates."""

@@ -14,7 +14,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.config.building.construct import Constructor
+from safe_inspect.config.loading.construct import Constructor
 from safe_inspect.config.loading.includes import display_path, hint, places
 from safe_inspect.config.loading.located import locate
 from safe_inspect.config.loading.syntax import compose, decode

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,11 @@ from safe_inspect.config.messages.messages import is_of_other_kind, message, sho
 from safe_inspect.config.models.fields import known_keys
 from safe_inspect.errors import Location, Problem
 from safe_inspect.plugins.functor import errors_of
+
+#: Keys and indices that lead to a place of the configuration.
+KeyTuple = tuple[Any, ...]
+#: Takes the place and the text of a problem.
+ReportProblem = Callable[[KeyTuple, str], None]
 
 #: What Pydantic puts into the path of an error to tell the members of a union apart.
 _LABEL = re.compile(r"(int|float|str|bool|bytes|none|list|dict|tuple|set|date|datetime)$|[A-Z]|.*[\[(-]")

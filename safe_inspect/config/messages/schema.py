@@ -1,15 +1,53 @@
-"""JSON schemas of the registered plugins, with which an editor completes and checks configurations."""
+"""JSON schemas of configuration files and plugins, with which an editor completes and checks configurations."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from pydantic import BaseModel
+
+from safe_inspect.config.models.experiment import (
+    AgentConfig,
+    EnvironmentConfig,
+    ExperimentConfig,
+    PlatformConfig,
+    PolicyConfig,
+    TaskConfig,
+)
 from safe_inspect.plugins.aliases import ALIASES
-from safe_inspect.plugins.functor import name_key
+from safe_inspect.plugins.functor import SCHEMA_KIND, name_key
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
 
+#: The model of every kind of file.
+FILES: dict[str, type[BaseModel]] = {
+    "experiment": ExperimentConfig,
+    "task": TaskConfig,
+    "environment": EnvironmentConfig,
+    "platform": PlatformConfig,
+    "agent": AgentConfig,
+    "policy": PolicyConfig,
+}
+
 _REFERENCE = "#/$defs/"
+
+
+def model_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the schema of a file that a model describes, every registered plugin spelt out in ``$defs``."""
+    schema = model.model_json_schema(mode="validation")
+    definitions = schema.setdefault("$defs", {})
+    for kind in registry.kinds():
+        definitions[f"functor.{kind}"] = {"anyOf": list(functor_schemas(kind).values())}
+    spelt: dict[str, Any] = _spell_out(schema)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **spelt}
+
+
+def _spell_out(node: Any) -> Any:
+    if isinstance(node, dict):
+        if SCHEMA_KIND in node:
+            return {"$ref": f"#/$defs/functor.{node[SCHEMA_KIND]}"}
+        return {key: _spell_out(value) for key, value in node.items()}
+    return [_spell_out(item) for item in node] if isinstance(node, list) else node
 
 
 def functor_schemas(kind: str) -> dict[str, dict[str, Any]]:
@@ -18,10 +56,10 @@ def functor_schemas(kind: str) -> dict[str, dict[str, Any]]:
     Each schema stands by itself (no ``$defs``), so that ``{"anyOf": [*functor_schemas(kind).values()]}``
     may be put anywhere into a larger one.
     """
-    return {name: functor_schema(cls) for name, cls in registry.items(kind)}
+    return {name: _functor_schema(cls) for name, cls in registry.items(kind)}
 
 
-def functor_schema(cls: type[Plugin]) -> dict[str, Any]:
+def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
     """Return the schema of one plugin's mapping: its name, its fields with their units, and what it wraps."""
     fields = _inlined(cls.model_json_schema(mode="validation"))
     needed = fields.pop("required", [])

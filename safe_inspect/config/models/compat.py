@@ -16,7 +16,7 @@ from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.registry import registry
 
 
-def one_of(*names: str) -> Any:
+def _one_of(*names: str) -> Any:
     """Return a field type for a class that the grammar names and this package has one of; aliases count."""
 
     def check(value: str) -> str:
@@ -33,13 +33,13 @@ class Provider(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    type: one_of("SimpleParameterProvider") = "SimpleParameterProvider"  # type: ignore[valid-type]
+    type: _one_of("SimpleParameterProvider") = "SimpleParameterProvider"  # type: ignore[valid-type]
 
 
 class EnvironmentKeys(BaseModel):
     """Keys of ``environment.yml``: the name of the set of platforms, and the source of episode parameters."""
 
-    platforms: one_of("CWHSimulator_Platforms") = "CWHSimulator_Platforms"  # type: ignore[valid-type]
+    platforms: _one_of("CWHSimulator_Platforms") = "CWHSimulator_Platforms"  # type: ignore[valid-type]
     episode_parameter_provider: Provider = Provider()
 
 
@@ -61,13 +61,15 @@ class ResetKeys(BaseModel):
 
 
 def platform_class(name: str) -> type[Platform]:
-    """Return the platform of a name: `cwh`, `six-dof`, a registered name or a dotted path.
+    """Return the platform of a name: its short name, such as `cwh`, its registered name or a dotted path.
 
     Raises:
         RegistryError: There is none.
     """
-    cls: type[Platform] = registry.get("platform", {"cwh": "CWHPlatform", "six-dof": "SixDofPlatform"}.get(name, name))
-    return cls
+    for _, cls in registry.items("platform"):
+        if name and cls.short_name == name:
+            return cls  # type: ignore[no-any-return]
+    return registry.get("platform", name)
 
 
 def _known_platform(name: str) -> str:
@@ -78,11 +80,15 @@ def _known_platform(name: str) -> str:
     return name
 
 
+#: A field type for the name of a platform.
+KnownPlatform = Annotated[str, AfterValidator(_known_platform)]
+
+
 class PlatformKeys(BaseModel):
     """Keys of ``platform.yml``: a label, and the kind of platform."""
 
     name: str = ""
-    platform: Annotated[str, AfterValidator(_known_platform)] = "cwh"
+    platform: KnownPlatform = "cwh"
 
     @property
     def functor(self) -> type[Platform]:
@@ -99,7 +105,7 @@ class AgentBodyKeys(BaseModel):
 class AgentKeys(BaseModel):
     """Keys of ``agent.yml``: the agent's class."""
 
-    agent: one_of("TrainableBaseAgent") = "TrainableBaseAgent"  # type: ignore[valid-type]
+    agent: _one_of("TrainableBaseAgent") = "TrainableBaseAgent"  # type: ignore[valid-type]
 
 
 class TaskBodyKeys(BaseModel):
@@ -107,7 +113,7 @@ class TaskBodyKeys(BaseModel):
 
     auto_system_detect_class: Any = None
 
-    extra_callbacks: tuple[one_of("InspectionCallbacks"), ...] = ()  # type: ignore[valid-type]
+    extra_callbacks: tuple[_one_of("InspectionCallbacks"), ...] = ()  # type: ignore[valid-type]
     rllib_config_updates: dict[str, Any] | None = None
     ray_config_updates: dict[str, Any] | None = None
     env_config_updates: dict[str, Any] | None = None
@@ -118,4 +124,4 @@ class TaskKeys(BaseModel):
     """Keys of ``task.yml``: the experiment's class, and the choice of a computer."""
 
     auto_system_detect_class: Any = None
-    experiment_class: one_of("RllibExperiment") = "RllibExperiment"  # type: ignore[valid-type]
+    experiment_class: _one_of("RllibExperiment") = "RllibExperiment"  # type: ignore[valid-type]

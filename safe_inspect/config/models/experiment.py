@@ -5,25 +5,65 @@ What they contain is built by the plugins' own validation. Keys without effect a
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, InstanceOf, WithJsonSchema, model_validator
 
 from safe_inspect.config.models.compat import (
     AgentBodyKeys,
     AgentKeys,
     EnvironmentKeys,
+    KnownPlatform,
     PlatformKeys,
     ResetKeys,
     TaskBodyKeys,
     TaskKeys,
-    one_of,
+    platform_class,
 )
-from safe_inspect.config.models.functor_fields import ParameterField, named_field
 from safe_inspect.dones.time_limit import MAX_HORIZON
-from safe_inspect.plugins.functor import functor_field
+from safe_inspect.errors import RegistryError, did_you_mean
+from safe_inspect.plugins.aliases import ALIASES
+from safe_inspect.plugins.functor import SCHEMA_KIND, Named, build, functor_field
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.registry import registry
 from safe_inspect.plugins.strict_numbers import StrictNumbers
+from safe_inspect.simulators.component import Component
+from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.units import PositiveFrequency
+
+
+def _named_field(kind: str) -> Any:
+    """Return a field type for ``{name: ..., functor: ..., config: ...}``: the plugin with its name.
+
+    The name is the registered name of the plugin unless given.
+    """
+
+    def convert(value: Any) -> Named[Plugin]:
+        if isinstance(value, Named):
+            return value
+        plugin = build(kind, value)
+        name = value.get("name") if isinstance(value, Mapping) else None
+        return Named(str(name) if name else plugin.registered_name, plugin)
+
+    return Annotated[
+        InstanceOf[Named[Any]], BeforeValidator(convert), WithJsonSchema({"type": "object", SCHEMA_KIND: kind})
+    ]
+
+
+def _number(value: Any) -> Any:
+    """Turn a plain number into a constant."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return ConstantParameter(value=value)
+    return value
+
+
+#: A reset parameter, or a plain number for a constant.
+ParameterField: Any = Annotated[
+    functor_field("parameter"),
+    BeforeValidator(_number),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "object", SCHEMA_KIND: "parameter"}]}),
+]
 
 
 class Model(StrictNumbers):
@@ -32,18 +72,36 @@ class Model(StrictNumbers):
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
 
+def _is_a_point(name: str) -> str:
+    if platform_class(name).turns:
+        raise ValueError(f"{name!r} turns; a body beside the deputies is a point")
+    return name
+
+
+def _has_an_entity(name: str) -> str:
+    known = [other for other, cls in registry.items("component") if cls.entity]
+    name = ALIASES.get(name, name)
+    try:
+        cls = registry.get("component", name)
+    except RegistryError:
+        cls = Component
+    if not cls.entity:
+        raise ValueError(f"{name!r} is no component with parameters here; {did_you_mean(name, known)}")
+    return str(cls.registered_name)
+
+
 class EntityConfig(Model):
-    """A body beside the deputies, or the sun.
+    """A body beside the deputies that coasts, or the parameters of a component.
 
     Attributes:
-        platform: ``cwh``: a body that coasts in Clohessy-Wiltshire dynamics.
-        entity_class: ``Sun``.
+        platform: Name of a platform that does not turn.
+        entity_class: Name of a component that has an `entity`, such as ``Sun``.
         initializer: Initialiser of a body; a `platform` without one takes `PositionVelocityInitializer`.
-        config: Parameters of the initialiser; ``theta`` of the sun [rad].
+        config: Parameters of the initialiser, or of the component.
     """
 
-    platform: one_of("cwh") | None = None  # type: ignore[valid-type]
-    entity_class: one_of("Sun") | None = None  # type: ignore[valid-type]
+    platform: Annotated[KnownPlatform, AfterValidator(_is_a_point)] | None = None
+    entity_class: Annotated[str, AfterValidator(_has_an_entity)] | None = None
     initializer: functor_field("initializer") | None = None  # type: ignore[valid-type]
     config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
 
@@ -60,7 +118,7 @@ class ResetParameters(ResetKeys, Model):
 class SharedDones(Model):
     """Done functions that concern all agents."""
 
-    shared: tuple[named_field("shared_done"), ...] = ()  # type: ignore[valid-type]
+    shared: tuple[_named_field("shared_done"), ...] = ()  # type: ignore[valid-type]
 
 
 class EnvironmentConfig(EnvironmentKeys, Model):
@@ -110,8 +168,8 @@ class AgentBody(AgentBodyKeys, Model):
     parts: tuple[functor_field("part"), ...]  # type: ignore[valid-type]
     simulator_reset_parameters: AgentReset
     glues: tuple[functor_field("glue"), ...]  # type: ignore[valid-type]
-    dones: tuple[named_field("done"), ...] = ()  # type: ignore[valid-type]
-    rewards: tuple[named_field("reward"), ...] = ()  # type: ignore[valid-type]
+    dones: tuple[_named_field("done"), ...] = ()  # type: ignore[valid-type]
+    rewards: tuple[_named_field("reward"), ...] = ()  # type: ignore[valid-type]
     reference_store: dict[str, Any] = Field(default_factory=dict)
 
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
+from numba import int64
 from numpy.typing import NDArray
 
 from safe_inspect.compiling import njit
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.compiling.addresses import call_at
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Bits of what `evaluate_step` returns.
 NOT_FINITE, ENDED = 1, 2
@@ -20,16 +18,17 @@ NOT_FINITE, ENDED = 1, 2
 READING, REWARD, DONE, STATUS = 0, 1, 2, 3
 
 
-@intrinsic  # type: ignore[misc,untyped-decorator]
-def _call(context: Any, function: Any, table: Any, bases: Any, out: Any, environments: Any, agents: Any) -> Any:
-    """Call the loop of a row term, see `row_terms`, at its address; return 0 when it raised an exception."""
+@njit(error_model="numpy", forceinline=True)
+def _address(array: AnyArray) -> int:
+    """Return the address of an array's numbers; that of Numba is unsigned, and with an index it would be a float."""
+    return int64(array.ctypes.data)  # type: ignore[return-value]
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        word = ir.IntType(64)
-        loop = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
-        return builder.call(loop, arguments[1:])
 
-    return types.int64(*[types.int64] * 6), generate
+@njit(error_model="numpy")
+def _call(c: int, calls: IntArray, bases: IntArray, out: int, environments: int, agents: int) -> bool:
+    """Call the loop of a row term, see `row_terms`, at its address; return whether it raised no exception."""
+    given = (calls[c, 3], _address(bases), out, environments, agents)
+    return call_at(calls[c, 2], int64, given) != 0  # type: ignore[call-arg]
 
 
 @njit(error_model="numpy")
@@ -59,8 +58,8 @@ def observe(
     agents, sound = observation.shape[0] // max(environments, 1), True
     for c in range(calls.shape[0]):
         if calls[c, 0] == READING:
-            out = readings.ctypes.data + 8 * calls[c, 1]
-            sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]
+            out = _address(readings) + 8 * calls[c, 1]
+            sound &= _call(c, calls, bases, out, environments, agents)
     return _map(readings, factors, asked, observation) and sound
 
 
@@ -96,14 +95,14 @@ def evaluate_step(
     for c in range(first):
         kind, index = calls[c, 0], calls[c, 1]
         if kind == READING:
-            out = readings.ctypes.data + 8 * index
+            out = _address(readings) + 8 * index
         elif kind == REWARD:
-            out = values.ctypes.data + 8 * (1 + index) * rows
+            out = _address(values) + 8 * (1 + index) * rows
         elif kind == DONE:
-            out = flags.ctypes.data + (2 + index) * rows
+            out = _address(flags) + (2 + index) * rows
         else:
-            out = status.ctypes.data
-        sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]
+            out = _address(status)
+        sound &= _call(c, calls, bases, out, environments, agents)
     for row in range(rows):
         values[0, row] = 0.0
         flags[0, row] = flags[1, row] = False
@@ -127,7 +126,7 @@ def evaluate_step(
             asked[row] |= status[row] != 0
         ended |= status[row] != 0
     for c in range(first, calls.shape[0]):
-        out = readings.ctypes.data + 8 * calls[c, 1]
-        sound &= _call(calls[c, 2], calls[c, 3], bases.ctypes.data, out, environments, agents) != 0  # type: ignore[call-arg,misc]
+        out = _address(readings) + 8 * calls[c, 1]
+        sound &= _call(c, calls, bases, out, environments, agents)
     sound &= _map(readings, factors, asked, observation)
     return (0 if sound else NOT_FINITE) + (ENDED if ended else 0)

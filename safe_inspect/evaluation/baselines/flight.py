@@ -11,7 +11,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts.rollout import fly_batch
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.planning.record import Entry
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.types import BoolArray, FloatArray, IntArray

@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.evaluation.leaderboard.board import FlownRow, Leaderboard, PublishedRow
 from safe_inspect.evaluation.results.results import Evaluation
-from safe_inspect.evaluation.results.statistics import Interval, wilson
+from safe_inspect.metrics.statistics import Interval, wilson
 from safe_inspect.planning.record import Record
 from safe_inspect.types import FloatArray
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from safe_inspect.config.experiment import build_experiment
 from safe_inspect.config.loading.located import LocatedDict
-from safe_inspect.config.loading.overrides import apply_overrides
+from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
@@ -133,6 +133,20 @@ class OnnxPolicy:
         Raises:
             ValueError: The observations have another shape, or actions are to be drawn for rows that are not known.
         """
+        step, self._steps = self._steps, self._steps + 1
+        return self.decide(observation, slice(None), step)
+
+    def decide(self, observation: NDArray[np.float32], rows: IntArray | slice, step: int) -> FloatArray:
+        """Return the values that the controllers get, shape (Q, A), for readings of some rows, shape (Q, O).
+
+        Args:
+            observation: The readings.
+            rows: Which rows of the flight they are, indices of shape (Q,).
+            step: Number of the step since `begin`, from 0; draws depend on it.
+
+        Raises:
+            ValueError: The observations have another shape, or actions are to be drawn for rows that are not known.
+        """
         thrust, inputs = self.outputs(observation)
         drawn = self._sampled
         if drawn is None:
@@ -140,7 +154,7 @@ class OnnxPolicy:
             if isinstance(self._distribution, Hurdle):
                 inputs = self._distribution.without_noise(inputs)
         if drawn:
-            return self._draw(inputs)
+            return self._draw(inputs, rows, step)
         found = np.array(thrust, dtype=np.float64)
         for column, levels in enumerate(self._levels):
             if len(levels):  # the levels as the task has them, which float32 need not hold
@@ -199,12 +213,12 @@ class OnnxPolicy:
         self._state = dict(zip(self.info.state, state, strict=True))
         return thrust, inputs
 
-    def _draw(self, inputs: AnyArray) -> FloatArray:
-        flight, step = self._flight, self._steps
-        if flight is None or len(flight.slots) != len(inputs):
+    def _draw(self, inputs: AnyArray, rows: IntArray | slice, step: int) -> FloatArray:
+        flight = self._flight
+        if flight is None or len(flight.slots[rows]) != len(inputs):
             raise ValueError("a policy that draws its actions gets its rows by `begin` before the first step")
-        self._steps += 1
-        drawn = draw_in_rollout(self._distribution, inputs, True, self._seed, flight.slots, flight.deputies, step)
+        slots, deputies = flight.slots[rows], flight.deputies[rows]
+        drawn = draw_in_rollout(self._distribution, inputs, True, self._seed, slots, deputies, step)
         values = np.minimum(np.maximum(self._offset + self._gain * drawn, self._low), self._high)
         for column, levels in enumerate(self._levels):
             if len(levels):

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.evaluation.results.results import Evaluation, EvaluationError
-from safe_inspect.evaluation.results.statistics import Difference, Estimate, paired_difference
 from safe_inspect.evaluation.results.tables import Row, aligned, ends, number, span
 from safe_inspect.evaluation.task import differing_keys
+from safe_inspect.metrics.statistics import Difference, Estimate, paired_difference
 
 #: The figure that says who has won.
 SUCCESS = "success"
@@ -93,7 +93,7 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
     if len(priced) > 1:
         names = [name for name in names if name != "return" and not name.startswith("reward/")]
     units = {name: unit for item in reversed(evaluations) for name, unit in item.units.items()}
-    estimates = {item.label: item.team.estimates(item.units) for item in evaluations}
+    estimates = {item.label: item.estimates[""] for item in evaluations}
     return Comparison(
         evaluations,
         {

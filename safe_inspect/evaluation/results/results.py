@@ -4,29 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.results.episodes import Episodes
-from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate, wilson
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.episodes import FIGURES, GAP, Episodes
+from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.metrics.statistics import Estimate, Interval, estimate, wilson
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Begins the names of the columns that concern the whole episode, and the state in which it began.
 EPISODE, BEGIN = "episode/", "begin/"
-GAP = "gap to the open-loop optimum"
-#: The usual figures, and their units.
-FIGURES = {
-    "return": "-",
-    "delta-v": "m/s",
-    "delta-v per deputy": "m/s",
-    "length": "steps",
-    "closest deputies": "m",
-    GAP: "m/s",
-}
 _AXES = ("x", "y", "z")
 
 
@@ -67,10 +59,6 @@ class Block:
         """Wilson's 95 % interval of the success rate."""
         return wilson(self.wins, len(self.status))
 
-    def estimates(self, units: Mapping[str, str]) -> dict[str, Estimate]:
-        """Return the estimate of every figure."""
-        return {name: estimate(values, units.get(name, "-")) for name, values in self.figures.items()}
-
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
@@ -102,7 +90,7 @@ class Evaluation:
         cls,
         label: str,
         episodes: Episodes,
-        record: Mapping[str, Any],
+        record: Mapping[str, Any] = MappingProxyType({}),
         *,
         reference: FloatArray | None = None,
     ) -> Evaluation:
@@ -134,12 +122,24 @@ class Evaluation:
             episodes.trajectories,
         )
 
+    @cached_property
+    def blocks(self) -> dict[str, Block]:
+        """The figures of the team by the name ``""``, and where there are several agents those of each by its name."""
+        return {"": self.team} | (dict(self.agents) if len(self.agents) > 1 else {})
+
+    @cached_property
+    def estimates(self) -> dict[str, dict[str, Estimate]]:
+        """The estimate of every figure of each of `blocks`; its bootstraps take seconds for thousands of episodes."""
+        return {
+            name: {figure: estimate(values, self.units.get(figure, "-")) for figure, values in block.figures.items()}
+            for name, block in self.blocks.items()
+        }
+
     def as_dict(self) -> dict[str, Any]:
         """Return the estimates as plain dictionaries and numbers for JSON; ``agents`` where there are several."""
-        found = _as_dict(self.team, self.units)
-        if len(self.agents) > 1:
-            found["agents"] = {name: _as_dict(agent, self.units) for name, agent in self.agents.items()}
-        return found
+        agents = {name: _as_dict(block, self.estimates[name]) for name, block in self.blocks.items()}
+        found = agents.pop("")
+        return found | ({"agents": agents} if agents else {})
 
     def columns(self) -> dict[str, AnyArray]:
         """Return the columns of a table with a row for each episode and agent, episode by episode."""
@@ -225,12 +225,12 @@ def _initial_states(episodes: Episodes) -> dict[str, FloatArray]:
     return columns
 
 
-def _as_dict(block: Block, units: Mapping[str, str]) -> dict[str, Any]:
+def _as_dict(block: Block, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
     return {
         "success": {
             "rate": block.success_rate,
             "interval": block.success_interval.as_list(),
             "statuses": block.statuses,
         },
-        "figures": {name: item.as_dict() for name, item in block.estimates(units).items()},
+        "figures": {name: item.as_dict() for name, item in estimates.items()},
     }

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from safe_inspect.evaluation.results.results import Block, Evaluation
-from safe_inspect.evaluation.results.statistics import Estimate, Interval, estimate
+from safe_inspect.metrics.statistics import Estimate, Interval, estimate
 
 Row = Sequence[str]
 
@@ -20,16 +20,14 @@ _OPTIONAL = ("max", "min", "std", "higher in", "lower in", "95 % interval of the
 
 def evaluation_table(evaluation: Evaluation) -> str:
     """Return the table of an evaluation; a block for each agent where there are several."""
-    blocks = {"": evaluation.team}
-    if len(evaluation.agents) > 1:
-        blocks |= evaluation.agents
+    blocks = evaluation.blocks
     head = ("", "mean", "std", "IQM", "95 % interval of the IQM", "min", "max", "unit")
     rows = {
         name: [
             head,
-            *(_row(figure, item, len(evaluation)) for figure, item in block.estimates(evaluation.units).items()),
+            *(_row(figure, item, len(evaluation)) for figure, item in evaluation.estimates[name].items()),
         ]
-        for name, block in blocks.items()
+        for name in blocks
     }
     lines = [f"{evaluation.label}: {len(evaluation)} episodes, {ends(evaluation.team)}"]
     tables = iter(aligned(list(rows.values())))

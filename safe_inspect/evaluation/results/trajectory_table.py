@@ -13,7 +13,7 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.evaluation.results.hashes import sha256
 from safe_inspect.evaluation.results.results import EvaluationError
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.types import AnyArray
 
 RECORD, TRAJECTORIES = "evaluation.json", "trajectories.parquet"

@@ -9,9 +9,9 @@ import numpy as np
 from safe_inspect.environments.accumulator import INFO, TERM, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
-from safe_inspect.evaluation.results.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.rollouts.measuring import MetricAccumulator
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
@@ -45,28 +45,41 @@ class EpisodeCollector:
             "velocity": state.velocity[:, :deputies].copy(),
         }
         self._initial_states |= {name: state[name].copy() for component in components for name in component.recorded}
+        self._rows: IntArray = np.arange(rows)
         self._closest = environment.team().distance.min(axis=1) if deputies > 1 else None
         self._info: dict[str, AnyArray] = {}
         self._agents: dict[str, dict[str, AnyArray]] = {name: {} for name in environment.agents}
 
+    def go_on(self, environment: TeamEnvironment, chosen: IntArray) -> None:
+        """Go on with some of the environments that are stepped now, which are stepped as another batch from now on.
+
+        Args:
+            environment: That batch, R environments.
+            chosen: Which of those that were stepped before they are, shape (R,); all whose episode runs are among them.
+        """
+        self._environment, self._rows = environment, self._rows[chosen]
+        self._sums = self._sums.part(environment, chosen)
+        self._measured.go_on(environment, chosen)
+
     def add(self, transition: TeamTransition) -> bool:
         """Add a step; return whether the episodes of some rows have ended with it."""
-        running = self.running
+        rows, running = self._rows, self.running[self._rows]
         self._sums.add(transition)
-        self.length += running
+        self.length[rows] += running
         if self._closest is not None:
             apart = self._environment.team().distance.min(axis=1)
-            np.minimum(self._closest, apart, out=self._closest, where=running)
+            self._closest[rows[running]] = np.minimum(self._closest[rows], apart)[running]
         self._measured.add(transition, running)
         ends = running & transition.over
         if not ends.any():
             return False
-        rows = np.flatnonzero(ends)
-        self.status[rows] = transition.outcome[rows]
-        self._keep(self._info, self._sums.info(rows), rows)
-        for name, figures in self._sums.agents(rows).items():
-            self._keep(self._agents[name], figures, rows)
-        self.running = running & ~ends
+        ended, whole = np.flatnonzero(ends), rows[ends]
+        self.status[whole] = transition.outcome[ended]
+        self._keep(self._info, self._sums.info(ended), whole)
+        for name, figures in self._sums.agents(ended).items():
+            self._keep(self._agents[name], figures, whole)
+        self.running = self.running.copy()
+        self.running[whole] = False
         return True
 
     def episodes(self, seed: int, trajectories: Sequence[Trajectory] = ()) -> Episodes:

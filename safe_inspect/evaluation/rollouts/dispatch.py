@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import Flight, Policy, with_scripted
 from safe_inspect.policies.base import ScriptedPolicy
-from safe_inspect.types import AnyArray, BoolArray
+from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Who flies the agents: one for all that act from outside, or one for each by the agents' names.
 Policies = Policy | ScriptedPolicy | Mapping[str, Policy | ScriptedPolicy]
@@ -61,7 +62,7 @@ def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, 
 class _Assignment:
     """One policy, and the agents that it flies: (index of the acting group, index in it) of each."""
 
-    policy: Policy
+    policy: Any
     agents: tuple[tuple[int, int], ...]
     action_size: int
 
@@ -73,6 +74,9 @@ class PolicyDispatcher:
         environment: The batch.
         flying: Who flies each agent that acts from outside, by its name.
         first_slot: Global index of the environment slot of the first row.
+
+    Attributes:
+        selective: Whether every policy has a method `decide`, so that `decide` can take the place of a call.
 
     Raises:
         SafeInspectError: One policy flies agents whose observations or actions differ.
@@ -86,6 +90,7 @@ class PolicyDispatcher:
                 agents.setdefault(id(flying[name]), []).append((index, member))
         policies = {id(policy): policy for policy in flying.values()}
         self._assigned = [self._assignment(environment, policies[key], own) for key, own in agents.items()]
+        self.selective = all(hasattr(one, "decide") and not getattr(one, "recurrent", False) for one in flying.values())
         for assigned in self._assigned:
             begin = getattr(assigned.policy, "begin", None)
             if begin is not None:
@@ -117,15 +122,52 @@ class PolicyDispatcher:
         actions = [np.zeros(shape) for shape in self._shapes]
         for assigned in self._assigned:
             seen = np.stack([observations[index][:, member] for index, member in assigned.agents], axis=1)
-            wanted = (len(running) * len(assigned.agents), assigned.action_size)
-            action = np.asarray(assigned.policy(seen.reshape(-1, seen.shape[-1])))
-            if action.shape != wanted:
-                raise ValueError(f"the policy returned actions of shape {action.shape}; {wanted} is wanted")
+            seen = seen.reshape(-1, seen.shape[-1])
+            action = _checked(assigned, assigned.policy(seen), len(seen))
             for rows, (index, member) in zip(
                 np.moveaxis(action.reshape(len(running), -1, assigned.action_size), 1, 0), assigned.agents, strict=True
             ):
                 np.copyto(actions[index][:, member], rows, where=running[:, None])
         return actions
+
+    def decide(
+        self, observations: Sequence[AnyArray], asked: Sequence[BoolArray], rows: IntArray, step: int
+    ) -> list[AnyArray]:
+        """Return the actions of the agents that are asked, of every acting group, shape (M, G, A); 0 for the others.
+
+        Args:
+            observations: For each acting group, shape (M, G, O); those of agents that are not asked may be NaN.
+            asked: Agents whose action is taken and whose episode runs, for each acting group, shape (M, G).
+            rows: Indices of the M environments in the batch, shape (M,).
+            step: Number of the step, from 0.
+
+        Raises:
+            ValueError: A policy's actions have another shape.
+        """
+        actions = [np.zeros((len(rows), *shape[1:])) for shape in self._shapes]
+        for assigned in self._assigned:
+            seen = np.stack([observations[index][:, member] for index, member in assigned.agents], axis=1)
+            mask = np.stack([asked[index][:, member] for index, member in assigned.agents], axis=1)
+            row, place = np.nonzero(mask)
+            if len(row):
+                numbers = rows[row] * len(assigned.agents) + place
+                found = _checked(assigned, assigned.policy.decide(seen[mask], numbers, step), len(row))
+                for number, (index, member) in enumerate(assigned.agents):
+                    own = place == number
+                    actions[index][row[own], member] = found[own]
+        return actions
+
+
+def _checked(assigned: _Assignment, action: Any, rows: int) -> AnyArray:
+    """Return the actions of a policy.
+
+    Raises:
+        ValueError: They have another shape than (rows, A).
+    """
+    found, wanted = np.asarray(action), (rows, assigned.action_size)
+    if found.shape != wanted:
+        raise ValueError(f"the policy returned actions of shape {found.shape}; {wanted} is wanted")
+    return found
 
 
 def _flight(environment: TeamEnvironment, assigned: _Assignment, first_slot: int) -> Flight:

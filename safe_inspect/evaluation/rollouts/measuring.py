@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from safe_inspect.environments.writers import names_writers
 from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError, did_you_mean
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
 from safe_inspect.simulators.team import TeamStep, TeamView
+from safe_inspect.simulators.view import Step
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 _TOGETHER: Mapping[str, Callable[..., FloatArray]] = {
@@ -65,96 +67,153 @@ class MetricAccumulator:
 
     def __init__(self, environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:
         self._environment = environment
-        self._own = [metric for metric in metrics if isinstance(metric, Metric)]
-        self._team = [metric for metric in metrics if isinstance(metric, TeamMetric)]
         rows, deputies = environment.num_envs, len(environment.agents)
-        self._values = {metric.label: _Value((rows, deputies), metric.reduce) for metric in self._own}
-        self._values |= {metric.label: _Value((rows,), metric.reduce) for metric in self._team}
+        self._labels = [metric.label for metric in metrics]
+        self._own = [_Values(own, rows, deputies) for own in _by_reduce(metrics, Metric)]
+        self._team = [_Values(own, rows, 1) for own in _by_reduce(metrics, TeamMetric)]
+
+    def go_on(self, environment: TeamEnvironment, chosen: IntArray) -> None:
+        """Go on with some of the environments that are stepped now; see `EpisodeCollector.go_on`."""
+        self._environment = environment
+        for values in (*self._own, *self._team):
+            values.go_on(chosen)
 
     @names_writers
     def add(self, transition: TeamTransition, running: BoolArray) -> None:
         """Measure a step in the rows whose episode runs, shape (N,)."""
         environment = self._environment
-        rows = environment.num_envs
         for group, found in zip(environment.groups, transition.groups, strict=True) if self._own else ():
             mine = slice(group.first, group.first + group.size)
             counts = found.active & running[:, None]
             ends = counts & ((found.status != 0) | transition.over[:, None])
-            for metric in self._own:
-                value = _checked(metric, metric(found.step), rows * group.size).reshape(rows, group.size)
-                kept = self._values[metric.label]
-                kept.add(mine, value, counts)
-                if type(metric).conclude is not Metric.conclude and ends.any():
-                    final = metric.conclude(kept.result[:, mine].reshape(-1), found.step)
-                    kept.settle(mine, _checked(metric, final, rows * group.size).reshape(rows, group.size), ends)
+            for values in self._own:
+                values.add(mine, found.step, counts)
+                if ends.any():
+                    values.conclude(mine, found.step, ends)
         if self._team:
             world = environment.simulation.world
             before, after = TeamView(environment.simulation.before, world), TeamView(environment.state, world)
             step = TeamStep(before, after, {}, after.finished, world.step_size, {})
-            for each in self._team:
-                self._values[each.label].add(slice(None), _checked(each, each(step), rows), running)
+            for values in self._team:
+                values.add(slice(None), step, running[:, None])
 
     def of_agent(self, deputy: int) -> dict[str, FloatArray]:
         """Return the metrics of an agent, by its index among all, each of shape (N,)."""
-        return {metric.label: self._values[metric.label].result[:, deputy] for metric in self._own}
+        found = {metric.label: value[:, deputy] for values in self._own for metric, value in values.results()}
+        return {label: found[label] for label in self._labels if label in found}
 
     def of_team(self) -> dict[str, FloatArray]:
         """Return the metrics of the environments, and those of the agents taken together, each of shape (N,)."""
-        found = {}
-        for metric in self._own:
-            value = self._values[metric.label].result
-            found[metric.label] = np.full(len(value), np.nan)
+        own, team = {}, {metric.label: value[:, 0] for values in self._team for metric, value in values.results()}
+        for metric, value in (item for values in self._own for item in values.results()):
+            own[metric.label] = np.full(len(value), np.nan)
             some = ~np.isnan(value).all(axis=1)
-            found[metric.label][some] = _TOGETHER[metric.team_reduce](value[some], axis=1)
-        return found | {metric.label: self._values[metric.label].result for metric in self._team}
+            own[metric.label][some] = _TOGETHER[metric.team_reduce](value[some], axis=1)
+        return {label: found[label] for found in (own, team) for label in self._labels if label in found}
 
 
-class _Value:
-    """The reduced values of one metric; NaN where there was none."""
+def _by_reduce(metrics: Sequence[BaseMetric], kind: type[BaseMetric]) -> list[list[BaseMetric]]:
+    """Return the metrics of a kind, those together that are reduced alike."""
+    found: dict[Reduce, list[BaseMetric]] = {}
+    for metric in metrics:
+        if isinstance(metric, kind):
+            found.setdefault(metric.reduce, []).append(metric)
+    return list(found.values())
 
-    def __init__(self, shape: tuple[int, ...], reduce: Reduce) -> None:
-        self._reduce = reduce
-        self._kept: FloatArray = np.full(shape, np.nan)
-        self._count: IntArray = np.zeros(shape, dtype=np.int64)
 
-    def add(self, columns: slice, value: FloatArray, counts: BoolArray) -> None:
-        """Add the values of a step in the places that count."""
-        place: tuple[slice, ...] = (slice(None), columns) if self._kept.ndim > 1 else (columns,)
-        kept = self._kept[place]
+class _Values:
+    """The reduced values of M metrics that are reduced alike; NaN where there was none.
+
+    Args:
+        metrics: The metrics.
+        rows: Number of environments, N.
+        columns: Number of deputies, or 1 for metrics of whole environments, D.
+    """
+
+    def __init__(self, metrics: Sequence[BaseMetric], rows: int, columns: int) -> None:
+        self._metrics, self._reduce = metrics, metrics[0].reduce
+        self._whole: FloatArray = np.full((len(metrics), rows, columns), np.nan)
+        self._whole_count: IntArray = np.zeros((len(metrics), rows, columns), dtype=np.int64)
+        self._rows: IntArray = np.arange(rows)
+        self._kept, self._count = self._whole, self._whole_count
+
+    def go_on(self, chosen: IntArray) -> None:
+        """Go on with some of the environments; see `EpisodeCollector.go_on`."""
+        self._write()
+        self._rows = self._rows[chosen]
+        self._kept, self._count = self._whole[:, self._rows], self._whole_count[:, self._rows]
+
+    def add(self, columns: slice, step: Any, counts: BoolArray) -> None:
+        """Add the values of a step in the places that count, shape (N, G).
+
+        Raises:
+            PluginValueError: A value is infinite, or has another shape.
+        """
+        value = np.empty((len(self._metrics), *counts.shape))
+        for index, metric in enumerate(self._metrics):
+            value[index] = _shaped(metric, metric(step), counts.size).reshape(counts.shape)  # type: ignore[operator]
+        _require_no_infinity(self._metrics, value)
+        kept = self._kept[:, :, columns]
         counts = counts & ~np.isnan(value)
         if self._reduce == "last":
             np.copyto(kept, value, where=counts)
             return
         if self._reduce in ("sum", "mean"):
             both = kept + value
-            self._count[place] += counts
+            self._count[:, :, columns] += counts
         else:
             both = np.minimum(kept, value) if self._reduce == "min" else np.maximum(kept, value)
         np.copyto(kept, np.where(np.isnan(kept), value, both), where=counts)
 
-    def settle(self, columns: slice, value: FloatArray, ends: BoolArray) -> None:
-        """Replace the values of episodes that have ended; nothing is added to them any more."""
-        if self._reduce == "mean":
-            value = value * self._count[:, columns]
-        np.copyto(self._kept[:, columns], value, where=ends)
+    def conclude(self, columns: slice, step: Step, ends: BoolArray) -> None:
+        """Let metrics replace the values of episodes that end with a step, a mask of shape (N, G).
 
-    @property
-    def result(self) -> FloatArray:
-        """What the steps were reduced to so far."""
-        return self._kept / np.maximum(self._count, 1) if self._reduce == "mean" else self._kept
+        Raises:
+            PluginValueError: A value is infinite, or has another shape.
+        """
+        for index, metric in enumerate(self._metrics):
+            if not isinstance(metric, Metric) or type(metric).conclude is Metric.conclude:
+                continue
+            final = metric.conclude(self._mean(self._kept, self._count)[index, :, columns].reshape(-1), step)
+            value = _shaped(metric, final, ends.size).reshape(ends.shape)
+            _require_no_infinity([metric], value[None])
+            if self._reduce == "mean":
+                value = value * self._count[index, :, columns]
+            np.copyto(self._kept[index, :, columns], value, where=ends)
+
+    def results(self) -> list[tuple[BaseMetric, FloatArray]]:
+        """Return what the steps of each metric were reduced to so far, each of shape (N, D)."""
+        self._write()
+        return list(zip(self._metrics, self._mean(self._whole, self._whole_count), strict=True))
+
+    def _mean(self, kept: FloatArray, count: IntArray) -> FloatArray:
+        return kept / np.maximum(count, 1) if self._reduce == "mean" else kept
+
+    def _write(self) -> None:
+        if self._kept is not self._whole:
+            self._whole[:, self._rows], self._whole_count[:, self._rows] = self._kept, self._count
 
 
-def _checked(metric: BaseMetric, value: AnyArray, rows: int) -> FloatArray:
+def _shaped(metric: BaseMetric, value: AnyArray, rows: int) -> FloatArray:
     """Return what a metric gave.
 
     Raises:
-        PluginValueError: It is infinite, or has another shape.
+        PluginValueError: It has another shape.
     """
     value = np.asarray(value, dtype=np.float64)
     if value.shape != (rows,):
         raise PluginValueError(f"the metric {metric.registered_name} gave the shape {value.shape}; ({rows},) is wanted")
-    if np.isinf(value).any():
-        raise PluginValueError(
-            f"the metric {metric.registered_name} gave infinity; give NaN where there is nothing to measure"
-        )
     return value
+
+
+def _require_no_infinity(metrics: Sequence[BaseMetric], value: FloatArray) -> None:
+    """Refuse infinite values of M metrics, shape (M, N, G).
+
+    Raises:
+        PluginValueError: One gave infinity.
+    """
+    if np.isinf(value).any():
+        index = int(np.flatnonzero(np.isinf(value).any(axis=(1, 2)))[0])
+        raise PluginValueError(
+            f"the metric {metrics[index].registered_name} gave infinity; give NaN where there is nothing to measure"
+        )

@@ -9,7 +9,7 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.tasks.docking.speed_limit import DockingRegion
 from safe_inspect.types import AnyArray, IntArray
 

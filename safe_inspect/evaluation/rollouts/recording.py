@@ -6,7 +6,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.rollouts.dispatch import Policies, assign
 from safe_inspect.evaluation.rollouts.rollout import fly_batch
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 
 
 def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, seed: int = 0) -> Trajectory:

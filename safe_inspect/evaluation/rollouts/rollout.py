@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.episodes import Episodes, join
 from safe_inspect.evaluation.policies import Policy
-from safe_inspect.evaluation.results.episodes import Episodes, join
-from safe_inspect.evaluation.results.kept import KeptEpisodes
 from safe_inspect.evaluation.rollouts.collector import EpisodeCollector
 from safe_inspect.evaluation.rollouts.dispatch import Policies, PolicyDispatcher, assign
+from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
 from safe_inspect.evaluation.rollouts.measuring import check_metrics
 from safe_inspect.evaluation.rollouts.recorder import Recorder
-from safe_inspect.evaluation.rollouts.trajectory import Trajectory
+from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.metrics.base import BaseMetric
+from safe_inspect.types import BoolArray, IntArray
+
+#: Rows of the smallest part of a batch: fewer take as long.
+_LEAST_ROWS = 16
 
 #: Called with the number of finished episodes and of all of them, whenever the first has grown.
 EpisodeProgress = Callable[[int, int], None]
@@ -26,7 +32,7 @@ def rollout(
     policies: Policies,
     episodes: int = 100,
     seed: int = 0,
-    num_envs: int = 256,
+    num_envs: int = 512,
     *,
     record: int = 0,
     metrics: Sequence[BaseMetric] = (),
@@ -92,7 +98,11 @@ def fly_batch(
     recorded: int = 0,
     finished: Callable[[int], None] | None = None,
 ) -> tuple[EpisodeCollector, list[Trajectory]]:
-    """Fly one episode in every row of a batch; a row that has ended coasts on, ignored, until the last has.
+    """Fly one episode in every row of a batch.
+
+    Where every policy has a method `decide`, only those rows are observed whose action is taken next, and rows that
+    have ended are left behind whenever half of them have, unless episodes are recorded. Else a row that has ended
+    coasts on, ignored, until the last has.
 
     Args:
         environment: The batch, which is reset.
@@ -105,17 +115,75 @@ def fly_batch(
     observations = environment.reset()
     dispatcher = PolicyDispatcher(environment, flying, first_slot)
     collector, recorder = EpisodeCollector(environment, metrics), Recorder(environment, recorded, first_slot)
+    flying_rows, step = _FlyingRows(environment), 0
+    environment.observes_coasting = not dispatcher.selective
     while collector.running.any():
-        transition = environment.step(dispatcher(observations, collector.running))
+        part, rows, running = flying_rows.part, flying_rows.rows, collector.running[flying_rows.rows]
+        if dispatcher.selective:
+            asked = [due & running[:, None] for due in part.due()]
+            actions = dispatcher.decide(observations, asked, rows, step)
+        else:
+            actions = dispatcher(observations, running)
+        transition = part.step(actions)
+        step += 1
         observations = tuple(
             found.observation
             for group, found in zip(environment.groups, transition.groups, strict=True)
             if not group.scripted
         )
         recorder.keep()
-        if collector.add(transition) and finished is not None:
+        if not collector.add(transition):
+            continue
+        if finished is not None:
             finished(environment.num_envs - int(collector.running.sum()))
+        if dispatcher.selective and not recorded:
+            chosen = flying_rows.leave_behind(collector.running)
+            if chosen is not None:
+                collector.go_on(flying_rows.part, chosen)
+                observations = tuple(array[chosen] for array in observations)
     return collector, recorder.trajectories(collector.length, collector.status)
+
+
+class _FlyingRows:
+    """The environments of a batch that are stepped: all of them at first, in a smaller batch when half have ended.
+
+    Args:
+        whole: The batch.
+
+    Attributes:
+        part: What is stepped, R environments.
+        rows: Their indices in the whole batch, shape (R,).
+    """
+
+    def __init__(self, whole: TeamEnvironment) -> None:
+        self._whole, self.part = whole, whole
+        self.rows: IntArray = np.arange(whole.num_envs)
+        self._members = self.rows
+
+    def leave_behind(self, running: BoolArray) -> IntArray | None:
+        """Go on in a smaller batch if half of the environments have ended; return those that it holds.
+
+        Args:
+            running: Environments of the whole batch whose episode runs, shape (N,).
+
+        Returns:
+            Which of the environments that were stepped before are stepped from now on, shape (R,): all that run, and
+            some that fill the batch. None where nothing changes.
+        """
+        runs = running[self.rows]
+        count, size = int(np.count_nonzero(runs)), _LEAST_ROWS
+        while size < count:
+            size *= 2
+        if not count or size >= len(self.rows) or not self._whole.simulation.divisible:
+            return None
+        chosen = np.concatenate((np.flatnonzero(runs), np.flatnonzero(~runs)[: size - count]))
+        paused = self.part.simulation.pause(chosen)
+        if self.part is not self._whole:
+            self.part.simulation.leave(self._whole.simulation, self._members)
+        self.part, self.rows = self._whole.part(size), self.rows[chosen]
+        self._members = self.rows[:count]
+        self.part.simulation.enter(self._whole.simulation, paused, self.rows)
+        return chosen
 
 
 def _check_labels(environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:

@@ -1,1 +1,1 @@
-"""What safety filters are held against."""
+"""Reports on the safety of tasks: their filters against adversaries, and which initial states they accept."""

@@ -12,7 +12,7 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
 from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.evaluation.safety.adversaries import ADVERSARIES, adversarial_thrust
+from safe_inspect.rta.audit.adversaries import ADVERSARIES, adversarial_thrust
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 

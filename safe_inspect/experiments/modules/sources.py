@@ -16,7 +16,7 @@ from typing import Any
 
 from safe_inspect.config.experiment import Experiment, build_experiment, load_experiment
 from safe_inspect.config.loading.located import LocatedDict
-from safe_inspect.config.loading.overrides import apply_overrides
+from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES, baseline

@@ -12,7 +12,7 @@ from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.record import MissionRecord
-from safe_inspect.rendezvous.sensors.tof import DepthCamera
+from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 FLIGHT, PLANNED, TUBE, MATING, CAMERA = BLUE, VERMILION, SKY, GREEN, ORANGE
@@ -43,7 +43,7 @@ def chaser_solid(radius: float) -> Solid:
 
 def camera_cone(record: MissionRecord) -> FloatArray:
     """Return the camera's place and the corners of what it sees at some distance, in B [m], shape (5, 3)."""
-    camera, radius = DepthCamera(), record.config.chaser.radius
+    camera, radius = TimeOfFlightCamera(), record.config.chaser.radius
     wide, tall = 0.5 * camera.width / camera.focal_length, 0.5 * camera.height / camera.focal_length
     corners = np.array([(0.0, 0.0, 0.0), *((x * wide, y * tall, 1.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))])
     return np.asarray(record.config.chaser.camera_position + _CONE * radius * corners @ R_BC.T)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
+from safe_inspect.planning.annealing import accepted_cost
 from safe_inspect.planning.burns.evaluation import PlanOutcome, evaluate_plan
 from safe_inspect.planning.burns.problem import BurnProblem, burn_steps
 from safe_inspect.random.splitmix import SplitMixState, next_uniform
@@ -158,7 +159,7 @@ def anneal(
             if next_uniform(seed) < 0.3:
                 _perturb(problem, seed, new_start, new)
             settle(problem, new_start, new)
-            cutoff = cost - _TEMPERATURE * (1.0 - iteration / iterations) * math.log(next_uniform(seed) + 1e-300)
+            cutoff = accepted_cost(cost, _TEMPERATURE, iteration / iterations, next_uniform(seed))
             if np.abs(new).sum() > cutoff:  # the fuel alone is too much
                 continue
             found = evaluate_plan(problem, state, new_start, new, stride, left, lack, cutoff)

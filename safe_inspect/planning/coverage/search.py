@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
+from safe_inspect.planning.annealing import accepted_cost
 from safe_inspect.planning.coverage.descent import (
     MAX_BURNS,
     DescentWorkspace,
@@ -165,7 +166,7 @@ def _hop(
         if cost == 0.0:
             break
         sighting[:] = now
-        cutoff = cost - effort.temperature * (1.0 - spent / effort.programs) * math.log(next_uniform(seed) + 1e-300)
+        cutoff = accepted_cost(cost, effort.temperature, spent / effort.programs, next_uniform(seed))
         if tights > 0 and next_uniform(seed) < 0.5:
             resample_sightings(problem, seed, workspace.stride, tight, tights, sighting)
         else:

@@ -17,7 +17,7 @@ from safe_inspect.rendezvous.back_end.factors import (
 from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
 from safe_inspect.rendezvous.back_end.inertial_factors import InertialFactor, inertial_factors
 from safe_inspect.rendezvous.back_end.marginals import marginal_priors, value_of
-from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
+from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import skew
@@ -25,6 +25,15 @@ from safe_inspect.types import FloatArray
 
 #: Standard deviation that fixes G at the first frame [rad, m], and of the model's pose before it is measured.
 _FIXED, _LOOSE = 1e-5, 10.0
+#: Standard deviations of the chaser's attitude [rad], position [m] and velocity [m/s] at the start.
+_START_ATTITUDE, _START_POSITION, _START_VELOCITY = 1e-4, 1e-4, 1e-3
+#: Standard deviations of the rotation kinematic factor, which holds the centre of mass at rest in W, and of the model's
+#: origin as the centre of mass [m].
+_KINEMATIC, _MODEL_CENTRE = 5e-3, 1e-3
+#: Residual beyond which an edge counts less, in standard deviations.
+_HUBER = 1.345
+#: Change beyond which iSAM2 linearises a variable anew [rad, m, m/s].
+_RELINEARISE = 1e-3
 #: How many intervals between frames a jump may lie back when it is seen.
 _DOUBTED = 4
 
@@ -40,15 +49,17 @@ class PoseGraph:
         Kaess et al., "iSAM2: Incremental smoothing and mapping using the Bayes tree", IJRR 31 (2012).
 
     Args:
-        options: What is assumed.
-        start: The chaser at the first frame.
+        imu: The inertial measurements, which are restarted at each frame.
+        start: The chaser at the first frame, which is frame 0.
         centre: Where the centre of mass may be.
-        frame: Number of the first frame.
+        largest: Number of frames beyond which the older half is replaced by priors.
+        memory: Time over which errors of poses to the model stay alike [s]: their covariances are multiplied by
+            ``(1 + rho) / (1 - rho)`` with ``rho = exp(-dt / memory)``; 0 for independent ones.
     """
 
-    def __init__(self, options: GraphOptions, start: ChaserStart, centre: CentrePrior, frame: int = 0) -> None:
+    def __init__(self, imu: ImuBuffer, start: ChaserStart, centre: CentrePrior, *, largest: int, memory: float) -> None:
         self._gtsam = gtsam = require("gtsam")
-        self._options = options
+        self.imu, self._largest, self._memory = imu, largest, memory
         self._is_qr, self._solver = False, self._new_solver("CHOLESKY")
         self._factors, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         #: All factors with the frames that they are about, for a graph that is built anew.
@@ -61,60 +72,63 @@ class PoseGraph:
         #: How many poses to the model count as one, since their errors are alike.
         self._alike = 1.0
         pose = gtsam.Pose3(start.pose)
-        imu = options.imu
         bias = gtsam.imuBias.ConstantBias()
-        self._add_frame(frame, pose, start.velocity, bias)
-        sigmas = np.repeat([options.attitude, options.position], 3)
-        biases = np.repeat([imu.acceleration_bias, imu.rate_bias], 3)
-        self._add(gtsam.PriorFactorPose3(key("X", frame), pose, self._diagonal(sigmas)), frame)
-        self._add(gtsam.PriorFactorVector(key("V", frame), start.velocity, self._same(3, options.velocity)), frame)
-        self._add(gtsam.PriorFactorConstantBias(key("B", frame), bias, self._diagonal(biases)), frame)
+        self._add_frame(0, pose, start.velocity, bias)
+        sigmas = np.repeat([_START_ATTITUDE, _START_POSITION], 3)
+        biases = np.repeat([imu.noise.acceleration_bias, imu.noise.rate_bias], 3)
+        self._add(gtsam.PriorFactorPose3(key("X"), pose, self._diagonal(sigmas)), 0)
+        self._add(gtsam.PriorFactorVector(key("V"), start.velocity, self._same(3, _START_VELOCITY)), 0)
+        self._add(gtsam.PriorFactorConstantBias(key("B"), bias, self._diagonal(biases)), 0)
         self._values.insert(key("P"), centre.position)
         self._add(gtsam.PriorFactorPoint3(key("P"), centre.position, self._same(3, centre.sigma)))
         self._centre = centre
         self._state: dict[str, Any] = {}
         self._solution = gtsam.Values()
-        self._solve(frame)
+        self._solve(0)
 
     @property
     def frames(self) -> tuple[int, ...]:
         """The frames of the graph, in ascending order."""
         return tuple(self._frames)
 
-    @property
-    def last(self) -> tuple[Any, FloatArray, Any]:
-        """Pose T_WB, velocity and bias at the last frame, for `ImuBuffer`."""
-        return self._state["X"], self._state["V"], self._state["B"]
+    def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
+        pose, velocity = self._predicted()
+        rate = self.imu.last_rate - self._state["B"].gyroscope()
+        return pose.matrix(), np.asarray(velocity), np.asarray(rate)
 
-    def update(self, frame: int, edges: Sequence[Edge], imu: ImuBuffer, *, jumped: bool = False) -> None:
-        """Add a frame.
+    def _predicted(self) -> tuple[Any, FloatArray]:
+        """Return T_WB and the velocity in W (3,) at the last sample."""
+        return self.imu.predict(self._state["X"], self._state["V"], self._state["B"])
+
+    def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
+        """Add a frame at the time of the last inertial sample.
 
         Edges whose earlier frame is not in the graph are left out.
 
         Args:
             frame: Number of the frame.
             edges: What the front end has measured, to this frame or between earlier ones.
-            imu: Measurements since the last frame of the graph; it is restarted.
             jumped: Whether the bias has jumped in the last frames: what was measured there counts little then.
         """
         if jumped:
             self._loosen()
-        if len(self._frames) >= self._options.largest:
+        if len(self._frames) >= self._largest:
             self._forget()
         before = self._frames[-1]
-        if self._options.memory > 0.0 and imu.duration > 0.0:
-            share = np.exp(-imu.duration / self._options.memory)
+        if self._memory > 0.0 and self.imu.duration > 0.0:
+            share = np.exp(-self.imu.duration / self._memory)
             self._alike = float((1.0 + share) / (1.0 - share))
-        pose, velocity = imu.predict(*self.last)
+        pose, velocity = self._predicted()
         self._add_frame(frame, pose, velocity, self._state["B"])
-        inertial = inertial_factors(before, frame, imu, self._options.imu)
+        inertial = inertial_factors(before, frame, self.imu)
         for usual, loose in inertial:
             self._add(loose if jumped else usual, before, frame)
         self._doubted = [*self._doubted[1 - _DOUBTED :], inertial]
         for edge in edges:
             self._add_edge(edge)
         self._solve(frame)
-        imu.restart(self._state["B"])
+        self.imu.restart(self._state["B"])
 
     def estimate(self) -> GraphEstimate:
         """Return what is known at the last frame."""
@@ -185,10 +199,10 @@ class PoseGraph:
                 self._values.insert(key("M"), model)
                 self._values.insert(key("Z"), np.zeros(3))
                 self._add(gtsam.PriorFactorPose3(key("M"), model, self._same(6, _LOOSE)))
-                for factor in model_centre_factors(self._options.model_centre):
+                for factor in model_centre_factors(_MODEL_CENTRE):
                     self._add(factor)
             alike = replace(edge, covariance=self._alike * edge.covariance)
-            self._add(edge_factor(alike, key("M"), key("G", second), self._options.huber), second)
+            self._add(edge_factor(alike, key("M"), key("G", second), _HUBER), second)
             return
         if first not in self._reached and second not in self._reached:
             return
@@ -196,7 +210,7 @@ class PoseGraph:
             self._reach(first, self._pose_of("G", second).compose(pose.inverse()))
         if second not in self._reached:
             self._reach(second, self._pose_of("G", first).compose(pose))
-        self._add(edge_factor(edge, key("G", first), key("G", second), self._options.huber), first, second)
+        self._add(edge_factor(edge, key("G", first), key("G", second), _HUBER), first, second)
 
     def _pose_of(self, letter: str, index: int = 0) -> Any:
         name = key(letter, index)
@@ -208,7 +222,7 @@ class PoseGraph:
         self._values.insert(key("G", frame), relative)
         guess = self._pose_of("X", frame).transformTo(self._centre.position)
         self._values.insert(key("Y", frame), guess)
-        for factor in rotation_kinematic_factors(frame, self._options.kinematic):
+        for factor in rotation_kinematic_factors(frame, _KINEMATIC):
             self._add(factor, frame)
 
     def _add_frame(self, frame: int, pose: Any, velocity: FloatArray, bias: Any) -> None:
@@ -255,7 +269,7 @@ class PoseGraph:
 
     def _new_solver(self, factorization: str) -> Any:
         parameters = self._gtsam.ISAM2Params()
-        parameters.setRelinearizeThreshold(self._options.relinearise)
+        parameters.setRelinearizeThreshold(_RELINEARISE)
         parameters.relinearizeSkip = 1
         parameters.setFactorization(factorization)
         return self._gtsam.ISAM2(parameters)

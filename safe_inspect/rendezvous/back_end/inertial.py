@@ -48,7 +48,7 @@ class ImuBuffer:
 
     def __init__(self, noise: ImuNoise, period: float) -> None:
         gtsam = require("gtsam")
-        self._gtsam = gtsam
+        self._gtsam, self.noise = gtsam, noise
         self._densities = np.array([noise.acceleration, noise.rate]) * np.sqrt(period)
         self._before: tuple[FloatArray, FloatArray] | None = None
         self._samples: list[tuple[FloatArray, FloatArray, float]] = []

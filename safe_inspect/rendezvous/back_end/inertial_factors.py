@@ -9,7 +9,6 @@ import numpy as np
 from safe_inspect.rendezvous.back_end.factors import key
 from safe_inspect.rendezvous.back_end.inertial import BIAS_JUMP, ImuBuffer
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
 
 #: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
 _UNMEASURED = 0.3
@@ -29,14 +28,13 @@ class InertialFactor(NamedTuple):
     loose: Any
 
 
-def inertial_factors(before: int, frame: int, imu: ImuBuffer, noise: ImuNoise) -> list[InertialFactor]:
+def inertial_factors(before: int, frame: int, imu: ImuBuffer) -> list[InertialFactor]:
     """Return the factors on pose, velocity and bias of two frames that follow each other.
 
     Args:
         before: Number of the earlier frame.
         frame: Number of the later one.
         imu: What was measured between them.
-        noise: Errors of the unit.
     """
     gtsam = require("gtsam")
     models, bias = gtsam.noiseModel, gtsam.imuBias.ConstantBias(imu.jump.offset[:3], imu.jump.offset[3:])
@@ -48,7 +46,7 @@ def inertial_factors(before: int, frame: int, imu: ImuBuffer, noise: ImuNoise) -
         rest = gtsam.BetweenFactorPose3(keys[0], keys[2], gtsam.Pose3(), models.Isotropic.Sigma(6, _UNMEASURED))
         same = gtsam.BetweenFactorVector(keys[1], keys[3], np.zeros(3), models.Isotropic.Sigma(3, _UNMEASURED))
         factors = [InertialFactor(rest, rest), InertialFactor(same, same)]
-    walk = np.sqrt(max(imu.duration, 1e-3)) * np.array([noise.acceleration_walk, noise.rate_walk])
+    walk = np.sqrt(max(imu.duration, 1e-3)) * np.array([imu.noise.acceleration_walk, imu.noise.rate_walk])
     usual, loose = (
         gtsam.BetweenFactorConstantBias(
             key("B", before),

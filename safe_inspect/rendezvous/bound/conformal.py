@@ -6,13 +6,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from safe_inspect.rendezvous.bound.query import least_trials
-from safe_inspect.rendezvous.bound.samples import ErrorSamples
+from safe_inspect.plugins.functor import misplaced
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.bound.query import BoundQuery
+from safe_inspect.rendezvous.bound.samples import ErrorSamples, sample_errors
 from safe_inspect.types import BoolArray, FloatArray
 
 #: Trials that the scale of a conformal bound is computed from, by default.
-SCALE_TRIALS = 100
+_SCALE_TRIALS = 100
 #: Errors of trials, shape (n, K, 3) each.
 Groups = tuple[FloatArray, ...]
 
@@ -42,25 +46,42 @@ class Bound:
         return np.asarray(_scores(_errors(samples), [self.position, self.velocity, self.force]) <= 1.0)
 
 
-def max_sample_bound(samples: ErrorSamples) -> Bound:
-    """Return the largest error of n trials over the axes, at each time.
+class ConformalBound(Plugin):
+    """A bound that position, velocity and force keep together, at all times, with a stated probability.
 
-    The level, ``1 - 1 / (n + 1)``, is that of one quantity, axis and time, not of all together.
-
-    Source:
-        Albee et al. 2021.
+    Attributes:
+        epsilon: Probability that it is broken.
+        trials: Number of trials, beside 100 that give its shape over time.
     """
-    return Bound(
-        samples.times,
-        np.abs(samples.position).max(axis=(0, 2)),
-        np.abs(samples.velocity).max(axis=(0, 2)),
-        np.abs(samples.force).max(axis=(0, 2)),
-        1.0 - 1.0 / (len(samples) + 1),
-        len(samples),
-    )
+
+    epsilon: float = Field(default=0.05, gt=0.0, lt=1.0)
+    trials: int = Field(default=200, ge=1)
+
+    @model_validator(mode="after")
+    def _has_trials(self) -> ConformalBound:
+        needed = _least_trials(self.epsilon)
+        if self.trials < needed:
+            message = f"{self.epsilon:g} needs {needed} trials, and `trials` is {self.trials}; raise one of the two"
+            raise misplaced([(("epsilon",), message)])
+        return self
+
+    def __call__(self, query: BoundQuery, streams: Streams) -> Bound:
+        """Return bounds at the samples of the plan, with the random streams of one mission."""
+        trials = trial_streams(streams, self.trials + _SCALE_TRIALS)
+        return conformal_bound(sample_errors(query, trials), self.epsilon)
 
 
-def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: int = SCALE_TRIALS) -> Bound:
+def trial_streams(streams: Streams, trials: int) -> Streams:
+    """Return a stream for each trial of a mission."""
+    return Streams(streams.seed, np.repeat(streams.slot, trials), np.arange(trials))
+
+
+def _least_trials(epsilon: float) -> int:
+    """Return the number of trials that a conformal bound with a probability of error needs, ``1 / epsilon - 1``."""
+    return math.ceil(1.0 / epsilon - 1e-9) - 1
+
+
+def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: int = _SCALE_TRIALS) -> Bound:
     """Return a bound that a new trial keeps as a whole with probability 1 - epsilon or more.
 
     The first trials give the root mean square error at each time, sigma_p(t), sigma_v(t) and sigma_F(t). Each of the n
@@ -81,7 +102,7 @@ def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: 
     count = len(samples) - scale_trials
     rank = math.ceil((count + 1) * (1.0 - epsilon) - 1e-9)
     if scale_trials < 1 or count < 1 or rank > count:
-        needed = scale_trials + least_trials(epsilon)
+        needed = scale_trials + _least_trials(epsilon)
         raise ValueError(
             f"conformal bound: {len(samples)} trials, {scale_trials} of them for the scale, are too few for "
             f"epsilon {epsilon}; take {needed} or more"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,8 +23,8 @@ class EstimateErrors:
         velocity: Of the chaser's own velocity, along each axis of W [m/s].
     """
 
-    attitude: float = 0.0
-    rate: float = 0.0
+    attitude: float
+    rate: float
     centre: float = 0.0
     inertia: float = 0.0
     position: float = 0.0
@@ -43,11 +42,6 @@ class JointErrors(EstimateErrors):
     """
 
     joint: FloatArray = field(default_factory=lambda: np.zeros((14, 14)), compare=False)
-
-
-def least_trials(epsilon: float) -> int:
-    """Return the number of trials that a conformal bound with a probability of error needs, ``1 / epsilon - 1``."""
-    return math.ceil(1.0 / epsilon - 1e-9) - 1
 
 
 @dataclass(frozen=True)

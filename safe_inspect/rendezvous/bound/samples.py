@@ -10,8 +10,8 @@ from safe_inspect.dynamics import quaternion
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, JointErrors
-from safe_inspect.rendezvous.bound.transport import Path, to_inertial, torque_free
 from safe_inspect.rendezvous.characterise.ratios import inertia_of, logits_of
+from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free
 from safe_inspect.types import FloatArray, IntArray
 
 #: What keeps a covariance definite: a share of its diagonal, and of each error.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,8 @@ _MOTION, _ALL, _PRIORS = 8, 11, 5
 MEDIAN_SIZE = 1.538
 #: Share of the variance of a pose to the model that is its own, and not alike for poses that follow each other.
 _ALONE = 0.1
+#: Residual beyond which an edge counts less, in standard deviations.
+_SOFT = 2.0
 #: Least standard deviation of the drift [rad/s].
 _LEAST_DRIFT = 1e-8
 
@@ -69,30 +70,26 @@ class Motion(NamedTuple):
         return np.concatenate((turn.T, rate.T, np.diag(2.0 * size)[6:])) / (2.0 * size)
 
 
-@dataclass(frozen=True)
-class FitOptions:
-    """How a motion is fitted.
+class FitOptions(NamedTuple):
+    """What a fit is told; the options of a user are those of `motion.PolhodeCharacteriser`.
 
     Attributes:
         prior: Logits that the inertia ratios are drawn to, and their standard deviation; None for none.
         q_MT: Principal axes in the model, shape (4,); None where poses to the model are not used.
-        soft: Residual beyond which an edge counts less, in standard deviations.
-        telescoping: Share of an edge's variance that is an error of its frames' views, so that it cancels along a
-            chain of edges.
-        memory: Time over which errors of poses to the model stay alike [s]; 0 for independent ones.
-        drift: Standard deviation of what the gyroscopes' bias is estimated wrong by [rad/s]; 0 where it is known.
+        telescoping: See `motion.PolhodeCharacteriser`.
+        memory: Likewise [s].
+        drift: Likewise [rad/s].
         evaluations: Largest number of steps.
         warm: Whether the start is so near that edges which do not agree with it may be left out at once.
     """
 
-    prior: tuple[FloatArray, float] | None = None
-    q_MT: FloatArray | None = None  # noqa: N815
-    soft: float = 2.0
-    telescoping: float = 0.0
-    memory: float = 0.0
-    drift: float = 0.0
-    evaluations: int = 40
-    warm: bool = False
+    prior: tuple[FloatArray, float] | None
+    q_MT: FloatArray | None  # noqa: N815
+    telescoping: float
+    memory: float
+    drift: float
+    evaluations: int
+    warm: bool
 
 
 class Fit(NamedTuple):
@@ -218,7 +215,7 @@ def fit_motion(history: History, start: Motion, options: FitOptions) -> Fit:
     def solve(parameters: FloatArray, loss: str, evaluations: int) -> FloatArray:
         found = least_squares(
             lambda x: problem.vector(x[None])[0], parameters, lambda x: problem.jacobian(x), loss=loss,
-            f_scale=options.soft, x_scale=_SCALES, method="trf", max_nfev=evaluations, xtol=tolerance, ftol=tolerance,
+            f_scale=_SOFT, x_scale=_SCALES, method="trf", max_nfev=evaluations, xtol=tolerance, ftol=tolerance,
             gtol=tolerance,
         )  # fmt: skip
         return np.asarray(found.x)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,16 +11,18 @@ from safe_inspect.rendezvous.bound.conformal import Bound
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.gains import (
     FREQUENCIES,
-    TrackingWeights,
     best_tube,
     candidate_gains,
     clearance_margin,
+    stiffening_gains,
 )
-from safe_inspect.rendezvous.control.mpc import TubeMPC
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.tube import AxisBound, Tube
+from safe_inspect.rendezvous.control.tube import AxisBound, Tube, no_tube, truth_tube
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import FloatArray
+
+#: Change of position [m] and velocity [m/s] in a step by other causes, such as the sampling of the reference.
+_PROCESS = np.array([5e-6, 5e-6])
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,6 @@ class DesignOptions:
 
     Attributes:
         process_force: Largest force that is not commanded, along each axis [N].
-        process_position: Change of the position in a step by other causes, such as the sampling of the reference [m].
-        process_velocity: Likewise of the velocity [m/s].
         reserve: Force that shall be left for the nominal feedback [N]: 0.03 N stop 1 cm/s within a horizon of 4 s. With
             less a plan is still accepted, but nominal errors may take longer horizons to correct.
         gains: Gains K to choose from, shape (2,) or (K, 2) each; None for a grid of natural frequencies and dampings.
@@ -39,8 +39,6 @@ class DesignOptions:
     """
 
     process_force: float = 3e-3
-    process_position: float = 5e-6
-    process_velocity: float = 5e-6
     reserve: float = 0.03
     gains: tuple[FloatArray, ...] | None = None
     length: float = 1.0
@@ -87,15 +85,11 @@ class TubeDesign:
         low, high = np.floor(place).astype(int), np.ceil(place).astype(int)
         return np.asarray(np.maximum(self.margin[low], self.margin[high]))
 
-    def tracker(self, horizon: int = 20, weights: TrackingWeights | None = None) -> TubeMPC:
-        """Return the controller of one approach."""
-        return TubeMPC(self.axis, self.tube, self.limits, horizon, weights)
-
 
 def axis_bound(axis: Axis, bound: Bound, options: DesignOptions | None = None) -> AxisBound:
     """Return what disturbs an axis: the bound of the reference, and the force that is not commanded."""
     options = options or DesignOptions()
-    process = np.abs(axis.B) * options.process_force + np.array([options.process_position, options.process_velocity])
+    process = np.abs(axis.B) * options.process_force + _PROCESS
     return AxisBound(bound.position, bound.velocity, bound.force, process)
 
 
@@ -162,3 +156,88 @@ def _refusal(plan: Plan, tube: Tube, reserve: FloatArray, room: FloatArray) -> s
             "tracking a higher one",
         )
     return "".join(f"tube: {item}" for item in lacking)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignRequest:
+    """A plan that a tracker is to be designed for.
+
+    Attributes:
+        plan: The plan, sampled at the steps of control.
+        bound: Bound of the error of its reference.
+        clearance: Distance of the chaser's sphere to the target along the plan [m], shape (K,).
+        axis: The chaser along one axis.
+        limits: What tracking must keep.
+        force_error: Largest error of a force of the actuators [N].
+        length: Length of the scenario [m].
+        gain: Gain of the tube that the plan was made for, shape (2,) or (K, 2), which is kept where the force allows
+            it; None for the best.
+    """
+
+    plan: Plan
+    bound: Bound
+    clearance: FloatArray
+    axis: Axis
+    limits: TrackingLimits
+    force_error: float
+    length: float = 1.0
+    gain: FloatArray | None = None
+
+
+def design_by_clearance(request: DesignRequest, frequencies: tuple[float, ...] = FREQUENCIES) -> TubeDesign:
+    """Return the tube that leaves most clearance along a plan, or why there is none.
+
+    The gain that the plan was made for is kept where force, keep-in and speed allow it: its margin is the plan's, but
+    for the change of the bound, so that plan and tube agree after a few turns. Else the tube that is narrowest over all
+    times is tried first; where it is wider than the plan's clearance, that of each gain which the force allows, and of
+    gains that stiffen from the best one.
+
+    Args:
+        request: The plan.
+        frequencies: Natural frequencies of the gains that are tried [rad/s].
+    """
+    plan, axis = request.plan, request.axis
+    reserve = 0.03 * (request.limits.force / 0.30)
+    options = DesignOptions(request.force_error, reserve=reserve, length=request.length, frequencies=frequencies)
+    if request.gain is not None:
+        gain = _resampled(request.gain, len(plan.times))
+        kept = design_tube(plan, request.bound, axis, request.limits, replace(options, gains=(gain,), reserve=0.0))
+        if kept.accepted:
+            return kept
+    first = design_tube(plan, request.bound, axis, request.limits, options)
+    if not first.accepted or (first.margin <= request.clearance).all():
+        return first
+    disturbance = axis_bound(axis, request.bound, options)
+    available = first.force_reserve + first.tube.force
+
+    def spare(tube: Tube) -> float:
+        if (tube.force > available).any():
+            return -np.inf
+        return float((request.clearance - clearance_margin(tube, request.length)).min())
+
+    constant = [truth_tube(axis, gain, disturbance) for gain in candidate_gains(axis, frequencies)]
+    best = max([*constant, first.tube], key=spare)
+    if best.gain.ndim == 1:
+        stiffer = [truth_tube(axis, gain, disturbance) for gain in stiffening_gains(axis, best.gain, len(plan.times))]
+        best = max([best, *stiffer], key=spare)
+    options = replace(options, gains=(best.gain,), reserve=0.0)
+    return design_tube(plan, request.bound, axis, request.limits, options)
+
+
+def _resampled(gain: FloatArray, steps: int) -> FloatArray:
+    """Return a gain for a plan of another number of steps, shape (2,) or (steps, 2)."""
+    if gain.ndim == 1 or len(gain) == steps:
+        return gain
+    old, new = np.linspace(0.0, 1.0, len(gain)), np.linspace(0.0, 1.0, steps)
+    return np.stack([np.interp(new, old, column) for column in gain.T], axis=1)
+
+
+def design_without_tube(request: DesignRequest) -> TubeDesign:
+    """Return a tube of no width, for trackers without one."""
+    plan, axis, limits = request.plan, request.axis, request.limits
+    tube = no_tube(len(plan.times))
+    reference = TrackedReference(plan.position, plan.velocity, plan.tide)
+    reserve = TightenedLimits(axis, reference, tube, limits).reserve()
+    available = limits.force - np.abs(plan.force).max(axis=1)
+    margin = clearance_margin(tube, request.length)
+    return TubeDesign(axis, limits, tube, plan.times, available, reserve[:, :2], margin)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from safe_inspect.dynamics.cwh import regulator_gain
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.tube import AxisBound, Tube, truth_tube
 from safe_inspect.types import FloatArray
@@ -54,13 +55,9 @@ def natural_gain(axis: Axis, frequency: FloatArray | float, damping: float) -> F
 
 def lqr_gain(axis: Axis, weights: TrackingWeights | None = None) -> FloatArray:
     """Return the gain of the discrete linear-quadratic regulator, ``u = K x``, shape (2,)."""
-    from scipy.linalg import solve_discrete_are  # slow to import
-
     weights = weights or TrackingWeights()
-    state = np.diag((weights.position, weights.velocity))
-    b = axis.B[:, None]
-    cost = solve_discrete_are(axis.A, b, state, np.array([[weights.force]]))
-    return np.asarray(-np.linalg.solve(weights.force + b.T @ cost @ b, b.T @ cost @ axis.A)[0])
+    state, force = np.diag((weights.position, weights.velocity)), np.array([[weights.force]])
+    return np.asarray(-regulator_gain(axis.A, axis.B[:, None], state, force)[0])
 
 
 def clearance_margin(tube: Tube, length: float = 1.0) -> FloatArray:

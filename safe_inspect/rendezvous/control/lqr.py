@@ -1,50 +1,30 @@
-"""The linear-quadratic regulator about the reference, with clipped force: a comparison, and the fallback of `mpc`."""
+"""The linear-quadratic regulator about the reference, with clipped force: a comparison, and for holding a position."""
 
 from __future__ import annotations
-
-import enum
-from dataclasses import dataclass
 
 import numpy as np
 
 from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_without_tube
 from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
 from safe_inspect.rendezvous.control.tightening import TrackedReference
+from safe_inspect.rendezvous.control.tracker import AxisStatus, Tracker, TrackerOutput
 from safe_inspect.types import FloatArray
 
 
-class AxisStatus(enum.IntEnum):
-    """How the force along an axis was found; the larger, the worse."""
+class LQRTracker(Tracker):
+    """The linear-quadratic regulator about the reference, with clipped force and without a tube."""
 
-    SOLVED = 0
-    LONGER_HORIZON = 1  # solved with a longer horizon than asked for
-    SHIFTED = 2  # no solution: the rest of the last one
-    REGULATOR = 3  # no solution at all: the clipped linear-quadratic regulator, without the tube's guarantee
+    def design(self, request: DesignRequest) -> TubeDesign:
+        """Return a tube of no width."""
+        return design_without_tube(request)
 
-
-@dataclass(frozen=True, eq=False)
-class TrackerOutput:
-    """The force of one step of control, along the axes of W.
-
-    Attributes:
-        force: What to apply [N], shape (3,).
-        nominal: Nominal error z_0 in position [m] and velocity [m/s], shape (3, 2).
-        nominal_force: v_0 [N], shape (3,).
-        status: How each axis was found, shape (3,), of `AxisStatus`.
-    """
-
-    force: FloatArray
-    nominal: FloatArray
-    nominal_force: FloatArray
-    status: tuple[AxisStatus, ...]
-
-    @property
-    def feasible(self) -> bool:
-        """Whether every axis has a solution, this one's or the rest of the last one."""
-        return max(self.status) < AxisStatus.REGULATOR
+    def __call__(self, design: TubeDesign) -> LQRTrackerRun:
+        """Return the tracker of one approach."""
+        return LQRTrackerRun(design.axis, design.limits.force)
 
 
-class LQRTracker:
+class LQRTrackerRun:
     """``u = u_r + K (x_hat - r_hat)``, clipped."""
 
     def __init__(self, axis: Axis, force: float = 0.30, weights: TrackingWeights | None = None) -> None:

@@ -2,27 +2,46 @@
 
 from __future__ import annotations
 
-import enum
-
 import numpy as np
+from pydantic import Field
 
 from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance
 from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
-from safe_inspect.rendezvous.control.lqr import AxisStatus, TrackerOutput
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import AxisStatus, Tracker, TrackerOutput
 from safe_inspect.rendezvous.control.tracking_qp import AxisLimits, TrackingQP, TrackingSolution
 from safe_inspect.rendezvous.control.tube import Tube
 from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveAngularRate
 
-# Horizons, as multiples of the one asked for, that are tried where the first step has no solution.
+#: Horizons, as multiples of the one asked for, that are tried where the first step has no solution.
 _LONGER = (2, 4)
+#: Number of natural frequencies that are tried between the least and the largest.
+_FREQUENCIES = 20
 
 
-class InitialState(enum.Enum):
-    """How the nominal error z_0 follows from the measured one."""
+class TubeMPCTracker(Tracker):
+    """Tube model predictive control; of the gains that the force allows it takes the one that leaves most clearance.
 
-    NOMINAL = "nominal"  # z_0 = the last z_1: the error of a tube may not start anew
-    MEASURED = "measured"  # z_0 = x; plain model predictive control
+    Attributes:
+        horizon: Steps of the programme.
+        least_frequency: Least natural frequency of the feedback gains that are tried [rad/s].
+        largest_frequency: Largest one [rad/s].
+    """
+
+    horizon: int = Field(default=20, ge=2)
+    least_frequency: PositiveAngularRate = 0.15  # type: ignore[valid-type]
+    largest_frequency: PositiveAngularRate = 1.0  # type: ignore[valid-type]
+
+    def design(self, request: DesignRequest) -> TubeDesign:
+        """Return the tube of a plan, or why there is none."""
+        frequencies = np.geomspace(self.least_frequency, self.largest_frequency, _FREQUENCIES)
+        return design_by_clearance(request, tuple(frequencies))
+
+    def __call__(self, design: TubeDesign) -> TubeMPC:
+        """Return the tracker of one approach."""
+        return TubeMPC(design.axis, design.tube, design.limits, self.horizon)
 
 
 class TubeMPC:
@@ -48,7 +67,6 @@ class TubeMPC:
         limits: TrackingLimits | None = None,
         horizon: int = 20,
         weights: TrackingWeights | None = None,
-        initial: InitialState = InitialState.NOMINAL,
     ) -> None:
         """Set the programmes up.
 
@@ -58,10 +76,8 @@ class TubeMPC:
             limits: Limits before tightening.
             horizon: Steps N of the programme.
             weights: Weights of the cost; by default those of the largest force.
-            initial: How z_0 is found.
         """
         self.axis, self.tube, self.limits = axis, tube, limits or TrackingLimits()
-        self.initial = initial
         self._horizon, self._weights = horizon, weights or TrackingWeights.of_force(self.limits.force)
         self._regulator = lqr_gain(axis, self._weights)
         self._programmes: dict[int, TrackingQP] = {}
@@ -103,8 +119,8 @@ class TubeMPC:
     def _solve(self, i: int, error: FloatArray, limits: AxisLimits) -> tuple[TrackingSolution | None, AxisStatus]:
         """Return the solution of axis i for its error x_hat - r_hat, shape (2,), and how it was found."""
         last = self._solutions[i]
-        start = last.states[1] if last is not None and self.initial is InitialState.NOMINAL else error
-        if last is not None and self.initial is InitialState.NOMINAL:
+        start = error if last is None else last.states[1]  # the error of a tube may not start anew
+        if last is not None:
             limits = limits.holding(last, self._jump)
         # The horizon of the last solution: with a shorter one what was feasible need not remain so.
         solution = self._programme(self._factors[i]).solve(start, limits)

@@ -9,19 +9,19 @@ import numpy as np
 from safe_inspect.dynamics.tide import largest_tide
 from safe_inspect.rendezvous.bound.conformal import Bound
 from safe_inspect.rendezvous.bound.query import BoundQuery, Updates
-from safe_inspect.rendezvous.control.design import TubeDesign
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign
 from safe_inspect.rendezvous.control.monitor import reference_problem
 from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.coordination.context import Following, MissionContext
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.departure import departure_velocity
-from safe_inspect.rendezvous.coordination.escape import EscapeOptions, find_escape, remains_clear
+from safe_inspect.rendezvous.coordination.escape import find_escape, remains_clear
 from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time, sees_target
+from safe_inspect.rendezvous.coordination.reference import reference_of
 from safe_inspect.rendezvous.planner.certificate import certify
 from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
-from safe_inspect.rendezvous.tracking import DesignRequest, reference_of
 
 #: Rounding of references, in metres and metres a second.
 _ROUNDING = 1e-6
@@ -249,8 +249,7 @@ def renew_reference(context: MissionContext) -> None:
 def renew_escape(context: MissionContext) -> None:
     """Look for a way out; without one the last stays, and the log says so."""
     mission = context.config.mission
-    options = EscapeOptions(mission.escapes, mission.length)
-    found = find_escape(context.estimate, context.target, context.limits, options)
+    found = find_escape(context.estimate, context.target, context.limits, mission.escapes, mission.length)
     if found is None:
         context.report("no_escape", {"clearance": context.clearance()})
     else:

@@ -5,26 +5,53 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.conformal import Bound
+from safe_inspect.rendezvous.bound.conformal import Bound, ConformalBound
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.design import TubeDesign
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import Tracker, TrackerRun
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.departure import CommandedMotion
 from safe_inspect.rendezvous.coordination.escape import Escape
 from safe_inspect.rendezvous.estimate import StateEstimate
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig, RendezvousConfig
+from safe_inspect.rendezvous.planner.approach import ApproachPlanner
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
-from safe_inspect.rendezvous.plugins.base import TrackerRun
+from safe_inspect.rendezvous.readings import Readings
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
+
+
+class PilotConfig(NamedTuple):
+    """What a pilot flies by: all of an experiment but the world.
+
+    Attributes:
+        chaser: The chaser.
+        mission: Rates, guards and time limits, with the faults of the flight computer alone.
+        planner: Plans the approach.
+        bound: Bounds the error of the reference.
+        tracker: Follows the reference.
+    """
+
+    chaser: ChaserConfig
+    mission: MissionConfig
+    planner: ApproachPlanner
+    bound: ConformalBound
+    tracker: Tracker
+
+    @classmethod
+    def of(cls, config: RendezvousConfig) -> PilotConfig:
+        """Return that of an experiment."""
+        own = tuple(fault for fault in config.mission.faults if fault.kind in ("planner", "solver"))
+        mission = config.mission.model_copy(update={"faults": own})
+        return cls(config.chaser, mission, config.planner, config.bound, config.tracker)
 
 
 @dataclass(eq=False)
@@ -47,7 +74,7 @@ class MissionContext:
     """The memory of one mission.
 
     Attributes:
-        config: The experiment.
+        config: What the pilot flies by.
         target: The target.
         limits: The chaser's limits.
         axis: The chaser along one axis.
@@ -55,6 +82,7 @@ class MissionContext:
         streams: The random streams of the mission.
         hold: Follows a reference without a tube, for all that is no approach.
         report: Called with an event's name and its data.
+        readings: What the sensors have given.
         estimate: The newest estimate.
         step: Number of the step of control.
         time: The time [s].
@@ -92,7 +120,7 @@ class MissionContext:
         cause: Why the mission ended.
     """
 
-    config: RendezvousConfig
+    config: PilotConfig
     target: Target
     limits: Limits
     axis: Axis
@@ -100,6 +128,7 @@ class MissionContext:
     streams: Streams
     hold: TrackerRun
     report: Callable[[str, dict[str, Any]], None]
+    readings: Readings
     estimate: StateEstimate
     motion: CommandedMotion
     step: int = 0
@@ -142,11 +171,8 @@ class MissionContext:
         return self.time - self.since
 
     def fails(self, kind: str) -> bool:
-        """Return whether something is failing now."""
-        return any(
-            fault.kind == kind and fault.start <= self.time < fault.start + fault.duration
-            for fault in self.config.mission.faults
-        )
+        """Return whether a part of the flight computer is failing now: ``planner`` or ``solver``."""
+        return self.config.mission.fails(kind, self.time)
 
     def aim(self) -> FloatArray:
         """Return where the camera looks, in W [m], shape (3,).

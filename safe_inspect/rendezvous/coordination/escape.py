@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,19 +29,6 @@ _DIRECTIONS = np.array(
     [[*axis] for axis in (*np.eye(3), *-np.eye(3))] + [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
     dtype=np.float64,
 )
-
-
-@dataclass(frozen=True)
-class EscapeOptions:
-    """How an escape is looked for.
-
-    Attributes:
-        durations: Durations that are tried, the shortest first [s].
-        length: Length of the scenario [m].
-    """
-
-    durations: tuple[float, ...] = (10.0, 14.0, 20.0, 28.0, 40.0)
-    length: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +60,7 @@ def safe_radius(target: Target, limits: Limits, length: float = 1.0) -> float:
 
 
 def find_escape(
-    estimate: StateEstimate, target: Target, limits: Limits, options: EscapeOptions | None = None
+    estimate: StateEstimate, target: Target, limits: Limits, durations: Sequence[float], length: float = 1.0
 ) -> Escape | None:
     """Return the shortest escape that is certified, of those outwards and along the faces and diagonals of T.
 
@@ -87,14 +75,14 @@ def find_escape(
         estimate: Where all things are.
         target: The target's shape.
         limits: The chaser's limits.
-        options: How it is looked for.
+        durations: Durations that are tried, the shortest first [s].
+        length: Length of the scenario [m].
     """
-    options = options or EscapeOptions()
     position = estimate.chaser.position - estimate.target.position
     outwards = position[None] if position.any() else np.empty((0, 3))
     directions = np.concatenate([outwards, _DIRECTIONS @ to_matrix(estimate.target.orientation).T])
-    goals = _goals(directions, safe_radius(target, limits, options.length), limits.keep_in, options.length)
-    for duration in options.durations:
+    goals = _goals(directions, safe_radius(target, limits, length), limits.keep_in, length)
+    for duration in durations:
         times = estimate.time + duration * np.linspace(0.0, 1.0, _SAMPLES)
         q, w = estimate.predict(times)
         for turning in (False, True):
@@ -102,7 +90,7 @@ def find_escape(
             fits = _within_limits(position, velocity, duration, limits)
             if fits.any():
                 distance = _lowest_distances(target, (q, w), position, velocity, duration, limits)
-                fits &= distance >= limits.radius + ESCAPE_CLEARANCE * options.length
+                fits &= distance >= limits.radius + ESCAPE_CLEARANCE * length
             if fits.any():
                 first = int(fits.argmax())
                 return Escape(times, position[first], velocity[first])

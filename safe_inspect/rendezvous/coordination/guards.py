@@ -207,8 +207,7 @@ def sees_target(context: MissionContext) -> bool:
     """Return whether the sensors work, and frames show the target again and again."""
     age = context.time - context.estimate.updated
     is_fresh = age <= _NEWEST * context.config.mission.update_period + _ROUNDING
-    works = not context.fails("camera") and not context.fails("imu")
-    return bool(works and is_fresh and context.poses >= _RESUMED)
+    return bool(not context.readings.silent and is_fresh and context.poses >= _RESUMED)
 
 
 def _may_wait(context: MissionContext) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from safe_inspect.rendezvous.back_end.inertial import BIAS_JUMP, BiasJump
-from safe_inspect.rendezvous.estimate import ExpectedMotion
+from safe_inspect.rendezvous.estimation.response import ExpectedMotion
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.types import FloatArray
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.rendezvous.back_end.options import GraphEstimate
+from safe_inspect.rendezvous.back_end.states import GraphEstimate
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.poses import inverse
 from safe_inspect.types import FloatArray

@@ -9,23 +9,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, from_matrix, log, multiply, rotate, to_matrix
-from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate
-from safe_inspect.rendezvous.back_end.run import BackEndRun
-from safe_inspect.rendezvous.characterise.fit import Motion
+from safe_inspect.rendezvous.back_end.graph import PoseGraph
+from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
+from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
 from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.estimate import ExpectedMotion
 from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
 from safe_inspect.rendezvous.estimation.change import OFF_FRAMES, departs, motion_of
 from safe_inspect.rendezvous.estimation.innovation import centre_innovation
+from safe_inspect.rendezvous.estimation.response import ExpectedMotion
 from safe_inspect.rendezvous.front_end.context import FrontEndRun
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
-#: Called with the history, the target, the motion as it was known and q_GM.
-Characterise = Callable[[History, Target | None, Motion | None, FloatArray | None], TargetEstimate | None]
+#: Least time between two fits of the motion [s].
+_FIT_PERIOD = 5.0
 #: Number of the newest frames that are compared with the known motion, and the misfit of the newest edges that shows a
 #: change as well, in standard deviations.
 _CHANGED_FRAMES, _CHANGED_MISFIT = 5, 3.0
@@ -55,16 +55,14 @@ class PipelineParts:
         target: The target where it is known.
         T_BC: Pose of the camera in B, shape (4, 4).
         imu: Errors of the inertial unit.
-        fit_period: Time between two fits [s].
     """
 
     front_end: FrontEndRun
-    back_end: Callable[[ChaserStart, CentrePrior], BackEndRun]
-    characterise: Characterise
+    back_end: Callable[[ChaserStart, CentrePrior], PoseGraph]
+    characterise: PolhodeCharacteriser
     target: Target | None
     T_BC: FloatArray
     imu: ImuNoise
-    fit_period: float = 2.0
 
 
 def _is_consistent(found: TargetEstimate | None) -> bool:
@@ -82,7 +80,7 @@ class EstimationPipeline:
 
     def __init__(self, parts: PipelineParts, start: ChaserStart) -> None:
         self._parts, self._start = parts, start
-        self._back_end: BackEndRun | None = None
+        self._back_end: PoseGraph | None = None
         self._edges: list[Edge] = []
         self._times: dict[int, float] = {}
         self._count = 0
@@ -104,7 +102,7 @@ class EstimationPipeline:
             return
         jump = self._bias_jumps.check(samples, expected, self.graph.bias[:3], duration)
         if jump is not None:
-            self._back_end.correct(jump)
+            self._back_end.imu.correct(jump)
 
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
         """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s].
@@ -112,7 +110,7 @@ class EstimationPipeline:
         Samples before the first frame are not used: the chaser's start holds at that frame.
         """
         if self._back_end is not None:
-            self._back_end.measure(acceleration, rate, period)
+            self._back_end.imu.add(acceleration, rate, period)
 
     def coast(self, period: float, commanded: FloatArray | None = None) -> None:
         """Take a period [s] without a sample as flown as commanded, without a command as free flight.
@@ -123,7 +121,7 @@ class EstimationPipeline:
         if self._bias_jumps is not None:
             self._bias_jumps.interrupt()
         if self._back_end is not None:
-            self._back_end.coast(period, np.zeros(6) if commanded is None else commanded)
+            self._back_end.imu.coast(period, np.zeros(6) if commanded is None else commanded)
 
     def see(self, frame: DepthFrame) -> None:
         """Take a frame at the time of the last sample."""
@@ -135,7 +133,7 @@ class EstimationPipeline:
             self._edges += edges
             return
         back_end = self._back_end
-        edges = self._parts.front_end.step(frame, self._predicted(frame.time), back_end.rotation)
+        edges = self._parts.front_end.step(frame, self._predicted(frame.time), back_end.imu.rotation)
         expected, _, _ = back_end.now()
         measured, edges = edges, self._trusted(expected, edges)
         self._times[number] = frame.time
@@ -149,7 +147,7 @@ class EstimationPipeline:
         self._check_motion(frame.time, edges)
         if self.graph.relative is not None and edges:
             self.updated = frame.time
-        if frame.time >= self._fitted_at + self._parts.fit_period - 1e-9 and edges:
+        if frame.time >= self._fitted_at + _FIT_PERIOD - 1e-9 and edges:
             self._fit(frame.time)
 
     @property
@@ -199,7 +197,7 @@ class EstimationPipeline:
         if found is None or _is_consistent(found):
             self.target, self.changed = found or known, self.changed and found is None
         elif self.changed:  # frames from before the change, or a further one: what is older is left out
-            self._since = max(self._since, time - _LEAST_TIME + 2.0 * parts.fit_period)
+            self._since = max(self._since, time - _LEAST_TIME + 2.0 * _FIT_PERIOD)
         elif known is not None and found.recent_misfit > _CHANGED_MISFIT:
             self._forget_before(time - _QUICK_SPAN, time)
         else:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.dynamics.tumble import angular_acceleration
-from safe_inspect.rendezvous.estimate import BodyState, ExpectedMotion
+from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.types import FloatArray
 
@@ -15,6 +17,18 @@ from safe_inspect.types import FloatArray
 _SHARE, _LEAST = 0.02, 1e-4
 #: Largest distance of an exponential response from its chord, as a share of its change, over the time of the step.
 _CURVATURE = 0.125
+
+
+class ExpectedMotion(NamedTuple):
+    """What the actuators are expected to give in a step of control.
+
+    Attributes:
+        mean: Acceleration and angular acceleration in B, mean over the step [m/s^2, rad/s^2], shape (6,).
+        sigma: Standard deviations of one axis of both [m/s^2, rad/s^2], shape (2,).
+    """
+
+    mean: FloatArray
+    sigma: FloatArray
 
 
 class ActuatorResponse:

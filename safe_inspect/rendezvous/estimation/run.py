@@ -1,115 +1,76 @@
-"""The estimator of a mission whose chaser knows what its sensors tell, and nothing else."""
+"""The estimator of a mission from depth frames and inertial samples."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import from_matrix, to_matrix
-from safe_inspect.rendezvous.back_end.options import ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.back_end.states import ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.bound.query import EstimateErrors, JointErrors
 from safe_inspect.rendezvous.characterise.history import TargetEstimate
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
+from safe_inspect.rendezvous.estimate import UNKNOWN, BodyState, StateEstimate, unknown_estimate
 from safe_inspect.rendezvous.estimation.change import covariance_at
+from safe_inspect.rendezvous.estimation.context import EstimatorContext
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
-from safe_inspect.rendezvous.estimation.suite import SensorSuite
+from safe_inspect.rendezvous.estimation.response import ActuatorResponse, ExpectedMotion
 from safe_inspect.rendezvous.poses import pose
+from safe_inspect.rendezvous.readings import Readings
+from safe_inspect.rendezvous.sensors.imu import InertialSample
+from safe_inspect.rendezvous.sensors.tof import no_frame
 from safe_inspect.types import FloatArray
 
-#: Errors of a target whose motion is not known yet [rad, rad/s, m].
-UNKNOWN = EstimateErrors(attitude=np.pi, rate=1.0, centre=1.0, inertia=1.0, velocity=0.1)
 #: A motion is first believed when its attitude's standard deviation is below this [rad]. A covariance describes
 #: rotations near the estimate only: fits of a few seconds with harsh noise can have the target turn the other way.
 _FIRST_ATTITUDE = np.deg2rad(20.0)
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """How often the sensors are asked, and what is assumed of the errors.
-
-    Attributes:
-        frame_steps: Steps of control between two frames.
-        correlation: Correlation of the errors of two updates that follow each other.
-        needs_model: Whether a motion whose axes' directions no model has fixed may not be planned with.
-    """
-
-    frame_steps: int
-    correlation: float
-    needs_model: bool = True
-
-
-class TruePose:
-    """The true T_MB at the frame that is being processed, for front ends that are simulated."""
-
-    def __init__(self) -> None:
-        self.pose = np.eye(4)
-
-    def __call__(self) -> FloatArray:
-        """Return it, shape (4, 4)."""
-        return self.pose
-
-
 class PipelineEstimatorRun:
-    """Simulated sensors, and the pipeline that they feed.
+    """What the pipeline makes of the readings of one mission.
 
     Args:
         context: What the estimator is made with.
-        sensors: The sensors.
         parts: The pipeline's parts.
-        options: See `RunOptions`.
-        true_pose: What a simulated front end sees.
+        correlation: Correlation of the errors of two updates that follow each other.
     """
 
-    def __init__(
-        self,
-        context: EstimatorContext,
-        sensors: SensorSuite,
-        parts: PipelineParts,
-        options: RunOptions,
-        true_pose: TruePose,
-    ) -> None:
-        self._context, self._sensors, self._parts, self._options = context, sensors, parts, options
+    def __init__(self, context: EstimatorContext, parts: PipelineParts, correlation: float) -> None:
+        self._context, self._parts, self._correlation = context, parts, correlation
         self.pipeline: EstimationPipeline | None = None
-        self._true_pose = true_pose
-        self._call = -1
-        self._errors = UNKNOWN
+        self._response = ActuatorResponse(context.chaser, context.step)
+        self._errors, self._renewed = UNKNOWN, -np.inf
+        self._before: BodyState | None = None
 
-    def update(
-        self,
-        time: float,
-        chaser: BodyState,
-        target: BodyState,
-        *,
-        blind: bool = False,
-        inertial: InertialTruth | None = None,
-    ) -> StateEstimate:
+    def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
         if self.pipeline is None:
-            at_start = pose(to_matrix(chaser.orientation), chaser.position)
-            self.pipeline = EstimationPipeline(self._parts, ChaserStart(at_start, chaser.velocity.copy()))
-        pipeline, sensors = self.pipeline, self._sensors
-        if inertial is not None:
-            samples = sensors.samples(inertial)
-            if inertial.expected is not None and not inertial.silent:
-                pipeline.check_biases(samples, inertial.expected, self._context.step)
-            for sample in samples:
-                pipeline.measure(sample.acceleration, sample.rate, sensors.period)
-            if inertial.silent:
-                pipeline.coast(self._context.step, None if inertial.expected is None else inertial.expected.mean)
-        call = round(time / self._context.step)
-        is_frame = call % self._options.frame_steps == 0 and call != self._call
-        self._call = call
-        if is_frame:
-            self._true_pose.pose = sensors.pose_in_model(chaser, target)
-            frame = sensors.frame(time, chaser, target)
-            if not blind:
-                pipeline.see(frame)
-        return self._estimate(time, renew=is_frame)
+            assert readings.start is not None, "the first readings have the chaser's state"
+            at_start = pose(to_matrix(readings.start.orientation), readings.start.position)
+            self.pipeline = EstimationPipeline(self._parts, ChaserStart(at_start, readings.start.velocity))
+        if readings.command is not None and self._before is not None:
+            self._move(self.pipeline, self._response.step(self._before, *readings.command), readings.samples)
+        if readings.frame is not None:
+            self.pipeline.see(readings.frame)
+        elif readings.start is not None:
+            self.pipeline.see(no_frame(readings.time))  # the chaser's motion is followed from here on
+        is_due = readings.time >= self._renewed + self._context.frame_period - 1e-9
+        if is_due:
+            self._renewed = readings.time
+        estimate = self._estimate(self.pipeline, readings.time, renew=is_due)
+        self._before = estimate.chaser
+        return estimate
 
-    def _estimate(self, time: float, *, renew: bool) -> StateEstimate:
-        pipeline, options = self.pipeline, self._options
-        assert pipeline is not None, "the pipeline starts with the first call"
+    def _move(
+        self, pipeline: EstimationPipeline, expected: ExpectedMotion, samples: tuple[InertialSample, ...]
+    ) -> None:
+        """Follow a step of control by the inertial unit, or by the command where the unit is silent."""
+        if not samples:
+            pipeline.coast(self._context.step, expected.mean)
+            return
+        pipeline.check_biases(samples, expected, self._context.step)
+        for sample in samples:
+            pipeline.measure(sample.acceleration, sample.rate, self._context.imu_period)
+
+    def _estimate(self, pipeline: EstimationPipeline, time: float, *, renew: bool) -> StateEstimate:
         T_WB, velocity, rate = pipeline.now()  # noqa: N806
         chaser = BodyState(T_WB[:3, 3].copy(), velocity, from_matrix(T_WB[:3, :3]), rate)
         graph, found = pipeline.graph, pipeline.target
@@ -121,16 +82,10 @@ class PipelineEstimatorRun:
                 errors = UNKNOWN
         self._errors = errors
         if graph is None or found is None or errors is UNKNOWN:
-            problem = "the target's motion is not known yet"
-            unknown = BodyState(centre, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))
             inertia = self._context.target.principal
-            return StateEstimate(
-                time, pipeline.updated, chaser, unknown, inertia, UNKNOWN, options.correlation, problem
-            )
+            return unknown_estimate(time, pipeline.updated, chaser, inertia, self._correlation, centre)
         q, w = found.predict(np.array([time]))
-        problem = ""
-        if options.needs_model and not found.aligned:
-            problem = "the directions of the target's axes are not known"
+        problem = "" if found.aligned else "the directions of the target's axes are not known"
         alarm = "the target's motion has changed" if pipeline.changed else ""
         return StateEstimate(
             time=time,
@@ -139,7 +94,7 @@ class PipelineEstimatorRun:
             target=BodyState(centre, np.zeros(3), q[0], w[0]),
             inertia=found.inertia,
             errors=errors,
-            correlation=options.correlation,
+            correlation=self._correlation,
             problem=alarm or problem,
             alarm=alarm,
             mismatch=pipeline.mismatch,

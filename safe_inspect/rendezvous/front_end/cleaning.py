@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from safe_inspect.rendezvous.poses import move
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
@@ -58,27 +57,25 @@ class Cleaning:
     Attributes:
         camera: Geometry of the camera.
         edge: Difference of depth to a neighbour from which a pixel counts as the edge of a body [m].
-        nearest: Least depth that is used [m].
-        farthest: Largest depth that is used [m].
     """
 
     camera: DepthCamera
     edge: float = 0.03
-    nearest: float = 0.0
-    farthest: float = np.inf
 
     def __call__(self, frame: DepthFrame, T_BC: FloatArray) -> Cloud:  # noqa: N803
         """Return the cleaned points of a frame.
 
-        A pixel is dropped when it is not within the range of depths, when it does not belong to a large cluster,
-        or when one of its eight neighbours that see something differs by more than `edge`: there pixels fly.
+        A pixel is dropped when it does not belong to a large cluster, or when one of its eight neighbours that see
+        something differs by more than `edge`: there pixels fly.
 
         Args:
             frame: The frame.
             T_BC: Pose of the camera in B, shape (4, 4).
         """
+        from scipy import ndimage  # slow to import
+
         directions = self.camera.directions
-        used = frame.valid & (frame.depth >= self.nearest) & (frame.depth <= self.farthest)
+        used = frame.valid
         # A part that seems apart from the rest, behind an edge for instance, is no place where nothing is seen.
         seen = used | ndimage.binary_closing(used)
         used = _large_clusters(directions, frame.depth, used)
@@ -101,6 +98,8 @@ class Cleaning:
 
 def _outwards(seen: BoolArray) -> FloatArray:
     """Return the directions in which a blurred mask falls, shape (2, height, width); 0 far from its border."""
+    from scipy import ndimage  # slow to import
+
     blurred = ndimage.gaussian_filter(seen.astype(np.float64), _BLUR, mode="nearest")
     slope = -np.stack(np.gradient(blurred))
     length = np.sqrt((slope**2).sum(axis=0))
@@ -109,6 +108,8 @@ def _outwards(seen: BoolArray) -> FloatArray:
 
 def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
     """Return the pixels with a used neighbour whose depth differs by more than `edge` [m]."""
+    from scipy import ndimage  # slow to import
+
     # What is not used never differs: the largest and the least of the neighbours are taken over the used ones alone.
     largest = ndimage.maximum_filter(np.where(used, depth, -np.inf), size=3)
     return np.asarray((largest - depth > edge) | (depth - _least_depth(depth, used) > edge))
@@ -116,11 +117,15 @@ def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
 
 def _least_depth(depth: FloatArray, used: BoolArray) -> FloatArray:
     """Return the least depth of the used ones of a pixel and its neighbours, infinite without any [m]."""
+    from scipy import ndimage  # slow to import
+
     return np.asarray(ndimage.minimum_filter(np.where(used, depth, np.inf), size=3))
 
 
 def _large_clusters(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:
     """Return the used pixels of the largest groups of voxels that touch each other."""
+    from scipy import ndimage  # slow to import
+
     rays = directions[used]
     if len(rays) == 0:
         return used

@@ -1,11 +1,12 @@
-"""What a front end is made with, and what it is asked for at each frame."""
+"""Front ends: the plugin kind, what one is made with, and what it is asked for at each frame."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Literal, Protocol
 
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
@@ -21,16 +22,13 @@ class FrontEndContext:
         camera: Geometry of the depth camera.
         T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
         target: The target where its shape is known, else None.
-        streams: The random streams of one mission.
-        truth: Returns the true T_MB at the time of the frame that is being processed, for a simulated front end
-            (``needs_frames = False``); None for every other one, and outside of a simulation.
+        streams: Random streams of the estimator's own.
     """
 
     camera: DepthCamera
     T_BC: FloatArray
     target: Target | None
     streams: Streams
-    truth: Callable[[], FloatArray] | None = None
 
 
 class FrontEndRun(Protocol):
@@ -44,3 +42,18 @@ class FrontEndRun(Protocol):
             predicted: T_GB of this frame as the back end predicts it, shape (4, 4); None without a prediction.
             rotation: R_B'B from the gyro, from B now to B' at the last call, shape (3, 3).
         """
+
+
+class FrontEnd(Plugin):
+    """Base of front ends: from depth frames to relative poses of the target.
+
+    Attributes:
+        reads: ``frames`` of a depth camera, or ``poses`` that a simulated sensor measures in their place.
+    """
+
+    kind: ClassVar[str] = "front_end"
+    reads: ClassVar[Literal["frames", "poses"]] = "frames"
+
+    @abstractmethod
+    def __call__(self, context: FrontEndContext) -> FrontEndRun:
+        """Return the front end of a mission."""

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
-from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
-from safe_inspect.rendezvous.front_end.feature_matching import FeatureMatching
-from safe_inspect.rendezvous.front_end.features import FeatureCloud
-from safe_inspect.rendezvous.front_end.gicp import GicpRegistration, PreparedCloud
+from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
+from safe_inspect.rendezvous.front_end.gicp import PreparedCloud, prepare, register
 from safe_inspect.rendezvous.front_end.motion import RelativeMotion
 from safe_inspect.rendezvous.front_end.registration import Registration
 from safe_inspect.rendezvous.poses import difference, inverse, move, pose, rotation_exp, rotation_log
@@ -22,39 +21,18 @@ from safe_inspect.types import FloatArray
 _Kind = Literal["odometry", "skip", "loop", "relocalised"]
 
 
-@dataclass(frozen=True)
-class SubmapOdometry:
-    """Gates and rates of the odometry.
-
-    Attributes:
-        least_points: Frames with fewer points are not used.
-        keyframe_angle: Turn from the last keyframe that makes a new one [rad].
-        submap: Number of the newest keyframes that frames are registered to.
-        skips: To how many keyframes before the last one a new keyframe is registered too.
-        least_inliers: Least share of inliers of an accepted registration.
-        largest_turn: Largest difference from the prediction [rad].
-        largest_shift: The same of the position [m].
-        failures: Failures in a row after which the frame is looked for among the keyframes.
-        loops: Whether keyframes are registered to earlier ones of about the same view.
-        loop_angle: Largest predicted angle of a loop [rad].
-        loop_inliers: Least share of inliers of a loop.
-        loop_gap: How many keyframes a loop must reach back at least.
-        scale: Factor of the covariances, calibrated on simulation.
-    """
-
-    least_points: int = 150
-    keyframe_angle: float = np.deg2rad(12.0)
-    submap: int = 100
-    skips: int = 2
-    least_inliers: float = 0.6
-    largest_turn: float = np.deg2rad(10.0)
-    largest_shift: float = 0.1
-    failures: int = 3
-    loops: bool = True
-    loop_angle: float = np.deg2rad(20.0)
-    loop_inliers: float = 0.75
-    loop_gap: int = 8
-    scale: float = 10.0
+#: Frames with fewer points are not used.
+_LEAST_POINTS = 150
+#: Turn from the last keyframe that makes a new one [rad].
+_KEYFRAME_ANGLE = 0.20943951023931953
+#: Least share of inliers of an accepted registration, and its largest difference from the prediction [rad, m].
+_LEAST_INLIERS, _LARGEST_TURN, _LARGEST_SHIFT = 0.6, np.deg2rad(10.0), 0.1
+#: Failures in a row after which the frame is looked for among the keyframes.
+_FAILURES = 3
+#: Largest predicted angle of a loop [rad], its least share of inliers, and how many keyframes it reaches back at least.
+_LOOP_ANGLE, _LOOP_INLIERS, _LOOP_GAP = np.deg2rad(20.0), 0.75, 8
+#: Factor of the covariances, calibrated on simulation.
+_SCALE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,31 +44,39 @@ class _Keyframe:
     cloud: PreparedCloud
 
 
+class GicpSubmapFrontEnd(FrontEnd):
+    """Registers each frame to a submap of keyframes by generalised ICP; the shape need not be known.
+
+    A new keyframe is also registered to the ones before it and, when its view was seen before, to those of that view.
+    After failures a frame is looked for among the keyframes.
+
+    Attributes:
+        submap: Number of the newest keyframes that frames are registered to.
+        skips: To how many keyframes before the last one a new keyframe is registered.
+        loops: Whether keyframes are registered to earlier ones of about the same view.
+    """
+
+    submap: int = Field(default=100, ge=1)
+    skips: int = Field(default=2, ge=0)
+    loops: bool = True
+
+    def __call__(self, context: FrontEndContext) -> SubmapFrontEndRun:
+        """Return the front end of a mission."""
+        return SubmapFrontEndRun(self, context)
+
+
 class SubmapFrontEndRun:
     """Registers each frame to the keyframes before it, in the frame G of the first one.
 
     Args:
-        cleaning: Cleans frames.
-        registration: Registers clouds.
-        matching: Finds a frame among the keyframes without a prediction.
-        T_BC: Pose of the camera in B, shape (4, 4).
-        odometry: Gates and rates.
-        streams: The random streams of the mission.
+        options: The options.
+        context: What is known before the first frame.
     """
 
-    def __init__(
-        self,
-        cleaning: Cleaning,
-        registration: GicpRegistration,
-        matching: FeatureMatching,
-        T_BC: FloatArray,  # noqa: N803
-        odometry: SubmapOdometry,
-        streams: Streams,
-    ) -> None:
-        self._cleaning, self._registration, self._matching = cleaning, registration, matching
-        self._T_BC, self._odometry, self._streams = T_BC, odometry, streams
+    def __init__(self, options: GicpSubmapFrontEnd, context: FrontEndContext) -> None:
+        self._cleaning = Cleaning(context.camera)
+        self._T_BC, self._options, self._streams = context.T_BC, options, context.streams
         self._keyframes: list[_Keyframe] = []
-        self._described: dict[int, FeatureCloud] = {}
         # Both begin with the first keyframe.
         self._submap: PreparedCloud
         self._motion: RelativeMotion
@@ -103,15 +89,15 @@ class SubmapFrontEndRun:
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
         """Return the edges of a frame to the last keyframe, and those of a new keyframe to earlier ones."""
-        number, odometry = self._count, self._odometry
+        number = self._count
         self._count += 1
         if self._keyframes:
             self._motion.turned(rotation)
         points = self._cleaning(frame, self._T_BC).points
-        if len(points) < odometry.least_points:
+        if len(points) < _LEAST_POINTS:
             self._failures += 1
             return []
-        cloud = self._registration.prepare(points)
+        cloud = prepare(points)
         if not self._keyframes:
             self._add(number, np.eye(4), cloud)
             self._motion = RelativeMotion(frame.time, np.eye(4))
@@ -125,9 +111,9 @@ class SubmapFrontEndRun:
         last = self._keyframes[-1]
         edges = [self._edge(last, number, found, kind)]
         turn = rotation_log(last.pose[:3, :3].T @ found.pose[:3, :3])
-        if np.linalg.norm(turn) >= odometry.keyframe_angle or found.inliers < 0.5:
+        if np.linalg.norm(turn) >= _KEYFRAME_ANGLE or found.inliers < 0.5:
             edges += self._skips(number, found.pose, cloud)
-            if odometry.loops:
+            if self._options.loops:
                 edges += self._loops(number, found.pose, cloud)
             self._add(number, found.pose, cloud)
         return edges
@@ -135,31 +121,27 @@ class SubmapFrontEndRun:
     def _locate(
         self, cloud: PreparedCloud, predicted: FloatArray | None, time: float
     ) -> tuple[Registration | None, _Kind]:
-        """Return T_GB of a cloud by its prediction or, after failures, by features; None when neither fits."""
+        """Return T_GB of a cloud by its prediction or, after failures, by the keyframes; None when neither fits."""
         start = self._motion.predict(time)
         if self._failures and predicted is not None:
             start = predicted
-        found = self._registration(self._submap, cloud, start)
+        found = register(self._submap, cloud, start)
         if self._accepts(start, found):
             return found, "odometry"
-        if self._failures < self._odometry.failures:
+        if self._failures < _FAILURES:
             return None, "odometry"
         return self._relocalise(cloud), "relocalised"
 
     def _relocalise(self, cloud: PreparedCloud) -> Registration | None:
-        """Return T_GB of a cloud by features of the keyframes, confirmed by registration to the submap."""
-        camera = self._T_BC[:3, 3]
-        described = self._matching.describe(cloud.points, camera)
+        """Return T_GB of a cloud by registration to each keyframe, their middles together, confirmed by the submap."""
         fits = []
         for one in self._keyframes:
-            if one.number not in self._described:
-                self._described[one.number] = self._matching.describe(one.cloud.points, camera)
-            fit = self._matching(self._described[one.number], described)
-            if fit is not None:
-                fits.append((fit.inliers, one.pose @ fit.pose))
+            middles = one.cloud.points.mean(axis=0) - cloud.points.mean(axis=0)
+            found = register(one.cloud, cloud, pose(np.eye(3), middles))
+            fits.append((found.inliers, one.pose @ found.pose))
         for _, start in sorted(fits, key=lambda fit: -fit[0])[:3]:
-            found = self._registration(self._submap, cloud, start)
-            if self._accepts(start, found) and found.inliers >= self._odometry.loop_inliers:
+            found = register(self._submap, cloud, start)
+            if self._accepts(start, found) and found.inliers >= _LOOP_INLIERS:
                 return found
         return None
 
@@ -167,9 +149,7 @@ class SubmapFrontEndRun:
         off = difference(start, found.pose)
         centre = np.linalg.norm(move(found.pose, self._middle) - move(start, self._middle))
         return bool(
-            found.inliers >= self._odometry.least_inliers
-            and np.linalg.norm(off[:3]) <= self._odometry.largest_turn
-            and centre <= self._odometry.largest_shift
+            found.inliers >= _LEAST_INLIERS and np.linalg.norm(off[:3]) <= _LARGEST_TURN and centre <= _LARGEST_SHIFT
         )
 
     @property
@@ -180,19 +160,18 @@ class SubmapFrontEndRun:
     def _skips(self, number: int, T_GB: FloatArray, cloud: PreparedCloud) -> list[Edge]:  # noqa: N803
         """Return the edges to the keyframes before the last one."""
         edges = []
-        for one in self._keyframes[-1 - self._odometry.skips : -1]:
-            found = self._registration(one.cloud, cloud, inverse(one.pose) @ T_GB)
-            if found.inliers >= self._odometry.least_inliers:
+        for one in self._keyframes[-1 - self._options.skips : -1]:
+            found = register(one.cloud, cloud, inverse(one.pose) @ T_GB)
+            if found.inliers >= _LEAST_INLIERS:
                 edges.append(self._direct(one, number, found, "skip"))
         return edges
 
     def _loops(self, number: int, T_GB: FloatArray, cloud: PreparedCloud) -> list[Edge]:  # noqa: N803
         """Return the edges to the nearest earlier view and to one at random, from seven starts each."""
-        odometry = self._odometry
-        earlier = self._keyframes[: max(len(self._keyframes) - odometry.loop_gap, 0)]
+        earlier = self._keyframes[: max(len(self._keyframes) - _LOOP_GAP, 0)]
         angles = [float(np.linalg.norm(rotation_log(one.pose[:3, :3].T @ T_GB[:3, :3]))) for one in earlier]
         near = [one for _, one in sorted(zip(angles, earlier, strict=True), key=lambda pair: pair[0])]
-        near = near[: sum(angle < odometry.loop_angle for angle in angles)]
+        near = near[: sum(angle < _LOOP_ANGLE for angle in angles)]
         if not near:
             return []
         drawn = float(self._streams.uniform("front_end.loop", 1, number)[0, 0])
@@ -200,28 +179,28 @@ class SubmapFrontEndRun:
         for one in {one.number: one for one in (near[0], near[int(drawn * len(near))])}.values():
             start = inverse(one.pose) @ T_GB
             found = max(
-                (self._registration(one.cloud, cloud, turned) for turned in _starts(start, cloud.points.mean(axis=0))),
+                (register(one.cloud, cloud, turned) for turned in _starts(start, cloud.points.mean(axis=0))),
                 key=lambda candidate: (round(candidate.inliers, 3), -candidate.score),
             )
             turn = np.linalg.norm(rotation_log(start[:3, :3].T @ found.pose[:3, :3]))
-            if found.inliers >= odometry.loop_inliers and turn <= odometry.largest_turn:
+            if found.inliers >= _LOOP_INLIERS and turn <= _LARGEST_TURN:
                 edges.append(self._direct(one, number, found, "loop"))
         return edges
 
     def _add(self, number: int, T_GB: FloatArray, cloud: PreparedCloud) -> None:  # noqa: N803
         """Add a keyframe and renew the submap."""
         self._keyframes.append(_Keyframe(number, T_GB, cloud))
-        newest = self._keyframes[-self._odometry.submap :]
-        self._submap = self._registration.prepare(np.concatenate([move(one.pose, one.cloud.points) for one in newest]))
+        newest = self._keyframes[-self._options.submap :]
+        self._submap = prepare(np.concatenate([move(one.pose, one.cloud.points) for one in newest]))
 
     def _edge(self, last: _Keyframe, number: int, found: Registration, kind: _Kind) -> Edge:
         """Return the edge from a keyframe to a frame that was registered to the submap."""
         between = inverse(last.pose) @ found.pose
-        return Edge(last.number, number, between, found.covariance(self._odometry.scale), found.inliers, kind)
+        return Edge(last.number, number, between, found.covariance(_SCALE), found.inliers, kind)
 
     def _direct(self, one: _Keyframe, number: int, found: Registration, kind: _Kind) -> Edge:
         """Return the edge of a frame that was registered to one keyframe."""
-        return Edge(one.number, number, found.pose, found.covariance(self._odometry.scale), found.inliers, kind)
+        return Edge(one.number, number, found.pose, found.covariance(_SCALE), found.inliers, kind)
 
 
 def _starts(start: FloatArray, centre: FloatArray) -> list[FloatArray]:

@@ -30,7 +30,7 @@ class Registration:
     excess: float
     systematic: FloatArray | None = None
 
-    def covariance(self, scale: float) -> FloatArray:
+    def covariance(self, scale: float = 1.0) -> FloatArray:
         """Return ``scale * excess * H^-1`` plus what is systematic, shape (6, 6).
 
         Without the latter it is at most about 1 rad and 1 m in any direction.
@@ -39,9 +39,9 @@ class Registration:
         return 0.5 * (covariance + covariance.T) + (0.0 if self.systematic is None else self.systematic)
 
 
-def relative(first: Registration, second: Registration, scale: float) -> tuple[FloatArray, FloatArray]:
+def relative(first: Registration, second: Registration) -> tuple[FloatArray, FloatArray]:
     """Return the pose ``T1^-1 T2`` between two registrations to one thing, and its covariance, shape (6, 6)."""
     between = inverse(first.pose) @ second.pose
     transport = adjoint(inverse(between))
-    covariance = transport @ first.covariance(scale) @ transport.T + second.covariance(scale)
+    covariance = transport @ first.covariance() @ transport.T + second.covariance()
     return between, 0.5 * (covariance + covariance.T)

@@ -3,114 +3,112 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from abc import abstractmethod
+from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
+from pydantic import Field
 
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rendezvous.planner.certificate import certify
 from safe_inspect.rendezvous.planner.checks import start_problem
 from safe_inspect.rendezvous.planner.problem import ApproachProblem, approach_problem, sampled_plan
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanReport, PlanStatus
-from safe_inspect.rendezvous.planner.scp import ScpOptions, ScpResult, optimise_scp
+from safe_inspect.rendezvous.planner.scp import optimise_scp
 from safe_inspect.rendezvous.planner.spline import SplinePath
 from safe_inspect.rendezvous.planner.units import PlanUnits
 from safe_inspect.rendezvous.planner.waiting import ranked_problems
 from safe_inspect.types import FloatArray
 
-#: Finds control points near those that it starts from.
-ApproachOptimiser = Callable[[ApproachProblem, FloatArray, ScpOptions], ScpResult]
 _TRIED = 3  # of the ranked waits and durations
 #: How far a start is bent to the side where the cheapest spline leads nowhere [m].
 _BEND = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class PlannerOptions:
-    """How plans are made.
+class ApproachPlanner(Plugin):
+    """Base of planners."""
 
-    Attributes:
-        control_points: Control points of an axis.
-        samples: Samples at which the constraints are held.
-        multi_start: Whether the bent starts are tried even where the cheapest spline leads to a plan.
-        retry: Whether they are tried where it does not.
-        scp: How the iteration goes.
-        optimise: The optimiser.
-    """
+    kind: ClassVar[str] = "approach_planner"
 
-    control_points: int = 20
-    samples: int = 121
-    multi_start: bool = False
-    retry: bool = True
-    scp: ScpOptions = field(default_factory=ScpOptions)
-    optimise: ApproachOptimiser = optimise_scp
+    @abstractmethod
+    def __call__(self, query: PlanQuery) -> Plan:
+        """Return a plan, whose status says if it may be flown."""
 
 
-def plan_approach(query: PlanQuery, options: PlannerOptions | None = None) -> Plan:
-    """Return the cheapest certified plan that is found.
+class SplineSCPPlanner(ApproachPlanner):
+    """Splines of degree five by sequential convex programming, with a certificate of clearance between the samples.
 
     Waits and durations are ranked by their cheapest splines; the three best are optimised, from their cheapest splines
-    and, where that fails, from bent ones. A plan is SOLVED only with the certificate of clearance.
+    and, where that fails, from bent ones.
 
-    Args:
-        query: The query.
-        options: How plans are made.
-
-    Returns:
-        The plan. A query without one gives a status, not an exception.
-
-    Raises:
-        ImportError: The solver is not installed.
+    Attributes:
+        control_points: Control points of each axis.
+        samples: Samples at which the constraints are held.
+        multi_start: Whether bent splines are tried too where the cheapest one leads to a plan.
     """
-    options, began = options or PlannerOptions(), time.perf_counter()
-    if query.length != 1.0:
-        units = PlanUnits.of(query)
-        scaled = plan_approach(units.query, options)
-        return units.restored(scaled, time.perf_counter() - began)
-    wrong = start_problem(query)
-    if wrong:
-        return _without(PlanStatus.START_INFEASIBLE, query, wrong, began)
-    problems, wrong = ranked_problems(query, options.control_points, options.samples)
-    if not problems:
-        return _without(PlanStatus.TERMINAL_INFEASIBLE, query, wrong, began)
-    best: Plan | None = None
-    for some in [True, False] if options.retry and not options.multi_start else [True]:
-        for problem in problems[:_TRIED]:
-            starts = [problem.cold()] if some else []
-            if options.multi_start or not some:
-                starts += _bent_starts(problem)
-            for start in starts:
-                best = _better(best, _plan_from(problem, start, options))
-        assert best is not None, "each problem has a start"
-        if best.solved:
-            break
-    assert best is not None, "as said"
-    return replace(best, report=replace(best.report, seconds=time.perf_counter() - began))
 
+    control_points: int = Field(default=20, ge=8)
+    samples: int = Field(default=121, ge=11)
+    multi_start: bool = False
 
-def _plan_from(problem: ApproachProblem, start: FloatArray, options: PlannerOptions) -> Plan:
-    """Return the plan of one start; without a certificate the samples are doubled once."""
-    query, wait, duration = problem.query, problem.wait, problem.basis.duration
-    iterations = 0
-    for samples in (options.samples, 2 * options.samples - 1):
-        if samples != options.samples:
-            problem = approach_problem(query, wait, duration, options.control_points, samples)
-        result = options.optimise(problem, start, options.scp)
-        iterations += result.iterations
-        report = PlanReport(cost=result.cost, iterations=iterations, starts=1, violation=result.violation)
-        if not result.feasible:
-            message = f"a constraint is broken by {result.violation:.2g} m"
-            if not np.isfinite(result.violation):
-                message = "no spline of this duration keeps the limits of speed, force and keep-in"
-            return Plan(PlanStatus.NOT_CONVERGED, query.t0 + wait, duration, report=replace(report, message=message))
-        path = SplinePath(problem.basis, result.points)
-        proof = certify(query, path, wait)
-        if proof.certified:
-            report = replace(report, clearance=proof.clearance)
-            return sampled_plan(query, path, wait, report)
-        start = result.points
-    message = f"the clearance is {proof.clearance:.3f} m below radius and margin {proof.time:.1f} s after the start"
-    return Plan(PlanStatus.NOT_CERTIFIED, query.t0 + wait, duration, report=replace(report, message=message))
+    def __call__(self, query: PlanQuery) -> Plan:
+        """Return the cheapest certified plan that is found.
+
+        A query without one gives a status, not an exception.
+
+        Raises:
+            MissingLibraryError: The solver is not installed.
+        """
+        began = time.perf_counter()
+        if query.length != 1.0:
+            units = PlanUnits.of(query)
+            return units.restored(self(units.query), time.perf_counter() - began)
+        wrong = start_problem(query)
+        if wrong:
+            return _without(PlanStatus.START_INFEASIBLE, query, wrong, began)
+        problems, wrong = ranked_problems(query, self.control_points, self.samples)
+        if not problems:
+            return _without(PlanStatus.TERMINAL_INFEASIBLE, query, wrong, began)
+        best: Plan | None = None
+        for cold in [True] if self.multi_start else [True, False]:
+            for problem in problems[:_TRIED]:
+                starts = [problem.cold()] if cold else []
+                if self.multi_start or not cold:
+                    starts += _bent_starts(problem)
+                for start in starts:
+                    best = _better(best, self._plan_from(problem, start))
+            assert best is not None, "each problem has a start"
+            if best.solved:
+                break
+        assert best is not None, "as said"
+        return replace(best, report=replace(best.report, seconds=time.perf_counter() - began))
+
+    def _plan_from(self, problem: ApproachProblem, start: FloatArray) -> Plan:
+        """Return the plan of one start; without a certificate the samples are doubled once."""
+        query, wait, duration = problem.query, problem.wait, problem.basis.duration
+        iterations = 0
+        for samples in (self.samples, 2 * self.samples - 1):
+            if samples != self.samples:
+                problem = approach_problem(query, wait, duration, self.control_points, samples)
+            result = optimise_scp(problem, start)
+            iterations += result.iterations
+            report = PlanReport(cost=result.cost, iterations=iterations, starts=1, violation=result.violation)
+            if not result.feasible:
+                message = f"a constraint is broken by {result.violation:.2g} m"
+                if not np.isfinite(result.violation):
+                    message = "no spline of this duration keeps the limits of speed, force and keep-in"
+                return Plan(
+                    PlanStatus.NOT_CONVERGED, query.t0 + wait, duration, report=replace(report, message=message)
+                )
+            path = SplinePath(problem.basis, result.points)
+            proof = certify(query, path, wait)
+            if proof.certified:
+                report = replace(report, clearance=proof.clearance)
+                return sampled_plan(query, path, wait, report)
+            start = result.points
+        message = f"the clearance is {proof.clearance:.3f} m below radius and margin {proof.time:.1f} s after the start"
+        return Plan(PlanStatus.NOT_CERTIFIED, query.t0 + wait, duration, report=replace(report, message=message))
 
 
 def _better(best: Plan | None, other: Plan) -> Plan:

@@ -102,9 +102,6 @@ def constraint_rows(problem: ApproachProblem, points: FloatArray) -> ConstraintR
         far = r - limits.cone_range > cone
         cone = np.where(far, r - limits.cone_range, cone)
         parts.append((cone, np.where(far[:, None], p / r[:, None], cone_p), np.zeros_like(p), k))
-    if problem.camera_axis is not None:
-        seen, seen_p = cone_rows(-problem.camera_axis, problem.query.field_of_view, p)
-        parts.append((seen, seen_p, np.zeros_like(seen_p), k))
     value, to_position, to_velocity, sample = (np.concatenate(column) for column in zip(*parts, strict=True))
     group = np.concatenate([i * len(p) + part[3] for i, part in enumerate(parts)])
     inner = (sample > 0) & (sample < len(p) - 1)  # the ends are given

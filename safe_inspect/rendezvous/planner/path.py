@@ -93,18 +93,7 @@ class SampledPath:
 
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since its start [s], (K, 3) each."""
-        times = np.asarray(times, dtype=np.float64)
-        index = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
-        step = np.diff(self.times)[index, None]
-        points = self._points[index]
-        slopes = 3.0 * np.diff(points, axis=1) / step[..., None]
-        curves = 2.0 * np.diff(slopes, axis=1) / step[..., None]
-        share = (times - self.times[index])[:, None] / step
-        return tuple(_bezier(values, share) for values in (points, slopes, curves))  # type: ignore[return-value]
+        from scipy.interpolate import CubicHermiteSpline  # slow to import
 
-
-def _bezier(points: FloatArray, share: FloatArray) -> FloatArray:
-    """Return the values of Bezier curves of points (K, n, 3) at shares (K, 1) of their lengths, by de Casteljau."""
-    while points.shape[1] > 1:
-        points = points[:, :-1] + share[:, None] * np.diff(points, axis=1)
-    return np.asarray(points[:, 0])
+        spline = CubicHermiteSpline(self.times, self.position, self.velocity)
+        return spline(times), spline(times, 1), spline(times, 2)

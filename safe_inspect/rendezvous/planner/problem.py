@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, rotate, to_matrix
+from safe_inspect.dynamics.quaternion import rotate, to_matrix
 from safe_inspect.dynamics.tide import tidal_acceleration
 from safe_inspect.dynamics.tumble import angular_acceleration, tumble
 from safe_inspect.rendezvous.planner.path import ApproachPath
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
 from safe_inspect.rendezvous.planner.spline import SplineBasis, spline_basis
+from safe_inspect.rendezvous.planner.transport import Path, to_target, torque_free
 from safe_inspect.types import FloatArray
 
 
@@ -29,7 +30,6 @@ class ApproachProblem:
         R_MW: Takes coordinates in W to M at the samples, shape (K, 3, 3).
         mating_direction: Unit vectors to the mating point in W at the samples [-], shape (K, 3).
         margin: Clearance to keep beyond the chaser's radius at the samples [m], shape (K,).
-        camera_axis: The camera's axis in W at the samples, shape (K, 3), or None.
     """
 
     query: PlanQuery
@@ -41,7 +41,6 @@ class ApproachProblem:
     R_MW: FloatArray
     mating_direction: FloatArray
     margin: FloatArray
-    camera_axis: FloatArray | None
 
     @property
     def limits(self) -> Limits:
@@ -108,7 +107,6 @@ def _with_motion(
         R_MW=query.R_MT @ np.swapaxes(to_matrix(q), -1, -2),
         mating_direction=rotate(q, np.broadcast_to(direction, (len(q), 3))),
         margin=np.asarray(query.margin(times), dtype=np.float64),
-        camera_axis=None if query.camera_axis is None else query.camera_axis(times),
     )
 
 
@@ -135,8 +133,6 @@ def mating_state(query: PlanQuery, q: FloatArray, w: FloatArray) -> FloatArray:
 def sampled_plan(query: PlanQuery, path: ApproachPath, wait: float = 0.0, report: PlanReport | None = None) -> Plan:
     """Return the solved plan of a path, with samples at the query's step, or a little less.
 
-    ``p_T = R^T p, v_T = R^T v - w x p_T, a_T = R^T a - 2 w x v_T - w' x p_T - w x (w x p_T)``.
-
     Args:
         query: The query.
         path: The path.
@@ -145,13 +141,10 @@ def sampled_plan(query: PlanQuery, path: ApproachPath, wait: float = 0.0, report
     """
     count = int(np.ceil(path.duration / query.step - 1e-9)) + 1
     times = np.linspace(0.0, path.duration, count)
-    p, v, a = path.at(times)
+    outside = Path(*path.at(times))
     q, w = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], wait + times)
-    q, w = q[0], w[0]
-    turn, back = angular_acceleration(query.inertia, w), conjugate(q)
-    p_t = rotate(back, p)
-    v_t = rotate(back, v) - np.cross(w, p_t)
-    a_t = rotate(back, a) - 2.0 * np.cross(w, v_t) - np.cross(turn, p_t) - np.cross(w, np.cross(w, p_t))
+    inside = to_target(torque_free(query.inertia, q[0], w[0]), outside)
+    p, v, a = outside
     tide = tidal_acceleration(query.mean_motion, query.t0 + wait + times, p) if query.mean_motion else None
     return Plan(
         status=PlanStatus.SOLVED,
@@ -163,11 +156,11 @@ def sampled_plan(query: PlanQuery, path: ApproachPath, wait: float = 0.0, report
         velocity=v,
         acceleration=a,
         force=query.limits.mass * (a if tide is None else a - tide),
-        position_target=p_t,
-        velocity_target=v_t,
-        acceleration_target=a_t,
-        orientation=q,
-        angular_velocity=w,
+        position_target=inside.position,
+        velocity_target=inside.velocity,
+        acceleration_target=inside.acceleration,
+        orientation=q[0],
+        angular_velocity=w[0],
         report=report or PlanReport(),
         tide=tide,
     )

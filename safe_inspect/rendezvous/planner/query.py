@@ -76,9 +76,6 @@ class PlanQuery:
             radius [m], shape (K,).
         durations: Durations of the approach to try [s]; the cheapest plan is returned.
         waits: Times to wait before the approach [s] to choose from.
-        camera_axis: Gives, for times since the plan's start [s], shape (K,), the camera's axis in W [-], shape (K, 3),
-            that shall see the target's centre of mass; None where the camera is pointed at it.
-        field_of_view: Half angle within which the camera shall see the target's centre of mass [rad].
         mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. W does not turn, see `dynamics.tide`.
         length: Length of the scenario [m], about the radius that the target sweeps: unit of the optimiser.
         step: Step of control [s], at which plans are sampled; durations are multiples of it.
@@ -96,8 +93,6 @@ class PlanQuery:
     margin: Callable[[FloatArray], FloatArray] = _constant_margin
     durations: tuple[float, ...] = (60.0,)
     waits: tuple[float, ...] = (0.0,)
-    camera_axis: Callable[[FloatArray], FloatArray] | None = None
-    field_of_view: float = float(np.deg2rad(24.0))
     mean_motion: float = 0.0
     length: float = 1.0
     step: float = 0.2
@@ -213,12 +208,6 @@ class Plan:
     angular_velocity: FloatArray = field(default_factory=_no_rows)
     report: PlanReport = field(default_factory=PlanReport)
     tide: FloatArray | None = None
-
-    @property
-    def control_points(self) -> FloatArray:
-        """Control points of a plan that is a B-spline of degree 5, in W [m], shape (n, 3); no rows for other paths."""
-        points: FloatArray = getattr(self.path, "points", _no_rows())
-        return points
 
     @property
     def solved(self) -> bool:

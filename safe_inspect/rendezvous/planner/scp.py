@@ -8,37 +8,25 @@ Optimization", Springer 2006, chapter 18 (Sl1QP).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.planner.constraints import ConstraintRows, constraint_rows
 from safe_inspect.rendezvous.planner.problem import ApproachProblem
 from safe_inspect.types import FloatArray, IntArray
 
-
-@dataclass(frozen=True)
-class ScpOptions:
-    """How the iteration goes.
-
-    Attributes:
-        iterations: Largest number of iterations.
-        trust: Initial bound of the change of each coordinate of a control point [m].
-        weight: Initial cost of a violation [unit of the cost / m].
-        step: Largest change of a coordinate at which a feasible iteration has converged [m].
-        gain: Relative predicted decrease of the merit at which a feasible iteration has converged.
-        tolerance: Largest violation of a feasible plan [m].
-        reserve: What the linearised constraints ask for beyond zero, for the error of the linearisation [m].
-    """
-
-    iterations: int = 25
-    trust: float = 0.3
-    weight: float = 10.0
-    step: float = 2e-3
-    gain: float = 1e-3
-    tolerance: float = 1e-6
-    reserve: float = 1e-4
+#: Largest number of iterations.
+ITERATIONS = 25
+#: Initial bound of the change of each coordinate of a control point [m], and initial cost of a violation [1/m].
+_TRUST, _WEIGHT = 0.3, 10.0
+#: Largest change of a coordinate [m] and relative predicted decrease of the merit at which the iteration has converged.
+_STEP, _GAIN = 2e-3, 1e-3
+#: Largest violation of a feasible plan [m].
+_TOLERANCE = 1e-6
+#: What the linearised constraints ask for beyond zero, for the error of the linearisation [m].
+RESERVE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +93,9 @@ def within_limits(problem: ApproachProblem, points: FloatArray) -> FloatArray | 
     count, result = len(wanted), points.copy()
     for axis in range(3):
         solved = _solve(
-            csc_matrix(np.eye(count)),
+            np.eye(count),
             -wanted[:, axis],
-            csc_matrix(linear.rows),
+            linear.rows,
             (linear.lower[:, axis], linear.upper[:, axis]),
             (np.full(count, -linear.box[axis]), np.full(count, linear.box[axis])),
         )
@@ -117,29 +105,27 @@ def within_limits(problem: ApproachProblem, points: FloatArray) -> FloatArray | 
     return result if linear.hold(result[free]) else None
 
 
-def optimise_scp(problem: ApproachProblem, points: FloatArray, options: ScpOptions | None = None) -> ScpResult:
+def optimise_scp(problem: ApproachProblem, points: FloatArray) -> ScpResult:
     """Return the approach that the iteration reaches from a start.
 
     Args:
         problem: The approach.
         points: Control points to start from [m], shape (n, 3); those of the ends are kept.
-        options: How the iteration goes.
     """
-    options = options or ScpOptions()
     feasible_points = within_limits(problem, points)
     if feasible_points is None:
         return ScpResult(points, problem.cost(points), np.inf, 0, False)
     points, linear = feasible_points, LinearLimits.of(problem)
-    trust, weight = options.trust, options.weight
+    trust, weight = _TRUST, _WEIGHT
     cost, rows = problem.cost(points), constraint_rows(problem, points)
     violations = rows.violations()
     iteration = 0
-    while iteration < options.iterations:
+    while iteration < ITERATIONS:
         iteration += 1
-        candidate, model, slack = _step(problem, linear, points, rows, trust, weight, options.reserve)
+        candidate, model, slack = _step(problem, linear, points, rows, trust, weight)
         if candidate is None:
             trust *= 0.4
-            if trust < options.step:
+            if trust < _STEP:
                 break
             continue
         step = float(np.abs(candidate - points).max())
@@ -148,19 +134,19 @@ def optimise_scp(problem: ApproachProblem, points: FloatArray, options: ScpOptio
         merit = cost + weight * violations.sum()
         predicted = merit - model - weight * slack
         actual = merit - new_cost - weight * new_violations.sum()
-        converged = step < options.step or predicted < options.gain * cost
-        if actual >= 0.1 * predicted or (converged and new_violations.max() <= options.tolerance):
+        converged = step < _STEP or predicted < _GAIN * cost
+        if actual >= 0.1 * predicted or (converged and new_violations.max() <= _TOLERANCE):
             points, cost, rows, violations = candidate, new_cost, new_rows, new_violations
             trust = min(1.5 * trust, 1.0)
         else:
             trust *= 0.4
-            converged = converged or trust < options.step
+            converged = converged or trust < _STEP
         if converged:
-            if violations.max() <= options.tolerance or weight >= 1e5:
+            if violations.max() <= _TOLERANCE or weight >= 1e5:
                 break
-            weight, trust = 10.0 * weight, max(trust, 0.1 * options.trust)
+            weight, trust = 10.0 * weight, max(trust, 0.1 * _TRUST)
     violation = float(violations.max())
-    return ScpResult(points, cost, violation, iteration, violation <= options.tolerance)
+    return ScpResult(points, cost, violation, iteration, violation <= _TOLERANCE)
 
 
 def _step(
@@ -170,7 +156,6 @@ def _step(
     rows: ConstraintRows,
     trust: float,
     weight: float,
-    reserve: float,
 ) -> tuple[FloatArray | None, float, float]:
     """Return the solution of the convex subproblem, its modelled cost and its slacks' sum; None without a solution."""
     basis = problem.basis
@@ -179,8 +164,8 @@ def _step(
     row = values[0][rows.sample][:, :, None] * rows.to_position[:, None]
     row += values[1][rows.sample][:, :, None] * rows.to_velocity[:, None]
     row = row.reshape(len(rows.value), size)
-    active = rows.value < reserve + trust * np.abs(row).sum(axis=1)  # no other can be broken within the trust region
-    row, value = row[active], rows.value[active] - reserve
+    active = rows.value < RESERVE + trust * np.abs(row).sum(axis=1)  # no other can be broken within the trust region
+    row, value = row[active], rows.value[active] - RESERVE
     used, slack = np.unique(rows.group[active], return_inverse=True)
     hull = np.kron(linear.rows, np.eye(3))
     shift = linear.rows @ current
@@ -215,7 +200,7 @@ def _step(
     return candidate, cost, float(np.maximum(solved[size:], 0.0).sum())
 
 
-def _with_slacks(columns: FloatArray, height: int, rows: IntArray, counts: IntArray) -> csc_matrix:
+def _with_slacks(columns: FloatArray, height: int, rows: IntArray, counts: IntArray) -> Any:
     """Return a sparse matrix of dense columns and of columns of ones.
 
     Args:
@@ -224,6 +209,8 @@ def _with_slacks(columns: FloatArray, height: int, rows: IntArray, counts: IntAr
         rows: Where the columns of ones are one, column by column.
         counts: Number of ones of each, shape (k,).
     """
+    from scipy.sparse import csc_matrix  # slow to import
+
     column, row = np.nonzero(columns)
     data = np.concatenate((columns[column, row], np.ones(len(rows))))
     ends = np.cumsum(np.concatenate((np.bincount(column, minlength=len(columns)), counts)))
@@ -233,17 +220,19 @@ def _with_slacks(columns: FloatArray, height: int, rows: IntArray, counts: IntAr
 
 
 def _solve(
-    hessian: csc_matrix,
+    hessian: Any,
     gradient: FloatArray,
-    matrix: csc_matrix,
+    matrix: Any,
     row_bounds: tuple[FloatArray, FloatArray],
     bounds: tuple[FloatArray, FloatArray],
 ) -> FloatArray | None:
-    """Return the solution of a convex quadratic programme, or None."""
+    """Return the solution of a convex quadratic programme, its matrices dense or sparse, or None."""
+    from scipy.sparse import csc_matrix  # slow to import
+
     piqp = require("piqp")
     solver = piqp.SparseSolver()
     solver.settings.eps_abs = solver.settings.eps_rel = 1e-9
-    solver.setup(hessian, gradient, None, None, matrix, *row_bounds, *bounds)
+    solver.setup(csc_matrix(hessian), gradient, None, None, csc_matrix(matrix), *row_bounds, *bounds)
     if solver.solve() != piqp.PIQP_SOLVED:
         return None
     return np.array(solver.result.x)  # a copy: the next solve overwrites it

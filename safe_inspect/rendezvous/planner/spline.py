@@ -11,7 +11,6 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from safe_inspect.types import FloatArray
 
@@ -39,13 +38,6 @@ class SplineBasis:
     acceleration_hull: FloatArray
     gram: FloatArray
     knots: FloatArray
-
-    @functools.cached_property
-    def quadrature(self) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
-        """Gauss's nodes, 8 a span: matrices to the first two derivatives there, each (Q, n), and the weights (Q,)."""
-        times, weights = _gauss(self.gram.shape[0] - DEGREE, 8)
-        basis = BSpline(self.knots, np.eye(self.gram.shape[0]), DEGREE)
-        return (basis(times * self.duration, 1), basis(times * self.duration, 2)), weights * self.duration
 
     @property
     def times(self) -> FloatArray:
@@ -83,6 +75,8 @@ class SplineBasis:
 
     def at(self, points: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return value, first and second derivative at some times, each of shape (K, 3)."""
+        from scipy.interpolate import BSpline  # slow to import
+
         spline = BSpline(self.knots, points, DEGREE)
         return spline(times), spline(times, 1), spline(times, 2)
 
@@ -122,6 +116,8 @@ class SplinePath:
 @functools.lru_cache(maxsize=8)
 def _unit_basis(count: int, samples: int) -> SplineBasis:
     """Return the basis over [0, 1]."""
+    from scipy.interpolate import BSpline  # slow to import
+
     spans = count - DEGREE
     knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
     basis = BSpline(knots, np.eye(count), DEGREE)

@@ -43,7 +43,7 @@ class PlanUnits:
         mass = limits.mass / _ROOM.mass
         time = float(np.sqrt(length * (_ROOM.planned_force / _ROOM.mass) / (limits.planned_force / limits.mass)))
         force = mass * length / time**2
-        boxes, margin, axis = query.boxes, query.margin, query.camera_axis
+        boxes, margin = query.boxes, query.margin
         scaled = replace(
             query,
             t0=query.t0 / time,
@@ -66,24 +66,11 @@ class PlanUnits:
             margin=lambda times: margin(time * times) / length,
             durations=tuple(duration / time for duration in query.durations),
             waits=tuple(wait / time for wait in query.waits),
-            camera_axis=None if axis is None else lambda times: axis(time * times),
             mean_motion=query.mean_motion * time,
             length=1.0,
             step=query.step / time,
         )
         return cls(query, scaled, length, mass, time)
-
-    def scaled(self, plan: Plan) -> Plan:
-        """Return a plan's control points and times in these units."""
-        points, path = plan.control_points / self.length, None
-        if len(points):
-            path = SplinePath(spline_basis(len(points), len(plan.times), plan.duration / self.time), points)
-        return replace(
-            plan,
-            t_start=plan.t_start / self.time,
-            duration=plan.duration / self.time,
-            path=path,
-        )
 
     def restored(self, plan: Plan, seconds: float) -> Plan:
         """Return a plan of these units in metres, kilograms and seconds.
@@ -103,10 +90,11 @@ class PlanUnits:
             clearance=plan.report.clearance * self.length,
             seconds=seconds,
         )
-        if not plan.solved:
+        if not isinstance(plan.path, SplinePath):
             return Plan(plan.status, self.original.t0 + wait, duration, report=report)
-        basis = spline_basis(len(plan.control_points), len(plan.times), float(duration))
-        return sampled_plan(self.original, SplinePath(basis, plan.control_points * self.length), wait, report)
+        points = plan.path.points * self.length
+        path = SplinePath(spline_basis(len(points), len(plan.times), float(duration)), points)
+        return sampled_plan(self.original, path, wait, report)
 
 
 def _nearest(values: tuple[float, ...], wanted: float) -> float:

@@ -1,66 +1,43 @@
-"""The plugin kinds of rendezvous, and the built-in plugins. Importing registers them."""
+"""The plugin kinds of rendezvous, and the built-in plugins. Importing registers them.
 
-from safe_inspect.rendezvous.plugins.base import (
-    ApproachPlanner,
-    BackEnd,
-    Characteriser,
-    DepthCameraModel,
-    FrontEnd,
-    StateEstimator,
-    TargetModel,
-    Tracker,
-    Tumble,
-    UncertaintyBound,
-)
-from safe_inspect.rendezvous.plugins.bound import JointConformalBound, MaxSampleBound
-from safe_inspect.rendezvous.plugins.estimation import (
-    ISAM2BackEnd,
-    PipelineEstimator,
-    PolhodeCharacteriser,
-    TruthFrontEnd,
-)
-from safe_inspect.rendezvous.plugins.perception import GicpSubmapFrontEnd, ModelFrontEnd
-from safe_inspect.rendezvous.plugins.planning import SLSQPPlanner, SplineSCPPlanner
-from safe_inspect.rendezvous.plugins.sensing import TimeOfFlightCamera, TruthEstimator
-from safe_inspect.rendezvous.plugins.target import (
-    BoxTarget,
-    EnvisatTarget,
-    FlatSpin,
-    MeshTarget,
-    RandomTumble,
-    TriAxialTumble,
-)
-from safe_inspect.rendezvous.plugins.tracking import LinearQuadraticTracker, TubeMPCTracker
+A plugin is its options, and called it returns a result, or a run that holds the state of one mission.
+"""
+
+from safe_inspect.rendezvous.control.lqr import LQRTracker
+from safe_inspect.rendezvous.control.mpc import TubeMPCTracker
+from safe_inspect.rendezvous.control.tracker import Tracker
+from safe_inspect.rendezvous.front_end.context import FrontEnd
+from safe_inspect.rendezvous.front_end.gicp_front_end import GicpSubmapFrontEnd
+from safe_inspect.rendezvous.front_end.measured import MeasuredPoses
+from safe_inspect.rendezvous.front_end.model.run import ModelFrontEnd
+from safe_inspect.rendezvous.planner.approach import ApproachPlanner, SplineSCPPlanner
+from safe_inspect.rendezvous.plugins.base import StateEstimator
+from safe_inspect.rendezvous.plugins.estimation import PipelineEstimator
+from safe_inspect.rendezvous.plugins.sensing import MeasuredState
+from safe_inspect.rendezvous.target.box import BoxTarget
+from safe_inspect.rendezvous.target.envisat import EnvisatTarget
+from safe_inspect.rendezvous.target.mesh import MeshTarget
+from safe_inspect.rendezvous.target.model import TargetModel
+from safe_inspect.rendezvous.target.tumble import RandomTumble, TriAxialTumble, Tumble
 
 __all__ = [
     "ApproachPlanner",
-    "BackEnd",
     "BoxTarget",
-    "Characteriser",
-    "DepthCameraModel",
     "EnvisatTarget",
-    "FlatSpin",
     "FrontEnd",
     "GicpSubmapFrontEnd",
-    "ISAM2BackEnd",
-    "JointConformalBound",
-    "LinearQuadraticTracker",
-    "MaxSampleBound",
+    "LQRTracker",
+    "MeasuredPoses",
+    "MeasuredState",
     "MeshTarget",
     "ModelFrontEnd",
     "PipelineEstimator",
-    "PolhodeCharacteriser",
     "RandomTumble",
-    "SLSQPPlanner",
     "SplineSCPPlanner",
     "StateEstimator",
     "TargetModel",
-    "TimeOfFlightCamera",
     "Tracker",
     "TriAxialTumble",
-    "TruthEstimator",
-    "TruthFrontEnd",
     "TubeMPCTracker",
     "Tumble",
-    "UncertaintyBound",
 ]

@@ -1,227 +1,56 @@
-"""Estimation: front ends, back ends, characterisers, and the estimator that they make."""
+"""The estimator of a mission that sees by depth frames and an inertial unit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from safe_inspect.plugins.functor import functor_field
-from safe_inspect.rendezvous.plugins.base import BackEnd, Characteriser, FrontEnd, StateEstimator
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
-from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLength, quantity
-
-if TYPE_CHECKING:
-    from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart
-    from safe_inspect.rendezvous.back_end.run import GraphBackEnd
-    from safe_inspect.rendezvous.characterise.fit import Motion
-    from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-    from safe_inspect.rendezvous.estimate import EstimatorContext
-    from safe_inspect.rendezvous.estimation.run import PipelineEstimatorRun
-    from safe_inspect.rendezvous.front_end.context import FrontEndContext
-    from safe_inspect.rendezvous.front_end.truth import TruthEdges
-    from safe_inspect.rendezvous.models import MissionConfig
-    from safe_inspect.rendezvous.target.model import Target
-    from safe_inspect.types import FloatArray
-
-_Angle = quantity("rad", ge=0)
-_Length = quantity("m", ge=0)
-
-
-class TruthFrontEnd(FrontEnd):
-    """Gives the true poses with stated errors; for tests and ablations in a simulation.
-
-    Attributes:
-        rotation_sigma: Standard deviation of an edge's rotation about each axis [rad].
-        translation_sigma: Of its translation along each axis [m].
-        view_rotation: Of the error that all frames of one keyframe have in common, rotation [rad].
-        view_translation: Of its translation [m].
-        model: Whether poses to the known model are measured.
-        model_rotation: Of a pose to the model, rotation [rad]; constant for a keyframe.
-        model_translation: Of its translation [m].
-        keyframe: Turn of the target after which the view is another one [rad].
-        skips: To how many earlier frames there are edges.
-        loop: Angle below which an edge leads to an old frame [rad]; 0 for none.
-    """
-
-    needs_frames: ClassVar[bool] = False
-
-    rotation_sigma: _Angle = 0.003490658503988659  # type: ignore[valid-type]
-    translation_sigma: _Length = 0.003  # type: ignore[valid-type]
-    view_rotation: _Angle = 0.008726646259971648  # type: ignore[valid-type]
-    view_translation: _Length = 0.005  # type: ignore[valid-type]
-    model: bool = True
-    model_rotation: _Angle = 0.008726646259971648  # type: ignore[valid-type]
-    model_translation: _Length = 0.005  # type: ignore[valid-type]
-    keyframe: _Angle = 0.2094395102393195  # type: ignore[valid-type]
-    skips: int = Field(default=3, ge=1)
-    loop: _Angle = 0.0  # type: ignore[valid-type]
-
-    def __call__(self, context: FrontEndContext) -> TruthEdges:
-        """Return the front end of a mission."""
-        from safe_inspect.rendezvous.front_end.truth import TruthEdges, TruthNoise
-
-        noise = TruthNoise(
-            rotation=self.rotation_sigma,
-            translation=self.translation_sigma,
-            view_rotation=self.view_rotation,
-            view_translation=self.view_translation,
-            model_rotation=self.model_rotation if self.model else None,
-            model_translation=self.model_translation,
-            keyframe=self.keyframe,
-            skips=self.skips,
-            loop=self.loop,
-        )
-        return TruthEdges(noise, context)
-
-
-class ISAM2BackEnd(BackEnd):
-    """A factor graph that iSAM2 solves: inertial, relative poses, and a centre of mass that rests in W.
-
-    Attributes:
-        kinematic_sigma: Of the rotation kinematic factor [m].
-        huber: Residual beyond which an edge counts less, in standard deviations.
-        relinearise: Change beyond which a variable is linearised anew [rad, m, m/s].
-        largest: Number of frames beyond which the older half is replaced by priors.
-        memory: Time over which errors of poses to the model stay alike [s]; 0 for independent ones.
-    """
-
-    kinematic_sigma: PositiveLength = 0.005  # type: ignore[valid-type]
-    huber: float = Field(default=1.345, gt=0.0)
-    relinearise: float = Field(default=1e-3, gt=0.0)
-    largest: int = Field(default=600, ge=10)
-    memory: NonNegativeDuration = 2.0  # type: ignore[valid-type]
-
-    def __call__(self, imu: ImuNoise, period: float, start: ChaserStart, centre: CentrePrior) -> GraphBackEnd:
-        """Return the back end of a mission."""
-        from safe_inspect.rendezvous.back_end.options import GraphOptions
-        from safe_inspect.rendezvous.back_end.run import GraphBackEnd
-
-        options = GraphOptions(
-            imu=imu,
-            kinematic=self.kinematic_sigma,
-            huber=self.huber,
-            relinearise=self.relinearise,
-            largest=self.largest,
-            memory=self.memory,
-        )
-        return GraphBackEnd(options, period, start, centre)
-
-
-class PolhodeCharacteriser(Characteriser):
-    """Principal axes from the polhode, then a fit of a free rigid body to all measured rotations.
-
-    Attributes:
-        span: Least time between two attitudes that give a rate [s].
-        window: Window over the rates [s].
-        ratios_sigma: How far the logits of the inertia ratios may be from those of the known target; null to leave
-            them free where the motion shows them. Where it does not, they are the known target's.
-        use_model: Whether poses to the known model, and with them its principal axes, take part in the fit.
-        telescoping: Share of an edge's variance that is an error of its frames' views and cancels along a chain.
-        memory: Time over which errors of poses to the model stay alike [s].
-        drift: What the gyroscopes' bias may be estimated wrong by [rad/s].
-        inflation: Factor of the standard deviations, from calibration.
-    """
-
-    span: PositiveDuration = 1.0  # type: ignore[valid-type]
-    window: PositiveDuration = 5.0  # type: ignore[valid-type]
-    ratios_sigma: float | None = Field(default=None, gt=0.0)
-    use_model: bool = True
-    telescoping: float = Field(default=0.5, ge=0.0, lt=1.0)
-    memory: NonNegativeDuration = 6.0  # type: ignore[valid-type]
-    drift: quantity("rad/s", ge=0) = 5e-5  # type: ignore[valid-type]
-    inflation: float = Field(default=1.0, gt=0.0)
-
-    def __call__(
-        self, history: History, target: Target | None, before: Motion | None, model: FloatArray | None
-    ) -> TargetEstimate | None:
-        """Return how the target tumbles, or None where there is too little to tell."""
-        from safe_inspect.dynamics.quaternion import from_matrix
-        from safe_inspect.rendezvous.characterise.motion import CharacteriseOptions, characterise
-
-        options = CharacteriseOptions(
-            span=self.span,
-            window=self.window,
-            ratios=None if target is None else target.principal[:2] / target.principal[2],
-            ratios_sigma=self.ratios_sigma,
-            q_MT=from_matrix(target.R_MT) if target is not None and self.use_model else None,
-            telescoping=self.telescoping,
-            memory=self.memory,
-            drift=self.drift,
-            inflation=self.inflation,
-        )
-        return characterise(history, options, before, model if self.use_model else None)
-
-
-def _plugin(kind: str, default: str | dict[str, Any]) -> Any:
-    return Annotated[functor_field(kind), Field(default=default, validate_default=True)]
+from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
+from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.context import EstimatorContext
+from safe_inspect.rendezvous.estimation.pipeline import PipelineParts
+from safe_inspect.rendezvous.estimation.run import PipelineEstimatorRun
+from safe_inspect.rendezvous.front_end.context import FrontEndContext
+from safe_inspect.rendezvous.plugins.base import StateEstimator
+from safe_inspect.rendezvous.readings import Reading
 
 
 class PipelineEstimator(StateEstimator):
-    """Knows what depth frames and an inertial unit tell.
+    """Knows what depth frames and an inertial unit tell, by a factor graph and a fit of the target's motion.
 
     Attributes:
-        camera: The depth camera.
         front_end: From frames to relative poses.
         back_end: From relative poses and inertial samples to states.
         characteriser: From the history to the target's motion.
-        imu: Errors of the inertial unit.
-        imu_ticks: Ticks of the truth between its samples.
-        frame_period: Time between two frames [s], a multiple of the step of control.
-        fit_period: Least time between two fits of the motion [s].
         correlation: Correlation of the errors of two updates that follow each other.
         known_target: Whether the target's shape and inertia are known.
     """
 
-    camera: _plugin("depth_camera", "TimeOfFlightCamera")  # type: ignore[valid-type]
-    front_end: _plugin("front_end", "ModelFrontEnd")  # type: ignore[valid-type]
-    back_end: _plugin("back_end", "ISAM2BackEnd")  # type: ignore[valid-type]
-    characteriser: _plugin("characteriser", "PolhodeCharacteriser")  # type: ignore[valid-type]
-    imu: ImuNoise = ImuNoise()
-    imu_ticks: int = Field(default=2, ge=1)
-    frame_period: PositiveDuration = 1.0  # type: ignore[valid-type]
-    fit_period: PositiveDuration = 5.0  # type: ignore[valid-type]
+    front_end: Annotated[
+        functor_field("front_end"),  # type: ignore[valid-type]
+        Field(default="ModelFrontEnd", validate_default=True),
+    ]
+    back_end: ISAM2BackEnd = ISAM2BackEnd()
+    characteriser: PolhodeCharacteriser = PolhodeCharacteriser()
     correlation: float = Field(default=0.9, ge=0.0, lt=1.0)
     known_target: bool = True
 
-    _check_imu = field_validator("imu")(checked_noise)
-
-    def misfits(self, mission: MissionConfig) -> Iterator[tuple[str, str]]:
-        """Yield the name of each field that does not fit the rates of a mission, and why."""
-        steps = round(self.frame_period / mission.step)
-        if steps < 1 or abs(steps * mission.step - self.frame_period) > 1e-9:
-            yield (
-                "frame_period",
-                f"{self.frame_period:g} s is no multiple of the step of control, {mission.step:g} s; round it",
-            )
-        if self.imu_ticks > mission.control_ticks:
-            yield (
-                "imu_ticks",
-                f"{self.imu_ticks} ticks between two inertial samples are more than a step of control has, "
-                f"{mission.control_ticks}; lower it",
-            )
+    @property
+    def reads(self) -> tuple[Reading, ...]:
+        """What it reads of the sensors."""
+        return (self.front_end.reads, "inertial")
 
     def __call__(self, context: EstimatorContext) -> PipelineEstimatorRun:
         """Return the estimator of a mission."""
-        from safe_inspect.rendezvous.estimation.pipeline import PipelineParts
-        from safe_inspect.rendezvous.estimation.run import PipelineEstimatorRun, RunOptions, TruePose
-        from safe_inspect.rendezvous.estimation.suite import SensorSuite
-        from safe_inspect.rendezvous.front_end.context import FrontEndContext
-
-        steps = round(self.frame_period / context.step)
-        sensors = SensorSuite(context, self.camera, self.imu, self.imu_ticks, render=self.front_end.needs_frames)
         target = context.target if self.known_target else None
-        pose = TruePose()
-        truth = None if self.front_end.needs_frames else pose
-        seen = FrontEndContext(self.camera.geometry, sensors.T_BC, target, context.streams, truth)
         parts = PipelineParts(
-            front_end=self.front_end(seen),
-            back_end=lambda start, centre: self.back_end(self.imu, sensors.period, start, centre),
+            front_end=self.front_end(FrontEndContext(context.camera, context.T_BC, target, context.streams)),
+            back_end=lambda start, centre: self.back_end(context.imu, context.imu_period, start, centre),
             characterise=self.characteriser,
             target=target,
-            T_BC=sensors.T_BC,
-            imu=self.imu,
-            fit_period=self.fit_period,
+            T_BC=context.T_BC,
+            imu=context.imu,
         )
-        return PipelineEstimatorRun(context, sensors, parts, RunOptions(steps, self.correlation), pose)
+        return PipelineEstimatorRun(context, parts, self.correlation)

@@ -11,12 +11,13 @@ from threadpoolctl import threadpool_limits
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply
 from safe_inspect.errors import ConfigError
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.back_end.options import ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
+from safe_inspect.rendezvous.back_end.states import ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
+from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
-from safe_inspect.rendezvous.front_end.context import FrontEndContext, FrontEndRun
-from safe_inspect.rendezvous.plugins.base import BackEnd, Characteriser, FrontEnd
+from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext, FrontEndRun
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
@@ -40,8 +41,8 @@ class Estimators:
     """
 
     front_end: FrontEnd
-    back_end: BackEnd
-    characteriser: Characteriser
+    back_end: ISAM2BackEnd
+    characteriser: PolhodeCharacteriser
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,14 +177,6 @@ def _row(pipeline: EstimationPipeline, frame: DepthFrame, edges: int) -> FloatAr
         row[14:17] = graph.centre
         row[17] = np.sqrt(np.linalg.eigvalsh(graph.centre_covariance)[-1])
     return row
-
-
-def registered_pose(estimate: LogEstimate) -> FloatArray | None:
-    """Return T_MB of the last frame, shape (4, 4); None without a pose to the model."""
-    graph = estimate.graph
-    if graph.model is None or graph.relative is None:
-        return None
-    return np.asarray(np.linalg.solve(graph.model, graph.relative), dtype=np.float64)
 
 
 def measured_rates(estimate: LogEstimate) -> tuple[FloatArray, FloatArray]:

@@ -12,14 +12,14 @@ from safe_inspect.dynamics.quaternion import from_matrix
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.recording.format import CameraDescription, SensorDescription, StartDescription
-from safe_inspect.rendezvous.recording.watch import WatchedFrame, WatchSensors, watch
+from safe_inspect.rendezvous.recording.watch import WatchedFrame, watch
 from safe_inspect.rendezvous.recording.writer import SensorLogWriter
 from safe_inspect.types import FloatArray
 
 
-def describe_watch(config: RendezvousConfig, sensors: WatchSensors, first: WatchedFrame) -> SensorDescription:
+def describe_watch(config: RendezvousConfig, first: WatchedFrame) -> SensorDescription:
     """Return the description of a simulated watch."""
-    camera = sensors.camera.geometry
+    camera = config.sensors.camera.geometry
     fx, fy, cx, cy = camera.intrinsics
     start = first.chaser
     return SensorDescription(
@@ -28,7 +28,7 @@ def describe_watch(config: RendezvousConfig, sensors: WatchSensors, first: Watch
             least_range=camera.least_range, largest_range=camera.largest_range,
             position=config.chaser.camera_position, orientation=_tuple(from_matrix(R_BC)),
         ),
-        imu=sensors.imu,
+        imu=config.sensors.imu,
         start=StartDescription(
             position=_tuple(start.position), velocity=_tuple(start.velocity), orientation=_tuple(start.orientation)
         ),
@@ -38,7 +38,6 @@ def describe_watch(config: RendezvousConfig, sensors: WatchSensors, first: Watch
 def record_watch(
     folder: Path,
     config: RendezvousConfig,
-    sensors: WatchSensors,
     number: int,
     seconds: float,
     images: Literal["npz", "png"] = "npz",
@@ -49,17 +48,16 @@ def record_watch(
     Args:
         folder: The folder.
         config: The experiment.
-        sensors: What measures.
         number: Number of the mission, whose tumble and noise are drawn.
         seconds: How long it lasts.
         images: Format of the depth frames.
         progress: Called with the number of frames that are done, and of all.
     """
-    count, wanted = 0, int(seconds / sensors.period + 1e-9) + 1
+    count, wanted = 0, int(seconds / config.sensors.frame_period + 1e-9) + 1
     writer: SensorLogWriter | None = None
-    for seen in watch(config, sensors, number, seconds):
+    for seen in watch(config, number, seconds):
         if writer is None:
-            writer = SensorLogWriter(folder, describe_watch(config, sensors, seen), images)
+            writer = SensorLogWriter(folder, describe_watch(config, seen), images)
         writer.add_imu(seen.imu)
         writer.add_frame(seen.frame.time, seen.frame.depth)
         writer.add_truth(_truth(seen))

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field
 
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.target.model import TriangleMesh
+from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 from safe_inspect.types import BoolArray, FloatArray
+from safe_inspect.units import PositiveLength
 
 #: Most words that one index of a stream gives; an image takes several indices.
 _WORDS_PER_INDEX = 8192
 #: Range of a ray that hits nothing, as the ray caster returns it, is above this [m].
 _FAR = 1e30
+#: Difference of depth between neighbours that makes an edge [m].
+_EDGE = 0.05
+#: A frame with fewer points is flagged.
+_FEW_POINTS = 50
 
 
 @dataclass(frozen=True)
@@ -59,20 +66,16 @@ class DepthCamera:
         focal_length: Focal length along a row [px].
         least_range: Least measured range [m].
         largest_range: Largest measured range [m].
-        edge: Difference of depth between neighbours that makes an edge [m].
-        least_points: A frame with fewer points is flagged.
         focal_length_y: Focal length along a column [px]; None for that along a row.
         principal_point: Where the optical axis meets the image [px], column and row, with 0 at the centre of the first
             pixel; None for the middle of the image.
     """
 
-    width: int = 224
-    height: int = 171
-    focal_length: float = 186.4
-    least_range: float = 0.2
-    largest_range: float = 4.0
-    edge: float = 0.05
-    least_points: int = 50
+    width: int
+    height: int
+    focal_length: float
+    least_range: float
+    largest_range: float
     focal_length_y: float | None = None
     principal_point: tuple[float, float] | None = None
 
@@ -115,6 +118,40 @@ class DepthFrame:
     flags: tuple[str, ...]
 
 
+class TimeOfFlightCamera(Plugin):
+    """A time-of-flight camera of 224 x 171 pixels with noise, dropouts and flying pixels.
+
+    Attributes:
+        profile: Its errors: ``ideal`` (none), ``clean``, ``nominal`` or ``harsh``.
+        width: Pixels of a row.
+        height: Pixels of a column.
+        focal_length: Focal length in pixels.
+        least_range: Least measured range [m].
+        largest_range: Largest measured range [m].
+    """
+
+    profile: Literal["ideal", "clean", "nominal", "harsh"] = "nominal"
+    width: int = Field(default=224, ge=1)
+    height: int = Field(default=171, ge=1)
+    focal_length: float = Field(default=186.4, gt=0.0)
+    least_range: PositiveLength = 0.2  # type: ignore[valid-type]
+    largest_range: PositiveLength = 4.0  # type: ignore[valid-type]
+
+    @property
+    def geometry(self) -> DepthCamera:
+        """The camera's geometry."""
+        return DepthCamera(self.width, self.height, self.focal_length, self.least_range, self.largest_range)
+
+    def __call__(self, target: Target) -> DepthRenderer:
+        """Return what takes frames of a target."""
+        return DepthRenderer(self.geometry, target.mesh, PROFILES[self.profile])
+
+
+def no_frame(time: float) -> DepthFrame:
+    """Return a frame without a pixel."""
+    return DepthFrame(time, np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((0, 0), bool), ("out_of_view",))
+
+
 class DepthRenderer:
     """Takes frames of a mesh; a frame is a function of the pose, the streams and the frame's number alone."""
 
@@ -143,7 +180,7 @@ class DepthRenderer:
         shape = (camera.height, camera.width)
         distance, cosine, inside = self._cast(rotation, translation)
         seen = np.isfinite(distance) & (cosine >= profile.grazing)
-        edges = _edges(np.where(seen, distance * camera.directions[..., 2], np.inf), camera.edge)
+        edges = _edges(np.where(seen, distance * camera.directions[..., 2], np.inf), _EDGE)
         safe = np.where(seen, distance, 0.0)
         sigma = profile.sigma0 + profile.k * safe**2 / np.maximum(cosine, 0.15)
         measured = safe + sigma * _normal(streams, "camera.noise", shape, frame)
@@ -153,7 +190,7 @@ class DepthRenderer:
         kept = _uniform(streams, "camera.dropout", shape, frame) >= profile.dropout
         valid = seen & kept & (measured >= camera.least_range) & (measured <= camera.largest_range)
         points = measured[valid][:, None] * camera.directions[valid]
-        flags = ("out_of_view",) if len(points) == 0 else ("few_points",) * (len(points) < camera.least_points)
+        flags = ("out_of_view",) if len(points) == 0 else ("few_points",) * (len(points) < _FEW_POINTS)
         depth = np.where(valid, measured * camera.directions[..., 2], 0.0)
         return DepthFrame(time, depth, points, valid, (*flags, *(("inside",) * inside)))
 

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from safe_inspect.dynamics.quaternion import exp, to_matrix
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.rendezvous.target.model import TriangleMesh
+from safe_inspect.rendezvous.target.model import (
+    InertiaMatrix,
+    Point,
+    Target,
+    TargetModel,
+    TriangleMesh,
+    checked_inertia,
+)
 from safe_inspect.types import FloatArray
+from safe_inspect.units import Angle, PositiveLength
 
 #: The corners of a unit box by their signs, and the twelve triangles of its faces seen from outside.
 _SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -65,3 +75,48 @@ def inertia_of_boxes(boxes: OrientedBoxes, mass: float) -> FloatArray:
     distance = np.einsum("b,bi,bi->", share, offset, offset)
     result: FloatArray = inertia + distance * np.eye(3) - np.einsum("b,bi,bj->ij", share, offset, offset)
     return result
+
+
+class Box(BaseModel):
+    """One box of a target.
+
+    Attributes:
+        centre: Its centre in the model's frame [m].
+        half_size: Half of its lengths along its own axes [m].
+        rotation: Rotation vector that takes its axes to the model's [rad].
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    centre: Point = (0.0, 0.0, 0.0)
+    half_size: tuple[PositiveLength, PositiveLength, PositiveLength] = (0.3, 0.2, 0.1)  # type: ignore[valid-type]
+    rotation: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)  # type: ignore[valid-type]
+
+
+class BoxTarget(TargetModel):
+    """A target of boxes; their common centre of mass is the origin of its frame.
+
+    Attributes:
+        boxes: The boxes.
+        inertia: Inertia about the centre of mass [kg m^2], which is then the origin; null for one density of all boxes.
+        mating_point: Where the chaser's centre shall be, in the principal axes [m].
+    """
+
+    boxes: tuple[Box, ...] = Field(default=(Box(),), min_length=1)
+    inertia: InertiaMatrix | None = None
+    mating_point: Point = (0.0, 0.0, 0.5)
+
+    _check_inertia = field_validator("inertia")(checked_inertia)
+
+    def __call__(self) -> Target:
+        """Return the target."""
+        rotation = to_matrix(exp(np.array([box.rotation for box in self.boxes])))
+        centre = np.array([box.centre for box in self.boxes])
+        half_size = np.array([box.half_size for box in self.boxes])
+        inertia: FloatArray | None = None if self.inertia is None else np.array(self.inertia)
+        if inertia is None:
+            volume = half_size.prod(axis=1, keepdims=True)
+            centre = centre - (volume * centre).sum(axis=0) / volume.sum()
+            inertia = inertia_of_boxes(OrientedBoxes(centre, half_size, rotation), 1.0)
+        boxes = OrientedBoxes(centre, half_size, rotation)
+        return Target(boxes, mesh_of_boxes(boxes), inertia, np.array(self.mating_point))

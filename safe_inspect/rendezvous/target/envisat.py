@@ -7,14 +7,14 @@ Sources:
 from __future__ import annotations
 
 import numpy as np
+from pydantic import Field
 
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.target.box import aligned_boxes, join_boxes, mesh_of_boxes, scale_boxes
-from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.rendezvous.target.model import Point, Target, TargetModel
 from safe_inspect.tasks.rendezvous.envisat import ENVISAT_BOXES, ENVISAT_INERTIA
 from safe_inspect.tasks.rendezvous.shape import boxes_in_model
-from safe_inspect.types import FloatArray
 
 #: Mass [kg].
 MASS = 7827.867
@@ -27,30 +27,34 @@ def envisat_boxes() -> OrientedBoxes:
     return boxes_in_model(ENVISAT_BOXES)
 
 
-def envisat(scale: float, mating_point: FloatArray, detail_seed: int = 0) -> Target:
-    """Return the target.
+class EnvisatTarget(TargetModel):
+    """Envisat as boxes for its bus, boom, radar antenna and solar array, with small boxes that only sensors see.
 
-    Args:
+    Its mass scales by the cube and its inertia by the fifth power of the scale.
+
+    Attributes:
         scale: Its size relative to the satellite's.
-        mating_point: In T [m], shape (3,).
-        detail_seed: Seed of the small boxes on the bus that are in the mesh and not in the boxes.
-
-    Returns:
-        The target; mass scales by the cube and inertia by the fifth power of the scale.
+        mating_point: Where the chaser's centre shall be, in the principal axes [m].
     """
-    boxes = envisat_boxes()
-    seen = join_boxes(boxes, _details(boxes, detail_seed))
-    return Target(
-        boxes=scale_boxes(boxes, scale),
-        mesh=mesh_of_boxes(scale_boxes(seen, scale)),
-        inertia=np.array(ENVISAT_INERTIA) * scale**5,
-        mating_point=np.asarray(mating_point, dtype=np.float64),
-    )
+
+    scale: float = Field(default=0.05, gt=0.0)
+    mating_point: Point = (0.25, 0.0, 0.42)
+
+    def __call__(self) -> Target:
+        """Return the target."""
+        boxes = envisat_boxes()
+        seen = join_boxes(boxes, _details(boxes))
+        return Target(
+            boxes=scale_boxes(boxes, self.scale),
+            mesh=mesh_of_boxes(scale_boxes(seen, self.scale)),
+            inertia=np.array(ENVISAT_INERTIA) * self.scale**5,
+            mating_point=np.array(self.mating_point),
+        )
 
 
-def _details(boxes: OrientedBoxes, detail_seed: int) -> OrientedBoxes:
+def _details(boxes: OrientedBoxes) -> OrientedBoxes:
     """Return small boxes that stand half out of the bus's faces."""
-    streams = Streams(detail_seed, np.arange(_DETAILS), np.zeros(_DETAILS, np.int64))
+    streams = Streams(0, np.arange(_DETAILS), np.zeros(_DETAILS, np.int64))
     where = streams.uniform("target.detail.where", 3) * 2.0 - 1.0
     size = _DETAIL_SIZE * (0.3 + 0.7 * streams.uniform("target.detail.size", 3))
     face = (streams.uniform("target.detail.face")[:, 0] * 6).astype(np.int64)

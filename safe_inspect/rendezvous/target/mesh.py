@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import os
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from pydantic import Field, field_validator
 
 from safe_inspect.dynamics.inertia import principal_axes
 from safe_inspect.errors import ConfigError, MissingLibraryError
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.target.box import aligned_boxes
-from safe_inspect.rendezvous.target.model import Target, TriangleMesh
+from safe_inspect.rendezvous.target.model import (
+    InertiaMatrix,
+    Point,
+    Target,
+    TargetModel,
+    TriangleMesh,
+    checked_inertia,
+)
 from safe_inspect.types import AnyArray, FloatArray
 
+#: The name of a file that a plugin reads, as a configuration gives it; see `experiment.load_rendezvous`.
+DataFile = Annotated[str, Field(min_length=1, json_schema_extra={"file": True})]
 #: Least half size of a covering box [m]; a flat piece of a mesh has none of its own.
 _LEAST_HALF_SIZE = 1e-4
 #: Where a cell is cut, as shares of its length.
@@ -44,31 +54,44 @@ def read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
     return mesh
 
 
-def mesh_target(mesh: Any, inertia: FloatArray | None, mating_point: FloatArray, boxes: int, name: str = "") -> Target:
-    """Return the target of a closed mesh, moved so that its centre of mass is the origin.
+class MeshTarget(TargetModel):
+    """A target from a closed mesh file (STL, PLY or OBJ), covered by boxes.
 
-    Args:
-        mesh: The mesh, as `read_mesh` returns it.
-        inertia: Inertia about the centre of mass along the mesh's axes, shape (3, 3), with the mesh's origin at the
-            centre of mass; None for a body of uniform density, whose centre of mass is the volume's.
-        mating_point: In T [m], shape (3,).
+    Attributes:
+        path: The file; a relative name is looked for beside the configuration that names it.
+        scale: What its lengths are multiplied by to get metres.
+        inertia: Inertia about the mesh's origin [kg m^2], which is the centre of mass; null for one density inside.
+        mating_point: Where the chaser's centre shall be, in the principal axes [m].
         boxes: Largest number of boxes that cover it.
-        name: The file, for messages.
-
-    Raises:
-        ConfigError: The inertia is that of no body.
     """
-    if inertia is None:
-        mesh = mesh.copy()
-        mesh.apply_translation(-mesh.center_mass)
-        inertia = np.asarray(mesh.moment_inertia, dtype=np.float64)
-        inertia = 0.5 * (inertia + inertia.T)
-    try:
-        principal_axes(inertia)
-    except ValueError as error:
-        raise ConfigError(f"{name or 'mesh'}: {error}") from None
-    surface = TriangleMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
-    return Target(covering_boxes(mesh, boxes), surface, inertia, np.asarray(mating_point, dtype=np.float64))
+
+    path: DataFile
+    scale: float = Field(default=1.0, gt=0.0)
+    inertia: InertiaMatrix | None = None
+    mating_point: Point = (0.0, 0.0, 0.5)
+    boxes: int = Field(default=12, ge=1)
+
+    _check_inertia = field_validator("inertia")(checked_inertia)
+
+    def __call__(self) -> Target:
+        """Return the target, moved so that its centre of mass is the origin.
+
+        Raises:
+            ConfigError: The file is no closed mesh, or its inertia that of no body.
+        """
+        mesh = read_mesh(self.path, self.scale)
+        if self.inertia is None:
+            mesh.apply_translation(-mesh.center_mass)
+            inertia = np.asarray(mesh.moment_inertia, dtype=np.float64)
+            inertia = 0.5 * (inertia + inertia.T)
+        else:
+            inertia = np.array(self.inertia)
+        try:
+            principal_axes(inertia)
+        except ValueError as error:
+            raise ConfigError(f"{self.path}: {error}") from None
+        surface = TriangleMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
+        return Target(covering_boxes(mesh, self.boxes), surface, inertia, np.array(self.mating_point))
 
 
 def covering_boxes(mesh: Any, count: int) -> OrientedBoxes:

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from safe_inspect.dynamics.inertia import principal_axes
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.units import Length, quantity
+
+_Moment = quantity("kg m^2")
+_Row = tuple[_Moment, _Moment, _Moment]  # type: ignore[valid-type]
+#: What a configuration gives for a point [m] and for an inertia [kg m^2].
+Point = tuple[Length, Length, Length]  # type: ignore[valid-type]
+InertiaMatrix = tuple[_Row, _Row, _Row]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,3 +83,20 @@ class Target:
         corners = self.boxes.corners.reshape(-1, 3) @ self.R_MT
         nearest: FloatArray = corners[np.linalg.norm(corners - self.mating_point, axis=1).argmin()]
         return nearest
+
+
+class TargetModel(Plugin):
+    """Base of target models."""
+
+    kind: ClassVar[str] = "target_model"
+
+    @abstractmethod
+    def __call__(self) -> Target:
+        """Return the target."""
+
+
+def checked_inertia(inertia: InertiaMatrix | None) -> InertiaMatrix | None:
+    """Check that an inertia is that of a rigid body."""
+    if inertia is not None:
+        principal_axes(np.array(inertia))
+    return inertia

@@ -21,10 +21,8 @@ from typing import Any, NamedTuple
 from safe_inspect.compiling import BORROWING, Kernel, njit
 from safe_inspect.dynamics.cwh_row import RowState
 
-#: Options of compiled functions that only compiled ones call: without a wrapper for Python they compile sooner.
-INNER: dict[str, Any] = {**BORROWING, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-#: The same for functions of a few lines, whose many arguments cost more to pass than their work.
-INLINED: dict[str, Any] = {**INNER, "forceinline": True}
+#: Options of functions of a few lines, whose many arguments cost more to pass than their work.
+INLINED: dict[str, Any] = {**BORROWING, "forceinline": True}
 #: Three numbers along Hill's axes.
 Triple = tuple[float, float, float]
 #: Cosine and sine of the sun angle.

@@ -11,12 +11,12 @@ import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.regulator import regulator
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import checked, differs
-from safe_inspect.rta.numerics.regulator import regulator
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
@@ -90,7 +90,8 @@ class SimplexFilter:
         self.parameters, self.names, self.delta_v_limit = self._safe.parameters, self._safe.names, delta_v_limit
         p = self.parameters
         self._hold = transition(float(p.n), float(p.m), float(p.step_size))
-        self.gain = regulator(self.parameters, position_weight, velocity_weight)
+        weights = np.diag([position_weight] * 3 + [velocity_weight] * 3)
+        self.gain = regulator(*self._hold, weights, np.eye(3))
 
     def __call__(
         self, state: RelativeState, desired: FloatArray, memory: SimplexMemory

@@ -94,6 +94,11 @@ class InspectionPoints(Component):
         """The bodies that carry points."""
         return tuple(self.inspection_points_map)
 
+    @property
+    def radii(self) -> Mapping[str, float]:
+        """The radius of each sphere that carries points [m]."""
+        return {name: sphere.radius for name, sphere in self.inspection_points_map.items()}
+
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
         """Return none: deputies move as without it."""
         return NO_DISTURBANCE

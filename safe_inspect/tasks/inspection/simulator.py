@@ -70,6 +70,11 @@ class InspectionSimulator(Simulator):
         check_field_of_view(self.field_of_view)
         return self
 
+    @property
+    def attitude_field(self) -> str:
+        """The cone of a camera that turns with the deputy, where it is given."""
+        return "" if self.sensor_fov is None else "sensor_fov"
+
     def with_attitude(self) -> Simulator:
         """Return the simulator for platforms that turn, with a camera that turns with them.
 

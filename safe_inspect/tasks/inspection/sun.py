@@ -1,14 +1,16 @@
-"""`Sun`: a sun that turns about the chief at a constant rate."""
+"""Where the sun is: the direction of its angle, and `Sun`, which turns about the chief at a constant rate."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
+
+import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
-from safe_inspect.simulators.component import Component, RunningComponent
+from safe_inspect.simulators.component import Component, EntityParameter, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
@@ -16,18 +18,27 @@ from safe_inspect.types import ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import PositiveAngularRate
 
 
+def sun_directions(angle: FloatArray) -> FloatArray:
+    """Return the unit vectors to the sun, ``[cos, -sin, 0]`` of its angles [rad], Hill frame, shape (..., 3)."""
+    return np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=-1)
+
+
+@njit
+def sun_row(angle: float) -> tuple[float, float, float]:
+    """Return the unit vector to the sun of one angle [rad]; see `sun_directions`."""
+    return math.cos(angle), -math.sin(angle), 0.0
+
+
 @njit
 def turn_sun(turn: float, angle: FloatArray, direction: FloatArray) -> None:
-    """Add a turn to each sun angle [rad], shape (N,), and write the unit vectors [cos, -sin, 0], shape (N, 3)."""
+    """Add a turn to each sun angle [rad], shape (N,), and write the unit vectors to the sun, shape (N, 3)."""
     for n in range(angle.shape[0]):
         angle[n] += turn
-        direction[n, 0] = math.cos(angle[n])
-        direction[n, 1] = -math.sin(angle[n])
-        direction[n, 2] = 0.0
+        direction[n, 0], direction[n, 1], direction[n, 2] = sun_row(angle[n])
 
 
 class Sun(Component):
-    """Sun in the direction [cos, -sin, 0] of an angle that grows at a constant rate; clockwise about +z, Hill's frame.
+    """Sun whose angle grows at a constant rate: it turns clockwise about +z, Hill's frame, see `sun_directions`.
 
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
     sun, shape (N, 3). A reset takes the angle from the state ``sun_angle`` that is drawn, 0 unless there is one.
@@ -35,6 +46,8 @@ class Sun(Component):
     Attributes:
         rate: Rate of the angle [rad/s].
     """
+
+    entity: ClassVar[Mapping[str, EntityParameter]] = {"theta": EntityParameter("rad", "sun_angle", "sun")}
 
     rate: PositiveAngularRate = 0.001027
 

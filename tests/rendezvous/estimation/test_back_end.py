@@ -12,29 +12,33 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.back_end.factors import key, rotation_kinematic_factors
 from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
-from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
+from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.estimation.innovation import centre_innovation
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import difference, inverse, perturbed, pose, skew
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.target.envisat import envisat
+from safe_inspect.rendezvous.target.envisat import EnvisatTarget
 from safe_inspect.testing.estimation import edges_of, watched_poses
 from safe_inspect.types import FloatArray
 
-_TARGET = envisat(0.05, np.array([0.25, 0.0, 0.42]))
+_TARGET = EnvisatTarget()()
 _R_WB = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _START = ChaserStart(pose(_R_WB, np.array([0.0, -1.5, 0.0])), np.zeros(3))
 
 
-def _graph(edges: list[Edge], frames: list[int], centre: CentrePrior, options: GraphOptions | None = None) -> PoseGraph:
+def _empty(centre: CentrePrior, largest: int = 600) -> PoseGraph:
+    """Return the graph of a chaser at rest whose poses to the model have independent errors."""
+    return PoseGraph(ImuBuffer(ImuNoise(), 0.1), _START, centre, largest=largest, memory=0.0)
+
+
+def _graph(edges: list[Edge], frames: list[int], centre: CentrePrior, largest: int = 600) -> PoseGraph:
     """Return the graph of a chaser at rest, one frame a second."""
-    graph = PoseGraph(options or GraphOptions(), _START, centre)
-    imu = ImuBuffer(ImuNoise(), 0.1)
+    graph = _empty(centre, largest)
     for before, frame in itertools.pairwise(frames):
         for _ in range(10 * (frame - before)):
-            imu.add(np.zeros(3), np.zeros(3), 0.1)
-        graph.update(frame, [edge for edge in edges if edge.second == frame], imu)
+            graph.imu.add(np.zeros(3), np.zeros(3), 0.1)
+        graph.update(frame, [edge for edge in edges if edge.second == frame])
     return graph
 
 
@@ -72,11 +76,11 @@ def test_a_thrusting_chaser_is_followed_exactly() -> None:
     model = [T_MB @ inverse(_START.pose) for T_MB in still]  # T_MW of each frame
     truth = [pose(_R_WB, _START.pose[:3, 3] + 0.5 * k * k * acceleration) for k in range(frames)]
     poses = [T_MW @ T_WB for T_MW, T_WB in zip(model, truth, strict=True)]
-    graph, imu = PoseGraph(GraphOptions(), _START, CentrePrior(np.zeros(3), 0.3)), ImuBuffer(ImuNoise(), 0.1)
+    graph = _empty(CentrePrior(np.zeros(3), 0.3))
     for edge in edges_of(poses, model=False):
         for _ in range(10):
-            imu.add(_R_WB.T @ acceleration, np.zeros(3), 0.1)
-        graph.update(edge.second, [edge], imu)
+            graph.imu.add(_R_WB.T @ acceleration, np.zeros(3), 0.1)
+        graph.update(edge.second, [edge])
     estimate = graph.estimate()
     np.testing.assert_allclose(estimate.chaser, truth[-1], atol=1e-6)
     np.testing.assert_allclose(estimate.velocity, (frames - 1) * acceleration, atol=1e-6)
@@ -86,14 +90,13 @@ def test_a_thrusting_chaser_is_followed_exactly() -> None:
 def test_a_jump_of_the_bias_is_found_from_the_frames(end: int) -> None:
     """The accelerometers' bias jumps between two frames, and is seen to after three; later it may jump back."""
     jump, poses, rng = np.array([0.02, -0.02, 0.02]), watched_poses(_TARGET, 25), np.random.default_rng(0)
-    graphs = [PoseGraph(GraphOptions(), _START, CentrePrior(np.zeros(3), 0.01)) for _ in range(2)]
+    graphs = [_empty(CentrePrior(np.zeros(3), 0.01)) for _ in range(2)]
     for is_told, graph in enumerate(graphs):
-        imu = ImuBuffer(ImuNoise(), 0.1)
         for edge in (edge for edge in edges_of(poses, model=True) if edge.first == MODEL and edge.second):
             for _ in range(10):
-                imu.add(jump * (5 <= edge.second - 1 < end) + 1e-4 * rng.standard_normal(3), np.zeros(3), 0.1)
+                graph.imu.add(jump * (5 <= edge.second - 1 < end) + 1e-4 * rng.standard_normal(3), np.zeros(3), 0.1)
             seen = replace(edge, covariance=25.0 * edge.covariance)
-            graph.update(edge.second, [seen], imu, jumped=bool(is_told) and edge.second in (8, end + 3))
+            graph.update(edge.second, [seen], jumped=bool(is_told) and edge.second in (8, end + 3))
     untold, told = (graph.estimate() for graph in graphs)
     assert np.linalg.norm(told.chaser[:3, 3] - _START.pose[:3, 3]) < 5e-3
     assert np.linalg.norm(told.velocity) < 3e-3
@@ -104,7 +107,7 @@ def test_a_jump_of_the_bias_is_found_from_the_frames(end: int) -> None:
 def test_a_chaser_without_inertial_samples_is_followed_by_the_frames() -> None:
     """It is pushed while the unit is silent; what the unit says after it is believed again."""
     acceleration, poses = np.array([0.01, 0.0, -0.01]), watched_poses(_TARGET, 24)
-    graph, imu = PoseGraph(GraphOptions(), _START, CentrePrior(np.zeros(3), 0.01)), ImuBuffer(ImuNoise(), 0.1)
+    graph = _empty(CentrePrior(np.zeros(3), 0.01))
     moved, velocity = np.zeros(3), np.zeros(3)
     for k in range(1, 24):
         silent = 8 <= k < 16
@@ -112,11 +115,11 @@ def test_a_chaser_without_inertial_samples_is_followed_by_the_frames() -> None:
             push = acceleration * silent
             moved, velocity = moved + 0.1 * velocity + 5e-3 * push, velocity + 0.1 * push
             if silent:
-                imu.coast(0.1, np.zeros(6))
+                graph.imu.coast(0.1, np.zeros(6))
             else:
-                imu.add(np.zeros(3), np.zeros(3), 0.1)
+                graph.imu.add(np.zeros(3), np.zeros(3), 0.1)
         T_MB = poses[k] @ inverse(_START.pose) @ pose(_R_WB, _START.pose[:3, 3] + moved)  # noqa: N806
-        graph.update(k, [Edge(MODEL, k, T_MB, 1e-6 * np.eye(6), 1.0, "model")], imu)
+        graph.update(k, [Edge(MODEL, k, T_MB, 1e-6 * np.eye(6), 1.0, "model")])
         if k in (12, 23):
             estimate = graph.estimate()
             np.testing.assert_allclose(estimate.chaser[:3, 3], _START.pose[:3, 3] + moved, atol=0.01)
@@ -221,8 +224,7 @@ def test_a_model_that_nothing_relates_to_older_frames_starts_anew() -> None:
 
 def test_the_graph_stays_bounded() -> None:
     poses = watched_poses(_TARGET, 40)
-    options = GraphOptions(largest=12)
-    graph = _graph(edges_of(poses, model=True), list(range(40)), CentrePrior(np.array([0.1, 0.0, 0.1]), 0.3), options)
+    graph = _graph(edges_of(poses, model=True), list(range(40)), CentrePrior(np.array([0.1, 0.0, 0.1]), 0.3), 12)
     assert len(graph.frames) <= 12
     estimate = graph.estimate()
     assert estimate.relative is not None

@@ -9,10 +9,10 @@ import pytest
 
 from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.back_end.inertial import BiasJump, ImuBuffer
-from safe_inspect.rendezvous.back_end.options import CentrePrior, ChaserStart, GraphEstimate, GraphOptions
-from safe_inspect.rendezvous.estimate import BodyState, ExpectedMotion
+from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
-from safe_inspect.rendezvous.estimation.response import ActuatorResponse
+from safe_inspect.rendezvous.estimation.response import ActuatorResponse, ExpectedMotion
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 
@@ -102,14 +102,14 @@ def test_the_expected_motion_is_that_of_the_actuators(lag: float):
 
 def _watched(jump: np.ndarray, corrected: BiasJump | None) -> GraphEstimate:
     """Return the graph of a chaser whose biases jump between two frames, one second apart, that show nothing."""
-    graph = PoseGraph(GraphOptions(), ChaserStart(np.eye(4), np.zeros(3)), CentrePrior(np.array([1.5, 0.0, 0.0]), 0.1))
-    imu = ImuBuffer(ImuNoise(), 0.1)
+    start, centre = ChaserStart(np.eye(4), np.zeros(3)), CentrePrior(np.array([1.5, 0.0, 0.0]), 0.1)
+    graph = PoseGraph(ImuBuffer(ImuNoise(), 0.1), start, centre, largest=600, memory=0.0)
     for frame in range(1, 21):
         for _ in range(10):
             if frame == 5 and corrected is not None:
-                imu.correct(corrected)
-            imu.add(jump[:3] * (frame >= 5), jump[3:] * (frame >= 5), 0.1)
-        graph.update(frame, [], imu)
+                graph.imu.correct(corrected)
+            graph.imu.add(jump[:3] * (frame >= 5), jump[3:] * (frame >= 5), 0.1)
+        graph.update(frame, [])
     return graph.estimate()
 
 

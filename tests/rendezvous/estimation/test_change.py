@@ -15,11 +15,14 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.characterise.history import TargetEstimate
 from safe_inspect.rendezvous.chaser import ChaserState
 from safe_inspect.rendezvous.control.attitude import CameraPointing
-from safe_inspect.rendezvous.estimate import BodyState, EstimatorContext, InertialTruth, StateEstimate
+from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.change import departs
 from safe_inspect.rendezvous.estimation.consistency import attitude_error
+from safe_inspect.rendezvous.estimation.context import estimator_context
 from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.scenario import checked_target
+from safe_inspect.rendezvous.sensors.suite import SensorSuite
 from safe_inspect.rendezvous.truth import target_motion
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"
@@ -48,10 +51,11 @@ class _Seen(NamedTuple):
 
 def _watched() -> Iterator[_Seen]:
     """Give an estimate a second, of a chaser at rest and a target that is struck at `_CHANGE`."""
-    config = load_rendezvous(_FILE, ["estimator.config.front_end.functor=TruthFrontEnd"]).config
+    config = load_rendezvous(_FILE, ["estimator.config.front_end.functor=MeasuredPoses"]).config
     mission, target = config.mission, checked_target(config)
     streams = Streams(0, np.array([1]), np.zeros(1, np.int64))
-    run = config.estimator(EstimatorContext(target, mission.update_period, mission.step, streams, mission.tick))
+    run = config.estimator(estimator_context(target, config.chaser, mission, config.sensors, streams))
+    sensors = SensorSuite(config.sensors, config.chaser, mission, target, streams, config.estimator.reads)
     times = np.arange(round(_END / mission.step) + 1) * mission.step
     q, w = target_motion(target.principal, config.tumble(streams), (_CHANGE,), times)
     still, place = np.zeros(3), np.array([0.0, -1.5, 0.0])
@@ -63,8 +67,8 @@ def _watched() -> Iterator[_Seen]:
     )  # fmt: skip
     for k, time in enumerate(times):
         body = BodyState(still, still, q[k], w[k])
-        felt = InertialTruth(history, False, np.zeros(6)) if k else None
-        estimate = run.update(float(time), chaser, body, inertial=felt)
+        held = (history, Command(still, still)) if k else ()
+        estimate = run.update(sensors.read(float(time), chaser, body, *held))
         if k % 5 == 0:
             yield _Seen(float(time), estimate, chaser, body)
 

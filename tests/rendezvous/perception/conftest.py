@@ -10,21 +10,21 @@ import pytest
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.poses import inverse, pose, rotation_exp
-from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthCamera, DepthFrame, DepthRenderer
-from safe_inspect.rendezvous.target.envisat import envisat
+from safe_inspect.rendezvous.sensors.tof import DepthFrame, TimeOfFlightCamera
+from safe_inspect.rendezvous.target.envisat import EnvisatTarget
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
 #: Where the camera is in B.
 T_BC = pose(R_BC, np.array([0.13, 0.0, 0.0]))
-CAMERA = DepthCamera()
+CAMERA = TimeOfFlightCamera().geometry
 
 Shoot = Callable[..., DepthFrame]
 
 
 @pytest.fixture(scope="session")
 def target() -> Target:
-    return envisat(0.05, np.array([0.25, 0.0, 0.42]))
+    return EnvisatTarget()()
 
 
 @pytest.fixture(scope="session")
@@ -38,7 +38,7 @@ def shoot(target: Target, streams: Streams) -> Shoot:
 
     def take(chaser: FloatArray, number: int = 0, profile: str = "nominal", time: float = 0.0) -> DepthFrame:
         camera = chaser @ T_BC
-        renderer = DepthRenderer(CAMERA, target.mesh, PROFILES[profile])
+        renderer = TimeOfFlightCamera(profile=profile)(target)
         return renderer.render(camera[:3, :3], camera[:3, 3], streams, number, time)
 
     return take

@@ -149,7 +149,7 @@ def test_the_command_warns_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_what_works_in_simulations_only_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = str(_log(tmp_path / "log"))
-    assert main(["characterise", folder, "--front-end", "TruthFrontEnd"]) == 2
-    assert "error: TruthFrontEnd works in simulations only" in capsys.readouterr().err
+    assert main(["characterise", folder, "--front-end", "MeasuredPoses"]) == 2
+    assert "error: MeasuredPoses works in simulations only" in capsys.readouterr().err
     assert main(["characterise", folder, "--pick", "0,20,15,nan"]) == 2
     assert "error: --pick '0,20,15,nan': frame, column, row and distance" in capsys.readouterr().err

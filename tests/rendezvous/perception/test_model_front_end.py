@@ -10,20 +10,17 @@ from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.front_end.model.acquisition import acquire, spread_rotations
-from safe_inspect.rendezvous.front_end.model.alignment import ObservedView, align, axis_candidates
 from safe_inspect.rendezvous.front_end.model.faces import faces_of, surface_points
 from safe_inspect.rendezvous.front_end.model.kernel import nearest_face
-from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
-from safe_inspect.rendezvous.front_end.model.run import ModelTracking
+from safe_inspect.rendezvous.front_end.model.registration import Prior
 from safe_inspect.rendezvous.front_end.motion import RelativeMotion
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
-from safe_inspect.rendezvous.poses import difference, inverse, perturbed, pose, rotation_exp, rotation_log
+from safe_inspect.rendezvous.poses import difference, inverse, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 
 from .conftest import CAMERA, T_BC, Shoot, spin
 
-_SCALE = ModelTracking().scale
 _PRIOR = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
 
 
@@ -65,15 +62,15 @@ def test_registration_to_the_model_recovers_a_pose(target: Target, shoot: Shoot,
     cloud = Cleaning(CAMERA)(shoot(truth, number, "clean"), T_BC)
     random = np.random.default_rng(number)
     start = perturbed(truth, np.concatenate([np.deg2rad(1.0) * random.normal(size=3), 0.01 * random.normal(size=3)]))
-    found = ModelRegistration(target, CAMERA, T_BC)(cloud, start, Prior(start, _PRIOR))
+    found = ModelFrontEnd().registration(target, CAMERA, T_BC)(cloud, start, Prior(start, _PRIOR))
     assert _degrees(truth, found.pose) < 0.6
     assert found.inliers > 0.9
     error = difference(truth, found.pose)
-    assert error @ np.linalg.solve(found.covariance(_SCALE), error) / 6.0 < 6.0
+    assert error @ np.linalg.solve(found.covariance(), error) / 6.0 < 6.0
 
 
 def test_a_search_finds_the_pose_without_a_prediction(target: Target, shoot: Shoot) -> None:
-    registration, cleaning = ModelRegistration(target, CAMERA, T_BC), Cleaning(CAMERA)
+    registration, cleaning = ModelFrontEnd().registration(target, CAMERA, T_BC), Cleaning(CAMERA)
     for number, truth in enumerate(spin(1, first=(0.9, 0.2, 0.5))):
         found = acquire(registration, cleaning(shoot(truth, number), T_BC))
         assert min(_degrees(truth, one.pose) for one in found[:2]) < 3.0
@@ -82,7 +79,10 @@ def test_a_search_finds_the_pose_without_a_prediction(target: Target, shoot: Sho
 
 def test_a_shape_that_would_hide_what_is_seen_does_not_fit(target: Target, shoot: Shoot) -> None:
     """From above the bus, Envisat and its half turn differ in a plate alone, which the camera would not see through."""
-    registration, half = ModelRegistration(target, CAMERA, T_BC), pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    registration, half = (
+        ModelFrontEnd().registration(target, CAMERA, T_BC),
+        pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3)),
+    )
     for number, position in enumerate(np.array([[-0.4, -0.4, 1.4], [0.1, -0.9, 1.2], [0.2, -1.2, 0.9]])):
         truth = pose(point_camera(np.eye(3), position, np.zeros(3)) @ T_BC[:3, :3].T, position)
         cloud = Cleaning(CAMERA, edge=np.inf)(shoot(truth, number), T_BC)
@@ -157,24 +157,9 @@ def test_constant_motion_is_predicted_exactly() -> None:
         motion.observe(0.7 * k, seen[k])
 
 
-def test_alignment_finds_the_right_of_four_attitudes(target: Target, shoot: Shoot) -> None:
-    truth, random = spin(12, period=6.0), np.random.default_rng(1)
-    cleaning, registration = Cleaning(CAMERA), ModelRegistration(target, CAMERA, T_BC)
-    model = inverse(truth[0])
-    views = [ObservedView(cleaning(shoot(one, k), T_BC).thinned(200), model @ one) for k, one in enumerate(truth)]
-    axes = model[:3, :3] @ target.R_MT @ rotation_exp(np.deg2rad(3.0) * np.array([0.6, -0.6, 0.5]))
-    centre = model[:3, 3] + 0.02 * random.normal(size=3)
-    for signs in ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)):
-        found = align(registration, views, axis_candidates(target, axes @ np.diag(signs), centre))
-        assert np.rad2deg(np.linalg.norm(rotation_log(model[:3, :3].T @ found.T_GM[:3, :3]))) < 0.5
-        assert np.linalg.norm(found.T_GM[:3, 3] - model[:3, 3]) < 5e-3
-        assert found.margin > 1.05
-        assert found.scores[found.chosen] == found.score
-
-
 def test_close_to_the_target_the_shape_does_not_slide(target: Target, shoot: Shoot) -> None:
     # Parts nearer than the camera measures, and the image's border, must not pull: a plane in front has no silhouette.
-    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
+    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelFrontEnd().registration(target, CAMERA, T_BC)
     mating_point = target.R_MT @ target.mating_point
     camera, offset = np.eye(3), np.zeros(6)
     for number, share in enumerate(np.linspace(1.8, 1.0, 6)):
@@ -186,12 +171,12 @@ def test_close_to_the_target_the_shape_does_not_slide(target: Target, shoot: Sho
         offset = difference(truth, found.pose)
         assert np.linalg.norm(offset[3:]) < 0.015
         assert np.rad2deg(np.linalg.norm(offset[:3])) < 1.0
-        assert offset @ np.linalg.solve(found.covariance(_SCALE), offset) / 6.0 < 8.0
+        assert offset @ np.linalg.solve(found.covariance(), offset) / 6.0 < 8.0
 
 
 def test_the_errors_of_attitude_hold_at_the_mating_point(target: Target, shoot: Shoot) -> None:
     """What the model leaves out turns a small patch more than the whole target."""
-    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
+    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelFrontEnd().registration(target, CAMERA, T_BC)
     random, nees = np.random.default_rng(2), []
     mating_point, corner = target.R_MT @ target.mating_point, target.R_MT @ target.landmark
     for number in range(12):
@@ -200,7 +185,7 @@ def test_the_errors_of_attitude_hold_at_the_mating_point(target: Target, shoot: 
         truth = pose(camera @ T_BC[:3, :3].T, position)
         found = registration(cleaning(shoot(truth, number), T_BC), truth, Prior(truth, _PRIOR))
         turn = difference(truth, found.pose)[:3]
-        nees.append(turn @ np.linalg.solve(found.covariance(_SCALE)[:3, :3], turn) / 3.0)
+        nees.append(turn @ np.linalg.solve(found.covariance()[:3, :3], turn) / 3.0)
     assert 0.1 < np.mean(nees) < 2.0
 
 
@@ -212,14 +197,14 @@ def test_parts_that_seem_apart_are_used_together(target: Target, shoot: Shoot) -
     frame = shoot(truth)
     cloud = Cleaning(CAMERA, edge=np.inf)(frame, T_BC)
     assert len(cloud) > 0.95 * frame.valid.sum()
-    found = ModelRegistration(target, CAMERA, T_BC)(cloud, truth, Prior(truth, _PRIOR))
+    found = ModelFrontEnd().registration(target, CAMERA, T_BC)(cloud, truth, Prior(truth, _PRIOR))
     assert np.linalg.norm(difference(truth, found.pose)[3:]) < 0.01
     assert found.score < 0.01
 
 
 def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Target, shoot: Shoot) -> None:
     """A strip of the bus is seen, its ends out of the image: what is expected holds, and the errors say so."""
-    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelRegistration(target, CAMERA, T_BC)
+    cleaning, registration = Cleaning(CAMERA, edge=np.inf), ModelFrontEnd().registration(target, CAMERA, T_BC)
     tight = np.diag(np.repeat([np.deg2rad(0.5), 0.005], 3) ** -2.0)
     random = np.random.default_rng(1)
     ahead, right = np.array([-0.5, 0.0, -np.sqrt(0.75)]), np.array([0.0, 1.0, 0.0])
@@ -229,7 +214,7 @@ def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Targ
         truth = pose(rotation, np.array([along, 0.0, 0.35]) - rotation @ T_BC[:3, 3])
         start = perturbed(truth, random.normal(size=6) * np.repeat([np.deg2rad(0.2), 3e-3], 3))
         found = registration(cleaning(shoot(truth, number), T_BC), start, Prior(start, tight))
-        offset, covariance = difference(truth, found.pose), found.covariance(_SCALE)
+        offset, covariance = difference(truth, found.pose), found.covariance()
         assert np.linalg.norm(offset[3:]) < 0.012
         assert offset @ np.linalg.solve(covariance, offset) / 6.0 < 4.0
         x = rotation.T @ np.array([1.0, 0.0, 0.0])  # the strip leads along x of M

@@ -15,7 +15,7 @@ from safe_inspect.rendezvous.recording.mating_point import pick_point
 from safe_inspect.rendezvous.recording.reader import read_sensor_log
 from safe_inspect.rendezvous.recording.target_file import read_target
 from safe_inspect.rendezvous.recording.writer import SensorLogWriter
-from safe_inspect.rendezvous.target.envisat import envisat
+from safe_inspect.rendezvous.target.envisat import EnvisatTarget
 
 _EXPERIMENT = str(configs_root() / "tumbling-rendezvous" / "experiment.yml")
 _CAMERA = CameraDescription(width=40, height=30, fx=40.0, fy=42.0, cx=19.0, cy=15.5)
@@ -147,7 +147,7 @@ def test_a_point_is_picked_above_the_surface(tmp_path: Path) -> None:
 
 
 def test_the_target_of_an_experiment_is_read(tmp_path: Path) -> None:
-    expected = envisat(0.05, np.array([0.25, 0.0, 0.42]))
+    expected = EnvisatTarget()()
     np.testing.assert_array_equal(read_target(_EXPERIMENT).boxes.centre, expected.boxes.centre)
     (tmp_path / "a.yml").write_text("target: {functor: EnvisatTarge}\n")
     with pytest.raises(ConfigError, match=r"a.yml:1 target.*EnvisatTarget"):

@@ -7,8 +7,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
-from safe_inspect.rendezvous.front_end.feature_matching import FeatureMatching
-from safe_inspect.rendezvous.front_end.gicp import GicpRegistration
+from safe_inspect.rendezvous.front_end.gicp import prepare, register
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd
 from safe_inspect.rendezvous.poses import difference, inverse, move, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
@@ -23,10 +22,10 @@ def _degrees(edge: Edge, truth: list) -> float:
 
 def test_the_same_cloud_turned_is_registered(shoot: Shoot) -> None:
     points = Cleaning(CAMERA)(shoot(spin(1)[0], 0, "clean"), T_BC).points
-    registration, centre = GicpRegistration(), points.mean(axis=0)
+    centre = points.mean(axis=0)
     turn = rotation_exp(np.deg2rad(4.0) * np.array([0.6, 0.6, 0.5]))
     truth = pose(turn, centre - turn @ centre)
-    found = registration(registration.prepare(move(truth, points)), registration.prepare(points), np.eye(4))
+    found = register(prepare(move(truth, points)), prepare(points), np.eye(4))
     assert np.rad2deg(np.linalg.norm(difference(truth, found.pose)[:3])) < 0.1
     assert found.inliers > 0.95
 
@@ -76,14 +75,3 @@ def test_it_finds_its_place_again_after_failures(streams: Streams, shoot: Shoot)
         assert _degrees(again, truth) < 3.0
     else:
         pytest.fail("not found again")
-
-
-def test_no_features_give_no_pose() -> None:
-    matching = FeatureMatching()
-    flat = np.stack([*np.meshgrid(np.linspace(0, 0.3, 20), np.linspace(0, 0.3, 20)), np.ones((20, 20))], 2).reshape(
-        -1, 3
-    )
-    cloud = matching.describe(flat, np.zeros(3))
-    assert cloud.features.shape == (len(cloud.points), 33)
-    fit = matching(cloud, matching.describe(flat[:40], np.zeros(3)))
-    assert fit is None or fit.inliers >= matching.least_inliers

@@ -1,4 +1,6 @@
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,6 +8,8 @@ import pytest
 from safe_inspect.dynamics.quaternion import normalise
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.planner.query import PlanQuery
+
+sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))  # SciPy's optimiser, which the benchmark has too
 
 
 @pytest.fixture(scope="session")

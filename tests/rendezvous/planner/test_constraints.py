@@ -47,10 +47,7 @@ def test_the_gradient_of_a_cone(states):
 
 
 def test_the_rows_of_an_approach_are_the_slopes_of_its_constraints(query):
-    toward_target = -np.array([0.0, -1.0, 0.0])
-    asked = query(
-        3, limits=Limits(cone=np.deg2rad(30.0)), camera_axis=lambda t: np.broadcast_to(toward_target, (len(t), 3))
-    )
+    asked = query(3, limits=Limits(cone=np.deg2rad(30.0)))
     problem = approach_problem(asked, 0.0, 60.0, 20, 61)
     points = problem.cold()
     rows = constraint_rows(problem, points)

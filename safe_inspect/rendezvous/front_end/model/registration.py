@@ -24,6 +24,8 @@ from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
 _CONVERGED = 2e-5
+#: Distance to a face from which points do not count [m].
+_CUT = 0.03
 #: Distance between the points of the shape that are compared with the silhouette, relative to the swept radius, for
 #: tracking and for a search.
 _SPACING, _COARSE_SPACING = 0.02, 0.08
@@ -91,9 +93,9 @@ class ModelRegistration:
         target: Target,
         camera: DepthCamera,
         T_BC: FloatArray,  # noqa: N803
-        sigma0: float = 3e-3,
-        k: float = 1.5e-3,
-        cut: float = 0.03,
+        sigma0: float,
+        k: float,
+        cut: float = _CUT,
     ) -> None:
         self.faces = faces_of(target.boxes)
         self.samples = surface_points(self.faces, _SPACING * target.swept_radius)
@@ -135,7 +137,7 @@ class ModelRegistration:
             move = -np.linalg.solve(found.hessian + base + damping, found.gradient + offset)
             if np.abs(move).max() < _CONVERGED and step >= 3:
                 break
-            pose = perturbed(pose, limited(np.asarray(move, dtype=np.float64)))
+            pose = perturbed(pose, _limited(np.asarray(move, dtype=np.float64)))
         # What the boxes leave out moves the shape in its own frame, whatever the distance.
         carry = adjoint(inverse(pose))
         spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
@@ -181,7 +183,7 @@ class ModelRegistration:
         return Linearised(hessian, gradient, score, points.inliers / max(points.number, 1), excess)
 
 
-def limited(tangent: FloatArray) -> FloatArray:
+def _limited(tangent: FloatArray) -> FloatArray:
     """Return a step that is no longer than 0.2 rad and 0.2 m."""
     largest = max(float(np.abs(tangent).max()) / 0.2, 1.0)
     return tangent / largest

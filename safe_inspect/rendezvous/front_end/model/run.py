@@ -7,63 +7,40 @@ from typing import Literal
 
 import numpy as np
 
+from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
+from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
 from safe_inspect.rendezvous.front_end.model.acquisition import acquire
 from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
 from safe_inspect.rendezvous.front_end.motion import RelativeMotion
 from safe_inspect.rendezvous.front_end.registration import Registration, relative
 from safe_inspect.rendezvous.poses import difference, inverse, perturbed, rotation_log
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
+from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
+from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
+from safe_inspect.units import NonNegativeLength, PositiveLength
 
-
-@dataclass(frozen=True)
-class ModelTracking:
-    """How frames are registered to the known shape.
-
-    Attributes:
-        least_points: Frames with fewer points are not used.
-        search_points: Frames with fewer points are not searched without a prediction.
-        least_inliers: Least share of the points that must lie near the shape.
-        largest_score: Largest mean distance of an accepted frame [m].
-        largest_turn: Largest difference from the prediction [rad].
-        largest_shift: The same of the position [m].
-        turn_sigma: Standard deviation of the prediction's attitude [rad].
-        shift_sigma: The same of its position [m].
-        expected_turn_sigma: Standard deviation of the back end's prediction of the attitude [rad].
-        expected_shift_sigma: The same of the position [m].
-        failures: Frames in a row without a pose after which an attitude is given up, and the shape is searched anew.
-        alternatives: Number of poses beyond which a frame tells too little to start with.
-        expected_turn: Difference of attitude within which a found pose is the expected one [rad].
-        ambiguity: Scores up to that much above the best one are poses that may be right too [m].
-        margin: Sum of score differences over distinct views that rules a pose out at once [m].
-        views: Number of distinct views from which a sixth of the margin rules it out too, where the differences are
-            four times their standard error.
-        view_angle: Angle between two distinct views [rad].
-        scale: Factor of the covariances, calibrated on simulation.
-    """
-
-    least_points: int = 150
-    search_points: int = 300
-    least_inliers: float = 0.6
-    largest_score: float = 0.01
-    largest_turn: float = np.deg2rad(25.0)
-    largest_shift: float = 0.25
-    turn_sigma: float = np.deg2rad(2.0)
-    shift_sigma: float = 0.02
-    expected_turn_sigma: float = np.deg2rad(0.5)
-    expected_shift_sigma: float = 0.005
-    failures: int = 3
-    alternatives: int = 4
-    expected_turn: float = np.deg2rad(45.0)
-    ambiguity: float = 0.004
-    margin: float = 0.003
-    views: int = 15
-    view_angle: float = np.deg2rad(10.0)
-    scale: float = 1.0
-
-
+#: Frames with fewer points are not used, and not searched without a prediction.
+_LEAST_POINTS, _SEARCH_POINTS = 150, 300
+#: Least share of the points that must lie near the shape, and largest mean distance [m], of an accepted frame.
+_LEAST_INLIERS, _LARGEST_SCORE = 0.6, 0.01
+#: Largest difference of an accepted pose from the prediction [rad, m].
+_LARGEST_OFF = (np.deg2rad(25.0), 0.25)
+#: Standard deviations of the own prediction and of the back end's [rad, m].
+_PREDICTION, _EXPECTATION = (np.deg2rad(2.0), 0.02), (np.deg2rad(0.5), 0.005)
+#: Frames in a row without a pose after which an attitude is given up, and the shape is searched anew.
+_FAILURES = 3
+#: Number of poses beyond which a frame tells too little to start with.
+_ALTERNATIVES = 4
+#: Difference of attitude within which a found pose is the expected one [rad].
+_EXPECTED_TURN = np.deg2rad(45.0)
+#: Scores up to that much above the best one are poses that may be right too [m].
+_AMBIGUITY = 0.004
+#: Sum of the differences of scores over distinct views that rules a pose out at once [m]; number of distinct views from
+#: which a sixth of it rules it out too, where the differences are four times their standard error; and the angle
+#: between two distinct views [rad].
+_MARGIN, _VIEWS, _VIEW_ANGLE = 0.003, 15, np.deg2rad(10.0)
 #: Share of a frame that the pose of G in M takes, and how far [rad, m] it may be from it.
 _PLACING, _FAR_OFF = 0.2, (0.1, 0.1)
 
@@ -101,6 +78,43 @@ class _Hypothesis:
         return sum(self.scores)
 
 
+class ModelFrontEnd(FrontEnd):
+    """Registers each frame to the known shape of the target: poses whose errors do not add up over time.
+
+    Points are laid on the faces that look to the camera and the shape on the frame's silhouette; the first pose comes
+    from a search over all attitudes. Shapes that look alike when they are turned are told apart by several views.
+
+    Attributes:
+        range_sigma: Standard deviation of a measured range, its constant part [m].
+        range_growth: Its part that grows with the square of the range, for each square metre [m].
+    """
+
+    range_sigma: PositiveLength = 3e-3  # type: ignore[valid-type]
+    range_growth: NonNegativeLength = 1.5e-3  # type: ignore[valid-type]
+
+    def __call__(self, context: FrontEndContext) -> ModelFrontEndRun:
+        """Return the front end of a mission.
+
+        Raises:
+            ConfigError: The target's shape is not known.
+        """
+        if context.target is None:
+            raise ConfigError("ModelFrontEnd needs the shape of the target; give a target, or use GicpSubmapFrontEnd")
+        registration = self.registration(context.target, context.camera, context.T_BC)
+        # All pixels are kept: the cut sees to those that fly, and a thin part has no others.
+        return ModelFrontEndRun(Cleaning(context.camera, edge=np.inf), registration, context.T_BC)
+
+    def registration(self, target: Target, camera: DepthCamera, T_BC: FloatArray) -> ModelRegistration:  # noqa: N803
+        """Return what registers a frame to a known target.
+
+        Args:
+            target: The target.
+            camera: Geometry of the camera.
+            T_BC: Pose of the camera in B, shape (4, 4).
+        """
+        return ModelRegistration(target, camera, T_BC, self.range_sigma, self.range_growth)
+
+
 class ModelFrontEndRun:
     """Registers every frame to the known shape. At first all poses are followed that look alike.
 
@@ -112,7 +126,6 @@ class ModelFrontEndRun:
         cleaning: Cleans frames.
         registration: Registers them.
         T_BC: Pose of the camera in B, shape (4, 4).
-        tracking: Gates and thresholds.
     """
 
     def __init__(
@@ -120,9 +133,8 @@ class ModelFrontEndRun:
         cleaning: Cleaning,
         registration: ModelRegistration,
         T_BC: FloatArray,  # noqa: N803
-        tracking: ModelTracking,
     ) -> None:
-        self._cleaning, self._registration, self._T_BC, self._tracking = cleaning, registration, T_BC, tracking
+        self._cleaning, self._registration, self._T_BC = cleaning, registration, T_BC
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._view: FloatArray | None = None
@@ -130,17 +142,17 @@ class ModelFrontEndRun:
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
         """Return the pose to the model; before it is known which one, that to the first frame of the search."""
-        number, tracking = self._count, self._tracking
+        number = self._count
         self._count += 1
         for hypothesis in self._hypotheses:
             hypothesis.motion.turned(rotation)
         cloud = self._cleaning(frame, self._T_BC)
-        if len(cloud) < tracking.least_points:
+        if len(cloud) < _LEAST_POINTS:
             self._fail(self._hypotheses)
             return []
         if self._hypotheses:
             self._track(cloud, frame.time, predicted)
-        elif len(cloud) >= tracking.search_points:
+        elif len(cloud) >= _SEARCH_POINTS:
             self._search(cloud, frame.time, predicted)
         if not self._hypotheses or self._hypotheses[0].failures:
             return []
@@ -152,7 +164,7 @@ class ModelFrontEndRun:
             edges.append(self._since_first(best, number))
         if len(self._hypotheses) == 1:
             found = best.found
-            edges.append(Edge(MODEL, number, found.pose, found.covariance(tracking.scale), found.inliers, "model"))
+            edges.append(Edge(MODEL, number, found.pose, found.covariance(), found.inliers, "model"))
             if predicted is not None:
                 self._place(found, predicted)
         return edges
@@ -161,7 +173,7 @@ class ModelFrontEndRun:
         """Note a frame in which hypotheses did not fit, and give up those that have not for too long."""
         for hypothesis in failed:
             hypothesis.failures += 1
-        self._hypotheses = [one for one in self._hypotheses if one.failures < self._tracking.failures]
+        self._hypotheses = [one for one in self._hypotheses if one.failures < _FAILURES]
         if not self._hypotheses:
             self._view = None
 
@@ -180,18 +192,18 @@ class ModelFrontEndRun:
         The prediction holds what the frame does not show, along a face that fills the image for instance; the own one
         would drift there. Where they differ, the target may move otherwise than the back end thinks.
         """
-        tracking, tried = self._tracking, []
+        tried = []
         if expected is not None:
-            sigma = np.repeat([tracking.expected_turn_sigma, tracking.expected_shift_sigma], 3)
+            sigma = np.repeat(_EXPECTATION, 3)
             tried.append(self._registration(cloud, expected, Prior(expected, np.diag(sigma**-2))))
-        if expected is None or _is_beyond(difference(expected, start), (tracking.turn_sigma, tracking.shift_sigma)):
-            sigma = np.repeat([tracking.turn_sigma, tracking.shift_sigma], 3)
+        if expected is None or _is_beyond(difference(expected, start), _PREDICTION):
+            sigma = np.repeat(_PREDICTION, 3)
             tried.append(self._registration(cloud, start, Prior(start, np.diag(sigma**-2))))
         return min(tried, key=lambda one: one.score)
 
     def _track(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
         """Register the frame at the predictions of all hypotheses, or of a single one at the back end's."""
-        tracking, failed = self._tracking, []
+        failed = []
         expected = None
         if len(self._hypotheses) == 1 and self._T_MG is not None and predicted is not None:
             expected = self._T_MG @ predicted
@@ -200,11 +212,7 @@ class ModelFrontEndRun:
             found = self._registered(cloud, start, expected)
             off = difference(start, found.pose)
             hypothesis.score = found.score
-            if (
-                found.inliers >= tracking.least_inliers
-                and found.score <= tracking.largest_score
-                and not _is_beyond(off, (tracking.largest_turn, tracking.largest_shift))
-            ):
+            if found.inliers >= _LEAST_INLIERS and found.score <= _LARGEST_SCORE and not _is_beyond(off, _LARGEST_OFF):
                 hypothesis.found, hypothesis.failures = found, 0
                 hypothesis.motion.observe(time, found.pose)
             else:
@@ -214,15 +222,13 @@ class ModelFrontEndRun:
 
     def _search(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
         """Look for the shape without a prediction; nothing is found where too many poses explain the frame."""
-        tracking, found = self._tracking, acquire(self._registration, cloud)
-        fitting = [one for one in found if one.score <= found[0].score + tracking.ambiguity]
-        if len(fitting) > tracking.alternatives or fitting[0].score > tracking.largest_score:
+        found = acquire(self._registration, cloud)
+        fitting = [one for one in found if one.score <= found[0].score + _AMBIGUITY]
+        if len(fitting) > _ALTERNATIVES or fitting[0].score > _LARGEST_SCORE:
             return
         if self._T_MG is not None and predicted is not None:
             expected = self._T_MG @ predicted
-            near = [
-                one for one in fitting if np.linalg.norm(difference(expected, one.pose)[:3]) < tracking.expected_turn
-            ]
+            near = [one for one in fitting if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]
             fitting = near or fitting
         self._hypotheses = [
             _Hypothesis(one, one, self._count - 1, RelativeMotion(time, one.pose), score=one.score) for one in fitting
@@ -231,7 +237,7 @@ class ModelFrontEndRun:
     def _choose(self) -> None:
         """Add up the scores at each distinct view, and drop the hypotheses that are ruled out."""
         view = self._hypotheses[0].found.pose[:3, :3]
-        if self._view is not None and np.linalg.norm(rotation_log(self._view.T @ view)) < self._tracking.view_angle:
+        if self._view is not None and np.linalg.norm(rotation_log(self._view.T @ view)) < _VIEW_ANGLE:
             return
         self._view = view
         for hypothesis in self._hypotheses:
@@ -241,15 +247,15 @@ class ModelFrontEndRun:
         self._hypotheses = [one for one in self._hypotheses if one is first or not self._is_ruled_out(one, first)]
 
     def _is_ruled_out(self, one: _Hypothesis, best: _Hypothesis) -> bool:
-        tracking, differences = self._tracking, np.array(one.scores) - np.array(best.scores)
+        differences = np.array(one.scores) - np.array(best.scores)
         total, count = float(differences.sum()), len(differences)
-        if total > tracking.margin:
+        if total > _MARGIN:
             return True
         error = float(differences.std()) / np.sqrt(count)
-        return bool(count >= tracking.views and total > tracking.margin / 6.0 and total / count > 4.0 * error)
+        return bool(count >= _VIEWS and total > _MARGIN / 6.0 and total / count > 4.0 * error)
 
     def _since_first(self, hypothesis: _Hypothesis, number: int) -> Edge:
         """Return the edge from the first frame of the search: ``T_MB'^-1 T_MB`` with the errors of both poses."""
-        between, covariance = relative(hypothesis.first, hypothesis.found, self._tracking.scale)
+        between, covariance = relative(hypothesis.first, hypothesis.found)
         kind: Literal["odometry", "skip"] = "odometry" if number == hypothesis.first_number + 1 else "skip"
         return Edge(hypothesis.first_number, number, between, covariance, hypothesis.found.inliers, kind)

@@ -9,26 +9,26 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState, cwh_row
-from safe_inspect.rta.constraints.rows import INLINED, INNER, ArcCell, Node, SunAngle, Triple
+from safe_inspect.rta.constraints.rows import INLINED, ArcCell, Node, SunAngle, Triple
 from safe_inspect.rta.filters.backup.model import FilterModel
 from safe_inspect.types import FloatArray
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def held(m: FilterModel, x: RowState, u: FloatArray, k: int) -> RowState:
     """Return the state k / 256 of a hold after x, under the thrust u; at k = 256 to the bit that of the simulator."""
     return cwh_row(m.hold_phi[k], m.hold_gamma[k], x, u[0], u[1], u[2])
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def turned(sun: SunAngle, cos: float, sin: float) -> SunAngle:
     """Return the cosine and sine of the sun angle after a turn."""
     return sun[0] * cos - sun[1] * sin, sun[1] * cos + sun[0] * sin
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def acceleration_at(n: float, x: RowState, w: Triple) -> Triple:
     """Return the acceleration at a state under the thrust's own w [m/s^2]."""
     return 3.0 * n * n * x[0] + 2.0 * n * x[4] + w[0], w[1] - 2.0 * n * x[3], w[2] - n * n * x[2]

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.certified import CERTIFIED, COLLISION, PSM
-from safe_inspect.rta.constraints.rows import INNER, Margins, Node, SunAngle, direction, node
+from safe_inspect.rta.constraints.rows import Margins, Node, SunAngle, direction, node
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.half_spaces import half_space, needed
 from safe_inspect.rta.filters.backup.holds import coasted
@@ -36,7 +36,7 @@ class Refusal(NamedTuple):
     piece: int
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def support(m: FilterModel, code: int, at: Node, margins: Margins, d: FloatArray) -> float:
     """Write the direction d of a constraint at a state, shape (6,), and return the need: safe where d.state >= need.
 
@@ -52,7 +52,7 @@ def support(m: FilterModel, code: int, at: Node, margins: Margins, d: FloatArray
     return float(support_of(m.constraints, code, at, margins, d))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def add(m: FilterModel, need: float, b: RowState, u: FloatArray, k: int, s: Workspace, count: int) -> int:
     """Append the half-space d.state(k) >= need for d in `s.d`, given the state b that the thrust u leads to.
 
@@ -74,7 +74,7 @@ def add(m: FilterModel, need: float, b: RowState, u: FloatArray, k: int, s: Work
     return count + 1
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def cut_near(
     m: FilterModel, x: RowState, u: FloatArray, own_side: bool, always: bool, margins: Margins, s: Workspace,
     count: int,
@@ -106,7 +106,7 @@ def cut_near(
     return int(add(m, near + margins.coasting, held(m, x, u, at_k), u, at_k, s, count))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def cut_hold(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, refusal: Refusal, own_side: bool, margins: Margins,
     s: Workspace, count: int,
@@ -120,7 +120,7 @@ def cut_hold(
     return int(add(m, need, b, u, k, s, count))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def cut_end(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, codes: int, margins: Margins, s: Workspace, count: int
 ) -> tuple[int, int]:  # fmt: skip
@@ -143,7 +143,7 @@ def cut_end(
     return count, bits
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def cut_broken(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, own_side: bool, margins: Margins, s: Workspace,
     count: int,

@@ -12,24 +12,21 @@ import math
 from functools import cache
 from typing import Any
 
-import numba
-from llvmlite import ir
-from numba.extending import intrinsic
+from numba import float64, int64
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
+from safe_inspect.compiling.addresses import call_at, compiled_at, on_stack, pointer, read_number
 from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.base import HalfSpace
-from safe_inspect.rta.constraints.rows import INNER, ArcCell, Margins, lowest
+from safe_inspect.rta.constraints.rows import ArcCell, Margins, lowest
 from safe_inspect.rta.filters.backup.model import FINEST, FURTHER, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.filters.backup.sequences import SAFE
 
-#: Numba's helpers for machine code, which have no types.
-cgutils: Any = numba.core.cgutils
-types: Any = numba.core.types
 _SIGNATURE = "float64(CPointer(float64), CPointer(float64), CPointer(float64))"
 #: Direction d of states and the need.
 _Half = tuple[float, float, float, float, float, float, float]
+_ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @cache
@@ -40,70 +37,51 @@ def kernel(function: HalfSpace) -> Any:
         ValueError: It does not compile.
     """
     try:
-        return numba.cfunc(_SIGNATURE, error_model="numpy")(function)
-    except numba.core.errors.NumbaError as error:
+        return compiled_at(njit(function), _SIGNATURE)
+    except ValueError as error:
         raise ValueError(
             f"{function.__module__}.{function.__qualname__} does not compile as a row kernel; use numbers, `math` and "
             f"the three arrays, element by element: {error}"
         ) from None
 
 
-@intrinsic  # type: ignore[misc,untyped-decorator]
-def _call(context: Any, table: Any, j: Any, x: Any) -> Any:
-    """Return (d, need) of the j-th kernel of the table at an address, with its parameters, at the state x."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        table, j, x = arguments
-        double = ir.DoubleType()
-        pointer, word = double.as_pointer(), ir.IntType(64)
-        state, direction = (cgutils.alloca_once(builder, double, size=6) for _ in range(2))
-        for i in range(6):
-            builder.store(builder.extract_value(x, i), cgutils.gep_inbounds(builder, state, i))
-            builder.store(ir.Constant(double, 0.0), cgutils.gep_inbounds(builder, direction, i))
-        entry = builder.gep(builder.inttoptr(table, word.as_pointer()), [builder.mul(j, ir.Constant(word, 2))])
-        address, numbers = builder.load(entry), builder.load(builder.gep(entry, [ir.Constant(word, 1)]))
-        function = builder.inttoptr(address, ir.FunctionType(double, [pointer] * 3).as_pointer())
-        need = builder.call(function, [builder.inttoptr(numbers, pointer), state, direction])
-        parts = [builder.load(cgutils.gep_inbounds(builder, direction, i)) for i in range(6)]
-        return context.make_tuple(builder, signature.return_type, [*parts, need])
-
-    result = types.UniTuple(types.float64, 7)
-    return result(types.int64, types.int64, types.UniTuple(types.float64, 6)), generate
-
-
-@njit(**INNER)
+@njit(**BORROWING)
 def half_space(m: FilterModel, code: int, x: RowState) -> _Half:
     """Return the direction d and the need of a further constraint at a state, d.x >= need where it is met.
 
     The part of d for positions has unit length, or where d has no such part that for velocities.
     """
-    h: _Half = _call(m.kernels, code - FURTHER, x)  # type: ignore[call-arg]
+    entry = m.kernels + 16 * (code - FURTHER)
+    parameters: Any = pointer(read_number(entry + 8, int64), float64)  # type: ignore[call-arg]
+    d, state = on_stack(_ZERO), on_stack(x)  # type: ignore[call-arg]
+    need = call_at(read_number(entry, int64), float64, (parameters, state, d))  # type: ignore[call-arg]
+    h = (d[0], d[1], d[2], d[3], d[4], d[5], need)
     size = math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
     if size == 0.0:
         size = math.sqrt(h[3] * h[3] + h[4] * h[4] + h[5] * h[5])
     return h[0] / size, h[1] / size, h[2] / size, h[3] / size, h[4] / size, h[5] / size, h[6] / size
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def along(h: _Half, x: RowState) -> float:
     """Return d.x."""
     return h[0] * x[0] + h[1] * x[1] + h[2] * x[2] + h[3] * x[3] + h[4] * x[4] + h[5] * x[5]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def sizes(h: _Half) -> tuple[float, float]:
     """Return the lengths of d for positions and for velocities."""
     return math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]), math.sqrt(h[3] * h[3] + h[4] * h[4] + h[5] * h[5])
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def needed(h: _Half, margins: Margins) -> float:
     """Return the need with margins of positions [m] and velocities [m/s]."""
     position, velocity = sizes(h)
     return h[6] + position * margins.length + velocity * margins.speed
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def further_slack(m: FilterModel, code: int, x: RowState) -> float:
     """Return how far a further constraint is from broken, in metres; speeds count as the range of a motion so fast."""
     h = half_space(m, code, x)
@@ -111,7 +89,7 @@ def further_slack(m: FilterModel, code: int, x: RowState) -> float:
     return (along(h, x) - h[6]) / (position + velocity / m.n)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def further_broken(m: FilterModel, x: RowState, margins: Margins) -> int:
     """Return the code of a further constraint that is not met at a state with those margins; SAFE if all are."""
     for code in range(FURTHER, FURTHER + m.further):
@@ -121,7 +99,7 @@ def further_broken(m: FilterModel, x: RowState, margins: Margins) -> int:
     return SAFE
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
     """Return the code of a further constraint that a cell's ends cannot certify; SAFE if all are."""
     a, b = cell.a.state, cell.b.state
@@ -142,7 +120,7 @@ def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
     return SAFE
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def further_closed_motion(m: FilterModel, x: RowState, margins: Margins) -> int:
     """Return a further constraint that the drift-free motion from x breaks within an orbit, or SAFE.
 

@@ -7,7 +7,7 @@ import math
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.certified import PSM
-from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle, node
+from safe_inspect.rta.constraints.rows import Margins, SunAngle, node
 from safe_inspect.rta.filters.backup.arcs import arc_cell, held, turned
 from safe_inspect.rta.filters.backup.half_spaces import further_broken, further_uncertain
 from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
@@ -62,7 +62,7 @@ def hold(
     return SAFE
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def coasted(m: FilterModel, x: RowState, u: FloatArray, k: int, j: int) -> tuple[float, float, float]:
     """Return the position after the thrust u for k / 256 of a hold and coasting to entry j of the horizon [m]."""
     b, phi = held(m, x, u, k), m.coast[j]
@@ -73,14 +73,14 @@ def coasted(m: FilterModel, x: RowState, u: FloatArray, k: int, j: int) -> tuple
     )
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _remains(dip: float, one: float, other: float) -> float:
     """Return what remains of a dip below a chord that rises by something between the two numbers; see `lowest`."""
     rise = min(abs(one), abs(other)) if one * other > 0.0 else 0.0
     return 0.0 if rise >= 4.0 * dip else dip * (1.0 - 0.25 * rise / dip) ** 2
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
     """Is the range above the radius for every moment of the hold and every moment of coasting from it?
 

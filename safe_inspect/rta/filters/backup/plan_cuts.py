@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.certified import COLLISION
-from safe_inspect.rta.constraints.rows import INNER, Margins, Node, SunAngle, node
+from safe_inspect.rta.constraints.rows import Margins, Node, SunAngle, node
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.half_spaces import further_slack
 from safe_inspect.rta.filters.backup.model import (
@@ -39,7 +39,7 @@ _NO_MARGINS = Margins(0.0, 0.0, 0.0)
 _STEP = 1e-4
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _slack(m: FilterModel, at: Node, code: int) -> float:
     """Return how far a constraint is from broken, in metres; speeds count as the range of a motion that fast."""
     if code >= FURTHER:
@@ -47,13 +47,13 @@ def _slack(m: FilterModel, at: Node, code: int) -> float:
     return float(slack_of(m.constraints, code, at))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _excess(m: FilterModel, w: FloatArray) -> float:
     """Return the slack of the thrusters, in metres, for a plan's thrust."""
     return float(_METRES_PER_NEWTON * (m.u_max - max(abs(w[0]), max(abs(w[1]), abs(w[2])))))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _least_slack(m: FilterModel, at: Node) -> tuple[float, int]:
     """Return the least slack of all constraints [m], and whose it is."""
     least, which = least_slack(m.constraints, at)
@@ -64,13 +64,13 @@ def _least_slack(m: FilterModel, at: Node) -> tuple[float, int]:
     return least, which
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _orbit_node(n: float, begin: RowState, start: SunAngle, cos: float, sin: float) -> Node:
     """Return the node of a plan's closed motion after the angle of that cosine and sine."""
     return node(closed_motion_state(n, begin, cos, sin), turned(start, cos, sin))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _best_plan(m: FilterModel, after: RowState, start: SunAngle, w: FloatArray) -> tuple[int, int]:
     """Return the plan with the largest least slack over the nodes of its orbit, and the constraint where that is."""
     best, best_plan, best_code = -math.inf, 0, COLLISION
@@ -96,7 +96,7 @@ def _best_plan(m: FilterModel, after: RowState, start: SunAngle, w: FloatArray) 
     return best_plan, best_code
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def tightest(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspace) -> int:
     """Return the constraint that is nearest to broken on the best plan after a hold."""
     k = HOLD_PIECES
@@ -104,7 +104,7 @@ def tightest(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Works
     return _best_plan(m, held(m, x, u, k), start, s.w)[1]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def cut_recovery(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, margin: float, s: Workspace, count: int
 ) -> tuple[int, int]:  # fmt: skip
@@ -164,7 +164,7 @@ def cut_recovery(
     return count, which
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _add_linear(
     slacks: tuple[float, float, float, float], margin: float, u: FloatArray, s: Workspace, count: int
 ) -> int:  # fmt: skip

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState, cwh_row
-from safe_inspect.rta.constraints.rows import INLINED, INNER, Margins, SunAngle
+from safe_inspect.rta.constraints.rows import INLINED, Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion, refuted
 from safe_inspect.rta.filters.backup.holds import hold
@@ -54,13 +54,13 @@ ORDER = (
 )  # fmt: skip
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def size_of(u: FloatArray) -> float:
     """Return the length of a thrust [N], shape (3,)."""
     return float(math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def plan_thrust(m: FilterModel, x: RowState, index: int, u: FloatArray) -> float:
     """Write the thrust of a plan from x, which may exceed the thrusters; return the largest of an axis [N].
 
@@ -92,7 +92,7 @@ def _thrust(m: FilterModel, free: RowState, index: int, u: FloatArray) -> float:
     return float(max(abs(u[0]), abs(u[1]), abs(u[2])))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def still(m: FilterModel, u: FloatArray) -> bool:
     """Return whether holding a thrust is to coast."""
     return bool(max(abs(u[0]), abs(u[1]), abs(u[2])) * m.dt <= _STILL * m.mass)
@@ -130,7 +130,7 @@ def _possible(
     return not refuted(m, after, sun, widened(m, margins, then, effort, size), s.weak[index])
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _safe(
     m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray, s: Workspace
 ) -> bool:  # fmt: skip
@@ -145,7 +145,7 @@ def _safe(
     return bool(hold(m, x, sun, u, widened(m, margins, first, effort, size), s.cells, s.at) == SAFE)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def try_plan(
     m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray, s: Workspace
 ) -> bool:  # fmt: skip
@@ -158,7 +158,7 @@ def try_plan(
     return bool(possible and _safe(m, x, sun, index, margins, effort, u, s))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _of_one_hold(
     m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, most: int, u: FloatArray,
     s: Workspace,
@@ -176,7 +176,7 @@ def _of_one_hold(
     return NO_PLAN
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _lead(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, u: FloatArray, s: Workspace) -> bool:
     """Write the first thrust of a plan of several holds; False where that is not safe. There is no tube about it."""
     for k in range(m.leads):
@@ -194,7 +194,7 @@ def _lead(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, u: Float
     return False
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def find_plan(
     m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, most: int, u: FloatArray,
     s: Workspace,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.certified import PSM
-from safe_inspect.rta.constraints.rows import INNER, Margins, Node, SunAngle, node
+from safe_inspect.rta.constraints.rows import Margins, Node, SunAngle, node
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.cuts import add, cut_near, support
 from safe_inspect.rta.filters.backup.half_spaces import further_slack
@@ -29,13 +29,13 @@ _MET = 1e-6
 _DISTANCES, _TURNING = bits_of("gap"), bits_of("turn")
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _allowed(m: FilterModel, at: Node) -> float:
     """Return half of the speed that is allowed at a position [m/s]."""
     return float(0.5 * max(0.0, min(least_allowed_speed(m.constraints, at)[0], m.u_max / m.mass * m.dt)))
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _to_rate(m: FilterModel, code: int, sun: SunAngle, d: FloatArray) -> None:
     """Replace a direction of positions by that of its rate of change."""
     for j in range(3):
@@ -44,7 +44,7 @@ def _to_rate(m: FilterModel, code: int, sun: SunAngle, d: FloatArray) -> None:
         turn_of(m.constraints, code, sun, d)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _ask(m: FilterModel, need: float, b: RowState, u: FloatArray, s: Workspace, count: int) -> tuple[int, bool]:
     """Append d.state >= need for the direction in `s.d` unless u meets it; return the count and whether it was."""
     short = need
@@ -55,12 +55,12 @@ def _ask(m: FilterModel, need: float, b: RowState, u: FloatArray, s: Workspace, 
     return add(m, need, b, u, HOLD_PIECES, s, count), True
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _bounds_speeds(d: FloatArray) -> bool:
     return bool(d[3] != 0.0 or d[4] != 0.0 or d[5] != 0.0)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, s: Workspace) -> int:
     """Write the least-violating control of the way back, and of such the smallest; return the bits of what shapes it.
 
@@ -108,7 +108,7 @@ def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, 
     return bits
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _to_unit(rows: FloatArray, bounds: FloatArray, count: int) -> None:
     for i in range(count):
         size = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)

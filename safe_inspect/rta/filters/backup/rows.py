@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.rows import INNER, SunAngle, scaled
+from safe_inspect.rta.constraints.rows import SunAngle, scaled
 from safe_inspect.rta.filters.backup.model import PLANS, FilterModel
 from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, STAY, find_plan
 from safe_inspect.rta.filters.backup.returning import return_control
@@ -20,7 +20,7 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 DESIRED, NEAREST, BACKUP, RETURN = range(4)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _first_plan(m: FilterModel, x: RowState, sun: SunAngle, s: Workspace) -> bool:
     """Look for a plan from a state and write its thrust into `s.backup`.
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle, scaled
+from safe_inspect.rta.constraints.rows import Margins, SunAngle, scaled
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.cuts import CONVEX, Refusal, cut_broken, cut_end, cut_hold
 from safe_inspect.rta.filters.backup.holds import hold
@@ -50,13 +50,13 @@ _SHRINK = 0.5
 _GAIN = 0.05
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def squared(a: FloatArray, b: FloatArray) -> float:
     """Return the squared distance of two thrusts [N^2]."""
     return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def verified(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, first: int, most: int, s: Workspace
 ) -> tuple[int, int]:  # fmt: skip
@@ -69,13 +69,13 @@ def verified(
     return SAFE, find_plan(m, after, later, MARGINS, effort, first, most, s.w, s)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _wanted(m: FilterModel, u: FloatArray) -> Margins:
     """Return the margins of the programme's half-spaces: the state after the hold is that before a plan."""
     return widened(m, scaled(MARGINS, _EXTRA), as_int(PLAN), size_of(u), 0.0)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _refusals(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, code: int, s: Workspace) -> int:
     """Return the bits of the constraints that refuse a control, given what `verified` says of its hold."""
     if code == SAFE:
@@ -83,7 +83,7 @@ def _refusals(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, code: i
     return int(cut_broken(m, x, sun, u, False, _wanted(m, u), s, as_int(0))[1] | 1 << code)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def propose(
     m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, rounds: int, u: FloatArray, s: Workspace
 ) -> tuple[int, bool]:  # fmt: skip
@@ -130,7 +130,7 @@ def propose(
     return bits, False
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _take(m: FilterModel, x: RowState, sun: SunAngle, plan: int, s: Workspace) -> int:
     """Make `s.trial` the best control if it is verified; return the plan after it, or NO_PLAN."""
     found = verified(m, x, sun, s.trial, plan, as_int(PLANS), s)[1]
@@ -140,7 +140,7 @@ def _take(m: FilterModel, x: RowState, sun: SunAngle, plan: int, s: Workspace) -
     return int(found)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _step(
     m: FilterModel, x: RowState, sun: SunAngle, away: float, length: float, plan: int, s: Workspace
 ) -> int:  # fmt: skip
@@ -195,7 +195,7 @@ def _step(
     return NO_PLAN
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def search(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspace) -> bool:
     """Write into u, which holds the projection, a verified control as near to the desired one as steps lead.
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.certified import COLLISION
-from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
+from safe_inspect.rta.constraints.rows import Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.cuts import Refusal, cut_broken, cut_hold
 from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, HOLD_PIECES, PAIR_BIT, PLAN, FilterModel
@@ -32,7 +32,7 @@ _NODE_MARGIN = 0.05
 _STEP = 1e-4
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
     """Append the half-spaces in `s.rows` to the programme: of the thrust of i, or if j >= 0 of that of i minus j.
 
@@ -64,14 +64,14 @@ def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace
     return count
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _write_thrust(i: int, j: int, t: TeamWorkspace) -> None:
     """Write the last proposal's thrust of a deputy, less that of another if j >= 0, into `t.u`."""
     for axis in range(3):
         t.u[axis] = t.control[3 * i + axis] - (t.control[3 * j + axis] if j >= 0 else 0.0)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def cut_holds(
     g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, bits: bool, count: int,
     t: TeamWorkspace, s: Workspace,
@@ -116,7 +116,7 @@ def cut_holds(
     return count
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def cut_ends(
     g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, count: int, t: TeamWorkspace, s: Workspace
 ) -> int:  # fmt: skip
@@ -140,7 +140,7 @@ def cut_ends(
     return count
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _shifted_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspace) -> RowState:
     """Return the state after the hold of a deputy's last proposal, stepped along an axis, and of its plan."""
     for k in range(3):
@@ -156,7 +156,7 @@ def _shifted_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspa
     return held(m, after, s.w, HOLD_PIECES)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
     """Append half-spaces that make the plans of a pair pass each other, at the nodes of an orbit where they do not."""
     m, n = g.one, g.one.n
@@ -203,7 +203,7 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, 
     return count
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def cut_plans(
     g: TeamModel, sun: SunAngle, stuck: int, alone: bool, margins: Margins, bits: bool, count: int, t: TeamWorkspace,
     s: Workspace,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from safe_inspect.compiling import njit
-from safe_inspect.rta.constraints.rows import INNER
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.rta.filters.backup.model import PLANS, FilterModel
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, plan_thrust
 from safe_inspect.rta.filters.team.tracking import state_of
@@ -12,7 +11,7 @@ from safe_inspect.rta.filters.tube.rows import remembers
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
     if fixed[i] != fixed[j]:
         return bool(fixed[i])
@@ -23,7 +22,7 @@ def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
     return a < b
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def enter(
     m: FilterModel, position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
     tracks: FloatArray, t: TeamWorkspace,

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.certified import COLLISION
-from safe_inspect.rta.constraints.rows import INNER, Margins, SunAngle
+from safe_inspect.rta.constraints.rows import Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import hold
@@ -45,13 +45,13 @@ _UNKNOWN, _GOOD, _BAD = range(3)
 _STRIDE = 4
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def minus(a: RowState, b: RowState) -> RowState:
     """Return the difference of two states."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: FloatArray, t: TeamWorkspace) -> None:
     """Write the states after a joint control, shape (D, 6)."""
     for i in range(x.shape[0]):
@@ -62,7 +62,7 @@ def advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: Floa
             after[i, k] = end[k]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> None:
     """Forget what is known of the plans; those that coast have the plan 0: if `now` the thrust that `enter` wrote."""
     t.met[:] = _UNKNOWN
@@ -79,7 +79,7 @@ def reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> N
                 t.end[i, 0, k] = end[k]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def alone_safe(
     m: FilterModel, x: FloatArray, sun: SunAngle, i: int, plan: int, margins: Margins, t: TeamWorkspace, s: Workspace
 ) -> bool:  # fmt: skip
@@ -95,7 +95,7 @@ def alone_safe(
     return bool(t.known[i, plan] == _GOOD)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _pair_safe(
     g: TeamModel, x: FloatArray, sun: SunAngle, first: Choice, second: Choice, margins: Margins, t: TeamWorkspace,
     s: Workspace,
@@ -119,7 +119,7 @@ def _pair_safe(
     return bool(hold(q, rel, sun, t.u, wide, s.cells, s.where) == SAFE)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _fits(
     g: TeamModel, x: FloatArray, sun: SunAngle, place: int, plan: int, margins: Margins, t: TeamWorkspace, s: Workspace
 ) -> bool:  # fmt: skip
@@ -141,7 +141,7 @@ def _fits(
     return True
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def joint_plan(
     g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, turns: int, now: bool, t: TeamWorkspace,
     s: Workspace,
@@ -191,7 +191,7 @@ def joint_plan(
     return t.line[head], False
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def tested(
     g: TeamModel, sun: SunAngle, control: FloatArray, margins: Margins, most: int, turns: int, whole: bool,
     t: TeamWorkspace, s: Workspace,
@@ -251,7 +251,7 @@ def tested(
     return (PASSED if stuck == FOUND else NO_JOINT_PLAN), stuck, alone
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: TeamWorkspace) -> float:
     """Return the least distance of a deputy's plan from those of the others, over one orbit, unless less than best."""
     least = math.inf
@@ -268,7 +268,7 @@ def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: TeamWorkspace)
     return least
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def farthest_plans(
     g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, t: TeamWorkspace, s: Workspace
 ) -> None:  # fmt: skip

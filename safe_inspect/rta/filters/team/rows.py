@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.rta.constraints.certified import COLLISION, PSM
-from safe_inspect.rta.constraints.rows import INNER, SunAngle, scaled
+from safe_inspect.rta.constraints.rows import SunAngle, scaled
 from safe_inspect.rta.filters.backup.model import PLANS
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, STAY
 from safe_inspect.rta.filters.backup.returning import return_control
@@ -52,7 +52,7 @@ _FEW = 6
 _FINE = 2e-3
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _squared(a: FloatArray, b: FloatArray) -> float:
     total = 0.0
     for k in range(a.shape[0]):
@@ -60,19 +60,19 @@ def _squared(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _copy(source: FloatArray, target: FloatArray) -> None:
     for k in range(source.shape[0]):
         target[k] = source[k]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _keep(source: IntArray, target: IntArray) -> None:
     for k in range(source.shape[0]):
         target[k] = source[k]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Workspace) -> bool:
     """Look for a joint control by cutting planes; True where `t.control` is one and `t.plan` its plan.
 
@@ -108,7 +108,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
     return False
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
     """Take `t.trial` as the best control if it is nearer to the desired one and passes the test."""
     if not _squared(t.trial, t.desired) < _squared(t.best, t.desired):
@@ -121,7 +121,7 @@ def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
     return True
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
     """Write into `t.best` a tested control between the backup and the last proposal, as near to it as it finds.
 
@@ -160,7 +160,7 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> boo
     return better
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
     """Write the thrust of a joint plan of the present states into `t.backup`; False where there is none.
 
@@ -178,7 +178,7 @@ def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
     return False
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def _return(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> None:
     """Write into `t.best` the way back: plans that are safe alone and lie far apart, else that of a single deputy."""
     farthest_plans(g, t.x, sun, scaled(MARGINS, 0.5), as_int(PLANS), t, s)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.rows import INNER, Margins
+from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.filters.backup.arcs import held
 from safe_inspect.rta.filters.backup.model import CLOSED, FIRST_PLAN, HOLD, HOLD_PIECES, PLAN, FilterModel
 from safe_inspect.rta.filters.backup.plans import plan_thrust
@@ -17,13 +17,13 @@ from safe_inspect.rta.filters.tube.rows import begin_plan, follow_plan, forget, 
 from safe_inspect.types import FloatArray
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def state_of(x: FloatArray, i: int) -> RowState:
     """Return a row of states as the tuple that the tests take."""
     return x[i, 0], x[i, 1], x[i, 2], x[i, 3], x[i, 4], x[i, 5]
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def beside(
     g: TeamModel, margins: Margins, part: int, i: int, thrust: float, t: TeamWorkspace
 ) -> Margins:  # fmt: skip
@@ -39,7 +39,7 @@ def beside(
     return widened(g.pair, margins, part, t.effort[i], thrust)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def tracked_backup(g: TeamModel, gain: FloatArray, tracks: FloatArray, t: TeamWorkspace) -> bool:
     """Write the thrusts that track the remembered joint plan into `t.backup`; False where there is none."""
     for place in range(t.x.shape[0]):
@@ -56,7 +56,7 @@ def tracked_backup(g: TeamModel, gain: FloatArray, tracks: FloatArray, t: TeamWo
     return True
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def begin_plans(tracks: FloatArray, t: TeamWorkspace) -> None:
     """Remember the joint plan of the present states."""
     for place in range(t.x.shape[0]):
@@ -64,7 +64,7 @@ def begin_plans(tracks: FloatArray, t: TeamWorkspace) -> None:
             begin_plan(state_of(t.x, place), t.backup[3 * place : 3 * place + 3], tracks[t.order[place]])
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def remember_plans(m: FilterModel, tracks: FloatArray, moved: bool, lost: bool, t: TeamWorkspace, s: Workspace) -> None:
     """Remember the joint plan after the step: that of `t.best` where it is `moved`, else the one before goes on."""
     for place in range(t.x.shape[0]):

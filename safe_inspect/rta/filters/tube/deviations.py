@@ -23,8 +23,8 @@ import numpy as np
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.regulator import regulator
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.numerics.regulator import regulator
 from safe_inspect.types import FloatArray
 
 #: Weights of the regulator, of squared errors of position and velocity in units of what a thrust of 1 N does in a hold.
@@ -64,7 +64,8 @@ class PlanTracker:
         """Compute the gain and the response to each disturbance."""
         p = parameters
         n, mass, dt = float(p.n), float(p.m), float(p.step_size)
-        self.gain = -regulator(p, _POSITION_WEIGHT * (mass / dt**2) ** 2, _VELOCITY_WEIGHT * (mass / dt) ** 2)
+        weights = [_POSITION_WEIGHT * (mass / dt**2) ** 2] * 3 + [_VELOCITY_WEIGHT * (mass / dt) ** 2] * 3
+        self.gain = -regulator(*transition(n, mass, dt), np.diag(weights), np.eye(3))
         self.bounds, self._share = bounds, bounds.thrust_error
         maps = [transition(n, mass, t) for t in np.linspace(0.0, dt, _MOMENTS)]
         free, input_ = np.stack([m[0] for m in maps]), np.stack([m[1] for m in maps])

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.rows import INNER
 from safe_inspect.rta.filters.backup.arcs import held
 from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
 from safe_inspect.types import FloatArray
@@ -13,19 +12,19 @@ from safe_inspect.types import FloatArray
 _KNOWN = 9
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def remembers(memory: FloatArray) -> bool:
     """Return whether there is a plan."""
     return bool(memory[_KNOWN] > 0.0)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def forget(memory: FloatArray) -> None:
     """Remember no plan."""
     memory[_KNOWN] = 0.0
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def begin_plan(x: RowState, v: FloatArray, memory: FloatArray) -> None:
     """Remember the plan from a state whose next thrust is v."""
     for k in range(6):
@@ -33,13 +32,13 @@ def begin_plan(x: RowState, v: FloatArray, memory: FloatArray) -> None:
     memory[6], memory[7], memory[8], memory[_KNOWN] = v[0], v[1], v[2], 1.0
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def plan_after(m: FilterModel, x: RowState, u: FloatArray, v: FloatArray, memory: FloatArray) -> None:
     """Remember the plan from the state after the thrust u, whose next thrust is v."""
     begin_plan(held(m, x, u, HOLD_PIECES), v, memory)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def tracking(m: FilterModel, gain: FloatArray, x: RowState, memory: FloatArray, u: FloatArray) -> None:
     """Write the thrust that tracks the remembered plan."""
     for axis in range(3):
@@ -49,7 +48,7 @@ def tracking(m: FilterModel, gain: FloatArray, x: RowState, memory: FloatArray, 
         u[axis] = min(max(total, -m.u_max), m.u_max)
 
 
-@njit(**INNER)
+@njit(**BORROWING)
 def follow_plan(m: FilterModel, memory: FloatArray, thrust: FloatArray, none: FloatArray) -> None:
     """Advance the remembered plan by a hold, after whose thrust it coasts; the last two are overwritten, shape (3,)."""
     for axis in range(3):

@@ -1,0 +1,201 @@
+"""From the models of an agent to its `AgentSpec`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic_core import PydanticCustomError
+
+from safe_inspect.config.building.glues import check_glues, exported
+from safe_inspect.config.building.policies import policy_name
+from safe_inspect.config.building.world import WorldValues, in_world, plugins_of
+from safe_inspect.config.messages.messages import message
+from safe_inspect.config.messages.report import KeyTuple, ReportProblem
+from safe_inspect.config.models.experiment import AgentBody, AgentEntry
+from safe_inspect.config.spec import AgentSpec, agent_names
+from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.dones.time_limit import EpisodeLengthDone
+from safe_inspect.errors import did_you_mean, not_named
+from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
+from safe_inspect.plugins.functor import Named, build
+from safe_inspect.policies.base import ScriptedPolicy
+from safe_inspect.rewards.base import Reward
+from safe_inspect.rewards.timely import WinLoseDoneReward
+from safe_inspect.simulators.simulator import Simulator
+
+_Dones = Sequence[Named[DoneFunction]]
+
+
+@dataclass(frozen=True)
+class AgentSetting:
+    """What the agents of an experiment have in common.
+
+    Attributes:
+        platforms: Platforms by name.
+        names: What fields of plugins may name, by kind, without what is an agent's own.
+        simulator: The simulator.
+        horizon: Largest number of steps of an episode.
+        report: Takes the path and the message of every mistake that is found.
+    """
+
+    platforms: Mapping[str, Platform]
+    names: Mapping[str, set[str]]
+    simulator: Simulator
+    horizon: int
+    report: ReportProblem
+
+
+def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting: AgentSetting) -> AgentSpec | None:
+    """Return an agent with the values of its world, None where it has no platform.
+
+    Args:
+        entry: The validated model.
+        where: Path of the entry.
+        world: The world of the agent.
+        setting: What all agents have in common.
+    """
+    report, body, base = setting.report, entry.config.config, (*where, "config", "config")
+    _check_platforms(entry, where, setting)
+    if not entry.platforms:
+        return None
+    scripted = _scripted_policy(entry, where, setting)
+    _check_controls(body, base, setting)
+    dones = _with_time_limit(body.dones, setting.horizon)
+    parts = _parts(body, dones, base, setting)
+    _check_carries(entry.platforms[0], parts, base, setting)
+    known = {**setting.names, **agent_names(parts, dones)}
+    if len(parts) < len(body.parts):  # the part that is meant may be one of those whose name is taken
+        known = {kind: names for kind, names in known.items() if kind not in ("sensor", "controller")}
+    sound = _check_references(entry, base, known, report) and len(parts) == len(body.parts)
+    glues = tuple(in_world(glue, world, (*base, "glues", index), report) for index, glue in enumerate(body.glues))
+    _check_names("rewards", body.rewards, base, report)
+    _check_names("dones", dones, base, report)
+    for index, named in enumerate(dones):
+        if not isinstance(getattr(named.functor, "status", None), DoneStatus):
+            text = f"{named.name} has no `status`; give its class one, such as DoneStatus.LOSE"
+            report((*base, "dones", index), text)
+    if sound:
+        check_glues(body.glues, parts, (*base, "glues"), report, observes=scripted is None)
+    return AgentSpec(
+        entry.name,
+        entry.platforms[0],
+        parts,
+        exported(glues),
+        _rewards(body.rewards, dones, base, report),
+        tuple(dones),
+        policy=policy_name(entry),
+        scripted_policy=scripted,
+    )
+
+
+def _check_platforms(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) -> None:
+    for index, platform in enumerate(entry.platforms):
+        if platform not in setting.platforms:
+            text = f"no platform is named {platform!r}; {did_you_mean(platform, setting.platforms)}"
+            setting.report((*where, "platforms", index), text)
+    if not entry.platforms:
+        setting.report((*where, "platforms"), "an agent needs a platform; name one")
+    if len(entry.platforms) > 1:
+        setting.report((*where, "platforms", 1), "an agent controls one platform; remove the others")
+
+
+def _check_controls(body: AgentBody, base: KeyTuple, setting: AgentSetting) -> None:
+    """Check that an agent's controllers give what the vehicle takes."""
+    size = setting.simulator.compose()[0].control_size
+    for index, part in enumerate(body.parts):
+        if isinstance(part, Controller) and part.control_size > size:
+            message = f"{part.part_name!r} commands a moment, and the platforms do not turn"
+            setting.report((*base, "parts", index), f"{message}; give them `platform: six-dof`, or remove it")
+
+
+def _with_time_limit(dones: _Dones, horizon: int) -> _Dones:
+    """Return the done functions with the time limit, where none of them is one."""
+    if any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
+        return dones
+    return (*dones, Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
+
+
+def _parts(body: AgentBody, dones: _Dones, base: KeyTuple, setting: AgentSetting) -> dict[str, Part]:
+    """Return the parts by name, sensors with what they take from the task."""
+    horizon = min(done.functor.horizon for done in dones if isinstance(done.functor, EpisodeLengthDone))
+    parts: dict[str, Part] = {}
+    for index, part in enumerate(body.parts):
+        if part.part_name in parts:
+            text = f"two parts are named {part.part_name!r}; give one of them a `name` of its own"
+            setting.report((*base, "parts", index), text)
+        try:
+            parts[part.part_name] = part.in_task(setting.simulator, horizon) if isinstance(part, Sensor) else part
+        except ValueError as error:
+            setting.report((*base, "parts", index, "config"), str(error))
+            parts[part.part_name] = part
+    return parts
+
+
+def _check_carries(platform: str, parts: Mapping[str, Part], base: KeyTuple, setting: AgentSetting) -> None:
+    """Check that a platform takes the parts."""
+    if platform in setting.platforms:
+        try:
+            setting.platforms[platform](tuple(parts.values()))
+        except ValueError as error:
+            setting.report((*base, "parts"), f"the platform {platform!r}: {error}")
+
+
+def _check_references(
+    entry: AgentEntry, base: KeyTuple, known: Mapping[str, set[str]], report: ReportProblem
+) -> bool:  # fmt: skip
+    """Check that what plugins name exists, where its kind is known; return whether all of it does."""
+    sound = True
+    for path, plugin in plugins_of(entry, base):
+        for field, kind in plugin.references().items():
+            value = getattr(plugin, field)
+            if value is not None and kind in known and value not in known[kind]:
+                sound = False
+                report((*path, "config", field), not_named(kind, value, known[kind]))
+    return sound
+
+
+def _check_names(key: str, functors: Iterable[Named[Any]], base: KeyTuple, report: ReportProblem) -> None:
+    seen: set[str] = set()
+    for index, named in enumerate(functors):
+        if named.name in seen:
+            report((*base, key, index), f"two {key} are named {named.name!r}; give one of them a `name` of its own")
+        seen.add(named.name)
+
+
+def _rewards(
+    rewards: Iterable[Named[Reward]], dones: _Dones, where: KeyTuple, report: ReportProblem
+) -> tuple[Named[Reward], ...]:
+    """Return the rewards, those of an end with the done function that they name."""
+    known = {named.name: named.functor for named in dones}
+    found = []
+    for index, named in enumerate(rewards):
+        functor = named.functor
+        if isinstance(functor, WinLoseDoneReward) and (functor.done_name is None or functor.done_name in known):
+            try:
+                functor = functor.with_dones(known)
+                if type(functor.done).remember is not DoneFunction.remember:
+                    raise ValueError(f"{functor.done_name} remembers earlier steps, which a reward cannot ask for")
+            except ValueError as error:
+                report((*where, "rewards", index), str(error))
+        found.append(Named(named.name, functor))
+    return tuple(found)
+
+
+def _scripted_policy(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) -> ScriptedPolicy | None:
+    """Return the scripted policy that flies an agent; None when its actions come from outside."""
+    if entry.policy is None or entry.policy.functor is None:
+        return None
+    try:
+        scripted = build("policy", {"functor": entry.policy.functor, "config": entry.policy.config})
+    except PydanticCustomError as error:
+        for problem in (error.context or {})["errors"]:
+            setting.report((*where, "policy", *problem["loc"]), "; ".join(filter(None, message(problem))))
+        return None
+    assert isinstance(scripted, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
+    for field, kind in scripted.references().items():
+        value, names = getattr(scripted, field), setting.names.get(kind)
+        if value is not None and names is not None and value not in names:
+            setting.report((*where, "policy", "config", field), not_named(kind, value, names))
+    return scripted

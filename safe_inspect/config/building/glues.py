@@ -1,0 +1,59 @@
+"""What the glues of an agent must agree on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from safe_inspect.config.messages.report import KeyTuple, ReportProblem
+from safe_inspect.errors import UnitError
+from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
+from safe_inspect.glues.coast_glue import CoastGlue
+from safe_inspect.platforms.base import Part
+
+
+def check_glues(
+    glues: tuple[Glue, ...], parts: Mapping[str, Part], where: KeyTuple, report: ReportProblem, *, observes: bool
+) -> None:
+    """Check that glues fit the parts, command each controller once, and observe and command something.
+
+    Args:
+        glues: The glues of an agent.
+        parts: Its parts, by name.
+        where: Path of the glues.
+        report: Takes the path and the message of every mistake that is found.
+        observes: Whether the agent's policy needs an observation.
+    """
+    commanded: set[str] = set()
+    discrete: set[bool] = set()
+    for index, glue in enumerate(glues):
+        try:
+            glue.bounds(parts)
+        except (ValueError, UnitError) as error:
+            report((*where, index), str(error))
+            continue
+        if isinstance(glue, ActionGlue):
+            for name in glue.names(parts):
+                if name in commanded:
+                    report((*where, index), f"the controller {name!r} is commanded twice; remove one of the glues")
+                commanded.add(name)
+            discrete |= {
+                bool(count)
+                for leaf in glue.leaves()
+                if not isinstance(leaf, CoastGlue)
+                for count in leaf.choices(parts)
+            }
+    leaves = [leaf for glue in glues if isinstance(glue, ActionGlue) for leaf in glue.leaves()]
+    if any(isinstance(leaf, CoastGlue) for leaf in leaves[:-1]):
+        report(where, "CoastGlue stands before the glue of a controller; move it behind the last of them")
+    if len(discrete) > 1:
+        report(where, "some action glues choose among levels and others give real numbers; use one kind for all")
+    for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
+        if not any(isinstance(glue, base) for glue in exported(glues)) and (observes or base is ActionGlue):
+            report(where, f"no glue {what}; add one")
+
+
+def exported(glues: tuple[Glue, ...]) -> tuple[Glue, ...]:
+    """Return the glues without the observations that are kept from the policy."""
+    return tuple(
+        glue for glue in glues if not (isinstance(glue, ObservationGlue) and glue.training_export_behavior == "EXCLUDE")
+    )

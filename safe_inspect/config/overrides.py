@@ -1,0 +1,313 @@
+"""Overrides of the command line: ``key=value`` with a dotted path into the tree.
+
+A component of the path is a key, or for the items of a list an index (``list.0`` or ``list[0]``) or a name:
+the item's ``name``, the class it names, or its controller or sensor. A path whose first
+component is not at the root is the end of a path, and stands for the one place
+that it fits. Where no file has the last component, it stands for the one place that may have it
+(`safe_inspect.config.known_places`); a word of another library is not taken for a key. ``~path`` removes a key
+or an item.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from safe_inspect.config.keys.other_words import OTHER_WORDS, key_hint
+from safe_inspect.config.known_places import (
+    in_plugin,
+    learning_keys,
+    may_have,
+    spellings,
+    with_empty_mappings,
+)
+from safe_inspect.config.loading.loader import COMMAND_LINE, parse
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, has, locate
+from safe_inspect.config.models.experiment import ExperimentConfig
+from safe_inspect.config.models.fields import known_keys
+from safe_inspect.errors import ConfigError, Location, Problem
+
+#: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
+_CLASS_KEYS = ("functor", "type", "part", "controller", "sensor")
+
+#: An index as messages write it: ``agent_config[0].policy``.
+_INDEX = re.compile(r"\[(\d+)\]")
+
+Found = tuple[Any, ...]
+
+
+def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
+    """Replace values of a tree by those of the command line, one after the other.
+
+    Args:
+        tree: A loaded configuration.
+        overrides: Texts such as ``rllib_config.lr=1e-4`` or ``ObservedPointsReward.config.scale=0.02``;
+            the value is YAML.
+
+    Returns:
+        A new tree; the given one is not changed.
+
+    Raises:
+        ConfigError: With every override that is malformed, fits nothing or fits several places.
+    """
+    problems: list[Problem] = []
+    for override in overrides:
+        if not isinstance(override, str):
+            problems.append(Problem(f"overrides: {override!r:.60} is no text", hint="write 'path.of.keys=value'"))
+            continue
+        location = Location(COMMAND_LINE, 0, text=override)
+        try:
+            tree = _apply(tree, override, location)
+        except ConfigError as error:
+            problems += error.problems
+    if problems:
+        raise ConfigError(problems)
+    return tree
+
+
+def _apply(tree: Any, override: str, location: Location) -> Any:
+    removes = override.startswith("~")
+    dotted, equals, text = override.removeprefix("~").partition("=")
+    parts = _INDEX.sub(r".\1", dotted.strip()).split(".")
+    if bool(equals) == removes or not all(parts):
+        hint = "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"
+        raise ConfigError(Problem("not an override", location=location, hint=hint))
+    parts = _with_platform(tree, parts)
+    found = _existing(tree, parts)
+    if len(parts) == 1:  # a reference is the name of a key; its value is meant
+        found = [path for path in found if path[-2:-1] != ("references",)] or found
+    if removes:
+        if len(found) == 1:
+            return _removed(tree, found[0])
+    elif not found:
+        found = [(*path, parts[-1]) for path in _walk(tree, parts[:-1]) if isinstance(_at(tree, path), Mapping)]
+        if dotted in OTHER_WORDS:
+            hint = f"did you mean `{OTHER_WORDS[dotted]}={text}`?"
+            raise ConfigError(Problem(f"`{dotted}` is not a key here", location=location, hint=hint))
+        if not any(True for _ in _steps(tree, parts[0])):
+            tree, found = _missing(tree, parts)
+            if len(found) == len(parts) == 1 and in_plugin(tree, found[0]):
+                note = f"`{override}` sets {'.'.join(map(str, found[0]))}, which no file gives"
+                warnings.warn(note, stacklevel=2)
+    if len(found) == 1:
+        return with_value(tree, found[0], parse(text, location), location)
+    if found:
+        raise ConfigError(_several(tree, parts, found, text, location))
+    raise ConfigError(_unknown(tree, parts, location))
+
+
+def _several(tree: Any, parts: list[str], found: list[Found], text: str, location: Location) -> Problem:
+    """Say which places a path fits; where the same number stands in all, how to replace each."""
+    names = [_shortest(tree, path, parts) for path in found[:12]]
+    more = f" and {len(found) - 12} more" if len(found) > 12 else ""
+    hint = f"write one of {', '.join(f'`{name}`' for name in names)}{more}"
+    numbers = {_number(tree, path) for path in found}
+    if not more and text and len(numbers) == 1 and None not in numbers:
+        hint = f"all are {numbers.pop():g} now; to replace each, write {' '.join(f'{name}={text}' for name in names)}"
+    return Problem(f"`{'.'.join(parts)}` fits {len(found)} places", location=location, hint=hint)
+
+
+def _existing(tree: Any, parts: list[str]) -> list[Found]:
+    """Return every place of the tree that a path fits, from the root or as the end of a path."""
+    if any(True for _ in _steps(tree, parts[0])):
+        return _walk(tree, parts)
+    return list(dict.fromkeys(path + end for path in _containers(tree) for end in _walk(_at(tree, path), parts)))
+
+
+def _shortest(tree: Any, path: Found, parts: list[str]) -> str:
+    """Return a path from the innermost item of a list with a name, where that fits no other place; else all of it."""
+    for depth in range(len(path) - len(parts), 0, -1):
+        holder = _at(tree, path[:depth])
+        for name in (
+            [*_given_names(holder[path[depth]]), *_class_names(holder[path[depth]])] if isinstance(holder, list) else ()
+        ):
+            end = [name, *map(str, path[depth + 1 :])]
+            if "." not in name and not any(part.isdecimal() for part in end) and _fits_alone(tree, end, path):
+                return ".".join(end)
+    return ".".join(map(str, path))
+
+
+def _fits_alone(tree: Any, parts: list[str], path: Found) -> bool:
+    """Return whether a path fits one place alone; that of a key which no file has by the mapping that may hold it."""
+    found = _existing(tree, parts)
+    return found == [path] if found else _existing(tree, parts[:-1]) == [path[:-1]]
+
+
+def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
+    """Return the tree and every place that a path fits whose key no file has, or has by another of its names."""
+    for name in spellings(parts[-1]):
+        found = _existing(tree, [*parts[:-1], name])
+        if found:
+            return tree, found
+    filled = with_empty_mappings(tree)
+    holders = [path for path in _containers(filled) if isinstance(_at(filled, path), Mapping)]
+    if len(parts) > 1:
+        fitting = set(_existing(filled, parts[:-1]))
+        holders = [path for path in holders if path in fitting]
+    for name in spellings(parts[-1]):
+        found = [(*path, name) for path in holders if may_have(filled, path, name)]
+        if found:
+            return filled, found
+    return tree, []
+
+
+def _with_platform(tree: Any, parts: list[str]) -> list[str]:
+    """Return a path in which the only compute platform stands after `rllib_configs`, where it is left out."""
+    for index, part in enumerate(parts[:-1]):
+        for path in _existing(tree, ["rllib_configs"]) if part == "rllib_configs" else ():
+            names = [str(name) for name in _at(tree, path) or ()]
+            if len(names) == 1 and parts[index + 1] not in names:
+                return [*parts[: index + 1], *names, *parts[index + 1 :]]
+    return parts
+
+
+def _removed(tree: Any, path: Found) -> Any:
+    """Return the tree without what stands at a path."""
+    holder = _at(tree, path[:-1])
+    if isinstance(holder, Mapping):
+        rest: Any = LocatedDict(holder, getattr(holder, "marks", None), getattr(holder, "location", None))
+        del rest[path[-1]]
+        rest.marks.pop(path[-1], None)
+    else:
+        kept = [index for index in range(len(holder)) if index != path[-1]]
+        marks = getattr(holder, "marks", {})
+        marks = {new: marks[old] for new, old in enumerate(kept) if old in marks}
+        rest = LocatedList([holder[index] for index in kept], marks, getattr(holder, "location", None))
+    if len(path) == 1:
+        return rest
+    location = locate(tree, path[:-1])
+    return with_value(tree, path[:-1], rest, location)
+
+
+def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
+    """Say which component is the first that fits nothing, and what is near it."""
+    known: set[str] = set()
+    if any(True for _ in _steps(tree, parts[0])):
+        depth = next(count for count in range(len(parts) - 1, 0, -1) if _walk(tree, parts[:count]))
+        for path in _walk(tree, parts[:depth]):
+            known |= _names(_at(tree, path))
+        within = ".".join(parts[:depth])
+        message = f"nothing is called `{parts[depth]}` in `{within}`" + ("" if known else ", which holds no keys")
+        hint = _written_alone(tree, parts) if depth == len(parts) - 1 else ""
+        return Problem(message, "", location, hint or (key_hint(parts[depth], known) if known else ""))
+    ends = _existing(tree, parts[:-1]) if parts[1:] else []
+    holders = [path for path in ends if isinstance(_at(tree, path), Mapping)]
+    if holders:
+        for path in holders:
+            known |= _names(_at(tree, path)) | known_keys(tree, path, ExperimentConfig)
+        message = f"nothing is called `{parts[-1]}` in `{'.'.join(parts[:-1])}`" + (
+            "" if known else ", which holds no keys"
+        )
+        hint = _written_alone(tree, parts) or (key_hint(parts[-1], known) if known else "")
+        return Problem(message, "", location, hint)
+    for path in _containers(tree):
+        known |= _names(_at(tree, path))
+    first = next((part for part in parts if part not in known), None)
+    known |= learning_keys(tree)
+    if first is None:
+        message = f"no path of the configuration ends in `{'.'.join(parts)}`"
+        return Problem(message, "", location, "write it from the root")
+    return Problem(f"nothing is called `{first}` in the configuration", "", location, key_hint(first, known))
+
+
+def _written_alone(tree: Any, parts: list[str]) -> str:
+    """Return the hint to write the last component alone where that fits one place, else nothing."""
+    return f"write `{parts[-1]}=...`" if len(_missing(tree, parts[-1:])[1]) == 1 else ""
+
+
+def _walk(node: Any, parts: list[str]) -> list[Found]:
+    """Return every existing path below a node that the components fit."""
+    if not parts:
+        return [()]
+    return [step + rest for step in _steps(node, parts[0]) for rest in _walk(_at(node, step), parts[1:])]
+
+
+def _steps(node: Any, part: str) -> Iterator[Found]:
+    """Yield the steps from a node that one component fits."""
+    if isinstance(node, Mapping):
+        yield from ((key,) for key in node if str(key) == part)
+    elif isinstance(node, list):
+        if part.isdecimal() and int(part) < len(node):
+            yield (int(part),)
+            return
+        named = [(index,) for index, item in enumerate(node) if part in _given_names(item)]
+        named = named or [(index,) for index, item in enumerate(node) if part in _class_names(item)]
+        yield from named
+        if not named and node and isinstance(node[0], str):  # a record [name, ..., {...}]: look into its mappings
+            for index, item in enumerate(node):
+                if isinstance(item, Mapping):
+                    yield from ((index, *step) for step in _steps(item, part))
+
+
+def _given_names(item: Any) -> list[str]:
+    """Return the names that the user gave to an item of a list."""
+    if isinstance(item, list):
+        return [item[0]] if item and isinstance(item[0], str) else []
+    return [source["name"] for source in _sources(item) if isinstance(source.get("name"), str)]
+
+
+def _class_names(item: Any) -> list[str]:
+    """Return the names of an item's class, and of the controller or sensor that it is about."""
+    texts = [source[key] for source in _sources(item) for key in _CLASS_KEYS if key in source]
+    return [text.rpartition(".")[2] for text in texts if isinstance(text, str)]
+
+
+def _sources(item: Any) -> list[Mapping[Any, Any]]:
+    """Return the mappings that can name an item: itself and its `config`."""
+    if not isinstance(item, Mapping):
+        return []
+    return [source for source in (item, item.get("config")) if isinstance(source, Mapping)]
+
+
+def _names(node: Any) -> set[str]:
+    """Return what can be written after the path of a node."""
+    if isinstance(node, Mapping):
+        return {str(key) for key in node}
+    names: set[str] = set()
+    if isinstance(node, list):
+        for item in node:
+            names.update(_given_names(item), _class_names(item))
+            if isinstance(item, Mapping) and isinstance(node[0], str):
+                names |= _names(item)
+    return names
+
+
+def _containers(tree: Any, path: Found = ()) -> Iterator[Found]:
+    """Yield the path of every mapping and list of a tree."""
+    if isinstance(tree, (Mapping, list)):
+        yield path
+        items = tree.items() if isinstance(tree, Mapping) else enumerate(tree)
+        for key, value in items:
+            yield from _containers(value, (*path, key))
+
+
+def _at(tree: Any, path: Found) -> Any:
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+def _number(tree: Any, path: Found) -> float | None:
+    """Return the number at a path, without its unit; None where none is."""
+    holder = _at(tree, path[:-1])
+    value = holder[path[-1]] if has(holder, path[-1]) else None
+    try:
+        return None if isinstance(value, bool) else float(str(value).partition(" ")[0])
+    except ValueError:
+        return None
+
+
+def with_value(tree: Any, path: Found, value: Any, location: Location | None) -> Any:
+    """Return the tree with another value at a path; only the containers on the path are copied."""
+    if not path:
+        return value
+    key, rest = path[0], path[1:]
+    kind = LocatedDict if isinstance(tree, Mapping) else LocatedList
+    copied = kind(tree, getattr(tree, "marks", None), getattr(tree, "location", None))
+    copied[key] = with_value(tree[key], rest, value, location) if has(tree, key) else value
+    if not rest and location is not None:
+        copied.marks.pop(key, None)  # the newest comes last
+        copied.marks[key] = location
+    return copied

@@ -1,0 +1,197 @@
+"""`kept_episodes`: the batches of a long evaluation on disk, from which the same evaluation continues after a stop."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.errors import OutputError
+from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.task import differing_keys
+from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.outputs import LOCK, NO_SPACE, cannot_write, exclusive, mark_folder, read_marker, remove_written
+from safe_inspect.types import AnyArray
+
+_CLASSES = {cls.__name__: cls for cls in (Episodes, AgentEpisodes, Trajectory)}
+_NEW = "batch.new.npz"
+
+
+class KeptEpisodes:
+    """The finished batches of one rollout.
+
+    A batch that is damaged is flown again. On a full disk nothing more is kept, and the flight continues.
+
+    Args:
+        folder: Their folder; None keeps nothing.
+        name: Starts the names of their files.
+    """
+
+    def __init__(self, folder: Path | None, name: str) -> None:
+        self._folder, self._name = folder, name
+        self.count = 0
+
+    def get(self, first: int, count: int) -> Episodes | None:
+        """Return a batch that was kept, from its first episode on; None where it has to be flown."""
+        if self._folder is None:
+            return None
+        try:
+            with np.load(self._folder / batch_file(self._name, first), allow_pickle=False) as arrays:
+                found = _unpacked(json.loads(str(arrays["tree"])), arrays)
+        except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError):
+            return None
+        if not isinstance(found, Episodes) or len(found) != count:
+            return None
+        self.count += count
+        return found
+
+    def add(self, first: int, batch: Episodes) -> None:
+        """Keep a batch that was flown; it is on the disk when this returns.
+
+        Raises:
+            OutputError: It cannot be written.
+        """
+        if self._folder is None:
+            return
+        arrays: dict[str, AnyArray] = {}
+        tree = json.dumps(_packed(batch, arrays))
+        try:
+            np.savez(self._folder / _NEW, tree=np.array(tree), **arrays)  # type: ignore[arg-type]
+            (self._folder / _NEW).replace(self._folder / batch_file(self._name, first))
+        except OSError as error:
+            with suppress(OSError):
+                (self._folder / _NEW).unlink()
+            if error.errno not in NO_SPACE:
+                raise cannot_write(self._folder, error, "give another with --output", "folder") from None
+            self._folder = None
+            return
+        self.count += len(batch)
+
+
+@contextmanager
+def kept_episodes(
+    output: Path, command: str, flights: Mapping[str, Mapping[str, Any]], *, num_envs: int, force: bool = False
+) -> Iterator[list[KeptEpisodes]]:
+    """Give the place of the batches of each rollout, in a folder next to `output` whose name ends in ``.part``.
+
+    The folder is removed when the block ends well, and when nothing was kept.
+
+    Args:
+        output: Where the evaluations will be.
+        command: The command that flies.
+        flights: For each rollout a name, and what determines its episodes, with ``episodes``, their number.
+        num_envs: Episodes in a batch.
+        force: Whether the episodes of other rollouts are replaced.
+
+    Raises:
+        OutputError: The folder has episodes of other rollouts or something else, cannot be written, or another process
+            flies episodes into it.
+    """
+    shown = output.with_name(f"{output.name}.part")
+    folder = shown.expanduser().absolute()
+    flown = json.loads(json.dumps({"num_envs": num_envs, "flights": flights}, default=str))
+    total = sum(int(flight["episodes"]) for flight in flights.values())
+    files = {_NEW}
+    for name, flight in flights.items():
+        files |= {batch_file(name, first) for first in range(0, int(flight["episodes"]), num_envs)}
+    with ExitStack() as stack:
+        try:
+            if folder.exists():
+                _check_origin(folder, command)
+            folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(exclusive(folder, "flying episodes into"))
+            _check_flights(folder, command, flown, force)
+            mark_folder(folder, command, files, flown=flown)
+        except OutputError:
+            raise
+        except OSError as error:
+            if error.errno not in NO_SPACE:
+                raise cannot_write(output, error, "give another with --output", "folder") from None
+            remove_written(folder)
+            yield [KeptEpisodes(None, name) for name in flights]
+            return
+        kept = [KeptEpisodes(folder, name) for name in flights]
+        try:
+            yield kept
+        except BaseException as error:
+            count = sum(each.count for each in kept)
+            if not count or not isinstance(error, (KeyboardInterrupt, OSError)):  # else the code may change
+                remove_written(folder)
+            if isinstance(error, KeyboardInterrupt):
+                error.add_note(
+                    f"{count:,} of {total:,} episodes are kept in {shown}; the same command continues"
+                    if count
+                    else f"nothing is kept, as the first batch of {min(num_envs, total):,} episodes was not complete"
+                )
+            raise
+        remove_written(folder)
+
+
+def batch_file(name: str, first: int) -> str:
+    """Return the name of the file of a batch."""
+    return f"{name}-{first:08d}.npz"
+
+
+def _check_origin(folder: Path, command: str) -> None:
+    if read_marker(folder)["command"] != command or folder.is_symlink():
+        raise OutputError(f"{folder}: the folder is not of an interrupted `{command}`; give another with --output")
+
+
+def _check_flights(folder: Path, command: str, flown: Mapping[str, Any], force: bool) -> None:
+    """Check that what a folder keeps is of the same rollouts; remove that of others where it is allowed.
+
+    Raises:
+        OutputError: It is not.
+    """
+    marker = read_marker(folder)
+    differing = list(differing_keys(marker["flown"], flown)) if "flown" in marker else []
+    if differing and not force:
+        keys = ", ".join(f"`{key.removeprefix('flights.')}`" for key in differing[:3])
+        raise OutputError(
+            f"{folder}: the episodes of an interrupted `{command}` with other arguments are kept there (they differ in "
+            f"{keys}); repeat its arguments to continue it, give another folder with --output, or start again: --force"
+        )
+    if differing:
+        remove_written(folder, leave=(LOCK,))
+
+
+def _packed(value: Any, arrays: dict[str, AnyArray]) -> Any:
+    """Return a value as JSON knows it, with its arrays by the names that they get in `arrays`."""
+    if isinstance(value, np.ndarray):
+        name = f"array{len(arrays)}"
+        arrays[name] = value
+        return {"array": name}
+    if isinstance(value, DoneStatus):
+        return {"status": int(value)}
+    if is_dataclass(value):
+        content = {item.name: _packed(getattr(value, item.name), arrays) for item in fields(value)}
+        return {"class": type(value).__name__, "fields": content}
+    if isinstance(value, Mapping):
+        return {"mapping": {key: _packed(item, arrays) for key, item in value.items()}}
+    if isinstance(value, tuple):
+        return {"tuple": [_packed(item, arrays) for item in value]}
+    return value
+
+
+def _unpacked(value: Any, arrays: Mapping[str, AnyArray]) -> Any:
+    """Return what `_packed` was given."""
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[value["array"]]
+    if "status" in value:
+        return DoneStatus(value["status"])
+    if "class" in value:
+        content = {key: _unpacked(item, arrays) for key, item in value["fields"].items()}
+        return _CLASSES[value["class"]](**content)
+    if "mapping" in value:
+        return {key: _unpacked(item, arrays) for key, item in value["mapping"].items()}
+    items: Sequence[Any] = value["tuple"]
+    return tuple(_unpacked(item, arrays) for item in items)

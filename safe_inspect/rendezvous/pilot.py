@@ -1,0 +1,236 @@
+"""`Pilot`: flies a mission from readings; it owns the estimator, the planner, the bound and the tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_inspect.dynamics import quaternion
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
+from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
+from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import AxisStatus, TrackerOutput
+from safe_inspect.rendezvous.coordination import actions, guards
+from safe_inspect.rendezvous.coordination.context import MissionContext, PilotConfig
+from safe_inspect.rendezvous.coordination.coordinator import Coordinator, Phase
+from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.coordination.departure import CommandedMotion
+from safe_inspect.rendezvous.coordination.reference import tide_of
+from safe_inspect.rendezvous.coordination.table import TABLE
+from safe_inspect.rendezvous.estimate import StateEstimate
+from safe_inspect.rendezvous.models import ChaserConfig
+from safe_inspect.rendezvous.planner.query import Limits
+from safe_inspect.rendezvous.plugins.base import EstimatorRun
+from safe_inspect.rendezvous.readings import Command, Readings
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+
+def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
+    """Return the limits for the planner, in a scenario of a length [m]."""
+    own = chaser.limits
+    return Limits(
+        speed=own.speed,
+        planned_force=own.planned_force,
+        force=own.force,
+        torque=own.torque,
+        keep_in=None if own.keep_in is None else np.array(own.keep_in),
+        radius=chaser.radius,
+        line_of_sight_rate=own.line_of_sight_rate,
+        mass=chaser.mass,
+        cone=own.cone,
+        cone_range=0.7 * length,
+        least_range=0.2 * length,
+    )
+
+
+class Followed(NamedTuple):
+    """What is followed in a step of control.
+
+    Attributes:
+        output: The tracker's output.
+        reference: Position [m] and velocity [m/s] that it follows, in W, shape (6,).
+    """
+
+    output: TrackerOutput
+    reference: FloatArray
+
+
+class Pilot:
+    """The flight computer of one mission: from readings to commands.
+
+    Args:
+        config: What it flies by.
+        target: What is known of the target.
+        estimator: The estimator of the mission.
+        streams: The random streams of the mission.
+        report: Called with an event's name and its data.
+        changed: Called at every change of state, with the state before, the guard and the state after.
+
+    Attributes:
+        context: Its memory; there is none before the first readings.
+        followed: What is followed since the last call.
+        estimator: The estimator.
+    """
+
+    context: MissionContext
+    followed: Followed
+
+    def __init__(
+        self,
+        config: PilotConfig,
+        target: Target,
+        estimator: EstimatorRun,
+        streams: Streams,
+        report: Callable[[str, dict[str, Any]], None],
+        changed: Callable[[Phase, str, Phase], None],
+    ) -> None:
+        self._config, self._target, self._streams = config, target, streams
+        self._report, self._report_change = report, changed
+        self.estimator = estimator
+        chaser = config.chaser
+        self._controller = AttitudeController(np.array(chaser.inertia), chaser.limits.torque)
+        self._pointing: CameraPointing | None = None
+        self._coordinator: Coordinator[MissionContext] = Coordinator(TABLE, self._changed)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the mission has ended at the mating point, as far as the pilot knows."""
+        return self._coordinator.state is Phase.DONE
+
+    def act(self, readings: Readings) -> Command | None:
+        """Return the command to hold for a step of control; None at the end of the mission.
+
+        Args:
+            readings: What the sensors have given since the last call.
+        """
+        estimate = self.estimator.update(readings)
+        if self._pointing is None:
+            self._begin(readings, estimate)
+        self._sense(readings, estimate)
+        context = self.context
+        self._coordinator.step(context)
+        if self._coordinator.finished:
+            return None
+        self.followed = Followed(*self._follow())
+        force = self.followed.output.force
+        torque = self._point()
+        context.motion.advance(force / self._config.chaser.mass, self._config.mission.step)
+        return Command(force, torque)
+
+    def _changed(self, before: Phase, guard: str, after: Phase) -> None:
+        self._report_change(before, guard, after)
+        if after is not before:
+            self.context.phase, self.context.since = after, self.context.time
+
+    def _begin(self, readings: Readings, estimate: StateEstimate) -> None:
+        config, chaser = self._config, self._config.chaser
+        assert readings.start is not None, "the first readings have the chaser's state"
+        self._pointing = CameraPointing(readings.start.orientation)
+        axis = Axis(chaser.mass, config.mission.step)
+        own = chaser.limits
+        self.context = MissionContext(
+            config=config,
+            target=self._target,
+            limits=limits_of(chaser, config.mission.length),
+            axis=axis,
+            tracking_limits=TrackingLimits(own.force, own.tracking_speed, own.keep_in),
+            streams=self._streams,
+            hold=LQRTrackerRun(axis, own.force),
+            report=self._report,
+            readings=readings,
+            estimate=estimate,
+            motion=CommandedMotion.of(estimate),
+        )
+        self.context.hold_point = readings.start.position.copy()
+        self.context.demands = PlanDemands.first(config.mission.length)
+
+    def _sense(self, readings: Readings, estimate: StateEstimate) -> None:
+        """Bring what depends on the estimate up to now."""
+        context, mission = self.context, self._config.mission
+        before = context.estimate.updated
+        context.readings, context.estimate, context.time = readings, estimate, readings.time
+        context.step = round(readings.time / mission.step)
+        if "camera" not in readings.silent:
+            context.camera_time = context.time
+        if "imu" not in readings.silent:
+            context.imu_time = context.time
+        if estimate.updated != before:
+            context.motion, context.poses = CommandedMotion.of(estimate), context.poses + 1
+        elif guards.unseen(context):
+            context.poses = 0
+        is_slot = context.step * mission.control_ticks % mission.update_ticks == 0
+        if is_slot and context.following is not None and estimate.updated != before:
+            actions.renew_reference(context)
+        if is_slot and context.following is not None:
+            actions.renew_escape(context)
+        elif is_slot and context.phase is Phase.RETREAT:
+            actions.keep_escape(context)
+        self._check_settled()
+
+    def _check_settled(self) -> None:
+        context, mission = self.context, self._config.mission
+        if context.phase is not Phase.MP_HOLD or context.following is None:
+            context.settled_since = None
+            return
+        reference = context.following.reference
+        k = min(context.step - context.following.first_step, len(reference.position) - 1)
+        chaser = context.estimate.chaser
+        near = (
+            np.linalg.norm(chaser.position - reference.position[k]) < mission.hold_position
+            and np.linalg.norm(chaser.velocity - reference.velocity[k]) < mission.hold_speed
+            and context.pointing_error < mission.hold_angle
+        )
+        if not near:
+            context.settled_since = None
+        elif context.settled_since is None:
+            context.settled_since = context.time
+
+    def _follow(self) -> tuple[TrackerOutput, FloatArray]:
+        """Return the tracker's output, and the state that it follows, shape (6,)."""
+        context, x = self.context, self.context.estimate.translation
+        following = context.following
+        if following is not None:
+            k = min(context.step - following.first_step, len(following.reference.position) - 1)
+            is_solved = not context.fails("solver")
+            output = (following.tracker if is_solved else context.hold).step(x, following.reference, k)
+            context.infeasible = 0 if is_solved and output.feasible else context.infeasible + 1
+            context.nominal = output.nominal
+            return output, np.concatenate([following.reference.position[k], following.reference.velocity[k]])
+        if context.phase is Phase.DEPART:
+            return self._push(), np.concatenate([context.motion.position, context.motion.velocity])
+        times = context.time + self._config.mission.step * np.arange(2.0)
+        position, velocity = context.hold_point[None].repeat(2, axis=0), np.zeros((2, 3))
+        if context.phase is Phase.RETREAT and context.escape is not None:
+            position, velocity = context.escape.at(times)
+            position = position + context.estimate.target.position
+        tide = tide_of(self._config.mission.mean_motion, times, position - context.estimate.target.position)
+        reference = TrackedReference(position, velocity, tide)
+        return context.hold.step(x, reference, 0), np.concatenate([reference.position[0], reference.velocity[0]])
+
+    def _push(self) -> TrackerOutput:
+        """Return what is left of a departure's push, as far as one step gives it."""
+        context, chaser = self.context, self._config.chaser
+        per_step = self._config.mission.step / chaser.mass
+        force = np.clip(context.push / per_step, -chaser.limits.force, chaser.limits.force)
+        context.push = context.push - per_step * force
+        return TrackerOutput(force, np.zeros((3, 2)), np.zeros(3), (AxisStatus.SOLVED,) * 3)
+
+    def _point(self) -> FloatArray:
+        """Return the torque that turns the camera to where it shall look [N m], shape (3,).
+
+        It is zero while the inertial unit is silent: a free rotation goes on as it was, which the estimate counts on.
+        """
+        context, chaser = self.context, self.context.estimate.chaser
+        position = context.motion.position if context.phase is Phase.DEPART else chaser.position
+        assert self._pointing is not None, "the camera is pointed from the first readings on"
+        command = self._pointing.step(position, context.aim(), self._config.mission.step)
+        error = quaternion.multiply(quaternion.conjugate(command.orientation), chaser.orientation)
+        context.pointing_error = float(np.linalg.norm(quaternion.log(error)))
+        if context.imu_time < context.time:
+            return np.zeros(3)
+        return self._controller(chaser.orientation, chaser.angular_velocity, command)

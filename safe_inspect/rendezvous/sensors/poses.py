@@ -1,0 +1,113 @@
+"""A simulated sensor of relative poses with stated errors: for tests and ablations without depth images."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.config.models.experiment import Model
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.poses import inverse, perturbed
+from safe_inspect.types import FloatArray
+from safe_inspect.units import quantity
+
+_Angle = quantity("rad", ge=0)
+_Length = quantity("m", ge=0)
+
+#: Least standard deviation that covariances state [rad, m].
+_LEAST_SIGMA = 1e-6
+
+
+class PoseSensor(Model):
+    """Measures poses of the target relative to the chaser, and to earlier frames; standard deviations are of one axis.
+
+    Attributes:
+        rotation_sigma: Of the rotation between two frames [rad].
+        translation_sigma: Of the translation between two frames [m].
+        view_rotation: Of the view [rad]: it is constant while the same keyframe is current, and adds to the pose of
+            every frame of it. Poses between frames of one keyframe do not have it.
+        view_translation: The same [m].
+        model: Whether poses to the known model are measured.
+        model_rotation: Of a pose to the model, rotation [rad]; constant for a keyframe.
+        model_translation: Of its translation [m].
+        keyframe: Turn of the target as seen from the chaser after which the view is another one [rad].
+        skips: To how many earlier frames poses are measured.
+    """
+
+    rotation_sigma: _Angle = 0.003490658503988659  # type: ignore[valid-type]
+    translation_sigma: _Length = 0.003  # type: ignore[valid-type]
+    view_rotation: _Angle = 0.008726646259971648  # type: ignore[valid-type]
+    view_translation: _Length = 0.005  # type: ignore[valid-type]
+    model: bool = True
+    model_rotation: _Angle = 0.008726646259971648  # type: ignore[valid-type]
+    model_translation: _Length = 0.005  # type: ignore[valid-type]
+    keyframe: _Angle = 0.2094395102393195  # type: ignore[valid-type]
+    skips: int = Field(default=3, ge=1)
+
+
+class PoseSensorRun:
+    """The sensor of one mission.
+
+    Args:
+        sensor: Its errors.
+        streams: The random streams of the mission.
+    """
+
+    def __init__(self, sensor: PoseSensor, streams: Streams) -> None:
+        self._sensor, self._streams = sensor, streams
+        self._poses: list[FloatArray] = []
+        self._views: list[FloatArray] = []  # the tangent of each frame's view error
+        self._keyframe: FloatArray | None = None
+        self._drawn = 0
+        self._frames: list[int] = []
+
+    def measure(self, number: int, pose: FloatArray, *, in_view: bool) -> tuple[Edge, ...]:
+        """Return what is measured in a frame.
+
+        Args:
+            number: Number of the frame.
+            pose: The true T_MB, shape (4, 4).
+            in_view: Whether the target is in view; else nothing is measured.
+        """
+        if not in_view:
+            return ()
+        sensor = self._sensor
+        if self._keyframe is None or _angle(self._keyframe, pose) > sensor.keyframe:
+            self._keyframe, self._drawn = pose, self._drawn + 1
+        unit = self._streams.normal("front_end.view", 12, self._drawn)[0]
+        view = unit[:6] * np.repeat([sensor.view_rotation, sensor.view_translation], 3)
+        edges = []
+        earlier = range(max(len(self._poses) - sensor.skips, 0), len(self._poses))
+        for place, k in enumerate(earlier):
+            kind: Literal["odometry", "skip"] = "odometry" if self._frames[k] == number - 1 else "skip"
+            drawn = self._streams.normal(f"front_end.edge.{place}", 6, number)[0]
+            error = drawn * np.repeat([sensor.rotation_sigma, sensor.translation_sigma], 3)
+            same = np.array_equal(view, self._views[k])
+            measured = perturbed(inverse(perturbed(self._poses[k], self._views[k])) @ perturbed(pose, view), error)
+            own = 0.0 if same else np.sqrt(2.0)
+            covariance = _covariance(
+                np.hypot(sensor.rotation_sigma, own * sensor.view_rotation),
+                np.hypot(sensor.translation_sigma, own * sensor.view_translation),
+            )
+            edges.append(Edge(self._frames[k], number, measured, covariance, 1.0, kind))
+        if sensor.model:
+            error = unit[6:] * np.repeat([sensor.model_rotation, sensor.model_translation], 3)
+            covariance = _covariance(sensor.model_rotation, sensor.model_translation)
+            edges.append(Edge(MODEL, number, perturbed(pose, error), covariance, 1.0, "model"))
+        self._poses.append(pose)
+        self._views.append(view)
+        self._frames.append(number)
+        return tuple(edges)
+
+
+def _covariance(rotation: float, translation: float) -> FloatArray:
+    sigmas = np.maximum(np.repeat([rotation, translation], 3), _LEAST_SIGMA)
+    return np.diag(sigmas**2)
+
+
+def _angle(first: FloatArray, second: FloatArray) -> float:
+    cosine = 0.5 * (np.trace(first[:3, :3].T @ second[:3, :3]) - 1.0)
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))

@@ -1,0 +1,139 @@
+"""The sensors of one mission: from its truth to `Readings`. What fails of them is simulated here too."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.geometry.pointing import R_BC
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.chaser import ChaserState
+from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig, SensorsConfig
+from safe_inspect.rendezvous.poses import pose
+from safe_inspect.rendezvous.readings import Command, PoseFrame, Reading, Readings
+from safe_inspect.rendezvous.sensors.imu import Imu, InertialSample
+from safe_inspect.rendezvous.sensors.poses import PoseSensorRun
+from safe_inspect.rendezvous.sensors.state import StateSensorRun
+from safe_inspect.rendezvous.sensors.tof import DepthFrame, no_frame
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+#: Step of the inertial unit's bias where it fails [m/s^2, rad/s].
+_BIAS_STEP = (0.02, 5e-4)
+
+
+def pose_in_model(target: Target, chaser: BodyState, body: BodyState) -> FloatArray:
+    """Return T_MB of the states of a chaser and of the target, shape (4, 4)."""
+    R_MW = target.R_MT @ to_matrix(body.orientation).T  # noqa: N806
+    return pose(R_MW @ to_matrix(chaser.orientation), R_MW @ (chaser.position - body.position))
+
+
+def camera_mount(chaser: ChaserConfig) -> FloatArray:
+    """Return T_BC, the pose of the camera in the chaser's frame, shape (4, 4)."""
+    return pose(R_BC, np.array(chaser.camera_position))
+
+
+class SensorSuite:
+    """The sensors of one mission.
+
+    Args:
+        config: The sensors.
+        chaser: What carries them.
+        mission: Rates, and what fails.
+        target: The target.
+        streams: The random streams of the mission.
+        reads: What is read of them.
+    """
+
+    def __init__(
+        self,
+        config: SensorsConfig,
+        chaser: ChaserConfig,
+        mission: MissionConfig,
+        target: Target,
+        streams: Streams,
+        reads: Collection[Reading],
+    ) -> None:
+        self._config, self._chaser, self._mission, self._target, self._streams = (
+            config, chaser, mission, target, streams,
+        )  # fmt: skip
+        self._reads = frozenset(reads)
+        self._renderer = config.camera(target) if "frames" in reads else None
+        self._poses = PoseSensorRun(config.poses, streams)
+        self._states = StateSensorRun(config.state, mission.update_period, streams)
+        self._imu = Imu(config.imu, config.imu_ticks * mission.tick, streams)
+        self._frame_steps = round(config.frame_period / mission.step)
+        self._calls = self._ticks = self._frames = self._seen = 0
+        self._biases = self._is_imu_silent = False
+        self._T_BC = camera_mount(chaser)
+
+    def read(
+        self,
+        time: float,
+        chaser: BodyState,
+        target: BodyState,
+        history: ChaserState | None = None,
+        command: Command | None = None,
+    ) -> Readings:
+        """Return what the sensors give; called once for each step of control.
+
+        Args:
+            time: The time [s].
+            chaser: The chaser's true state.
+            target: The target's true state.
+            history: The chaser after each tick since the last step, one row, shape (1, ticks, ...); None at the first.
+            command: What was commanded for that time.
+        """
+        fails, reads = self._mission.fails, self._reads
+        is_blind = fails("camera", time)
+        samples = () if history is None or "inertial" not in reads else self._samples(history)
+        self._is_imu_silent, self._biases = fails("imu", time), fails("imu_bias", time)
+        is_due = self._calls % self._frame_steps == 0
+        start = None if self._calls else chaser
+        self._calls += 1
+        frame = self._frame(time, chaser, target, is_blind=is_blind) if is_due else None
+        state = self._states.measure(time, chaser, target, silent=is_blind) if "state" in reads else None
+        flags = {"camera": is_blind, "imu": self._is_imu_silent}
+        silent = frozenset(name for name, is_silent in flags.items() if is_silent)
+        return Readings(time, start, frame, samples, command, state, silent)
+
+    def _samples(self, history: ChaserState) -> tuple[InertialSample, ...]:
+        """Return the samples of the inertial unit over a step; it may have been silent."""
+        bias = np.repeat(_BIAS_STEP if self._biases else (0.0, 0.0), 3)
+        measured = []
+        for tick in range(history.translation.shape[1]):
+            self._ticks += 1
+            if self._ticks % self._config.imu_ticks:
+                continue
+            rotation = to_matrix(history.orientation[0, tick])
+            acceleration = history.wrench[0, tick, :3] / self._chaser.mass
+            sample = self._imu.sample(rotation, acceleration, history.angular_velocity[0, tick])
+            time = (tick + 1) * self._mission.tick
+            measured.append(InertialSample(time, sample.acceleration + bias[:3], sample.rate + bias[3:]))
+        return () if self._is_imu_silent else tuple(measured)
+
+    def _frame(self, time: float, chaser: BodyState, target: BodyState, *, is_blind: bool) -> DepthFrame | None:
+        """Return the frame that is due; None where the camera is silent, or is not read."""
+        number, self._frames = self._frames, self._frames + 1
+        if is_blind:
+            return None
+        T_MB = pose_in_model(self._target, chaser, target)  # noqa: N806
+        T_MC = T_MB @ self._T_BC  # noqa: N806
+        if self._renderer is not None:
+            taken: DepthFrame = self._renderer.render(T_MC[:3, :3], T_MC[:3, 3], self._streams, number, time)
+            return taken
+        return self._measured_poses(time, T_MB, T_MC) if "poses" in self._reads else None
+
+    def _measured_poses(self, time: float, T_MB: FloatArray, T_MC: FloatArray) -> PoseFrame:  # noqa: N803
+        """Return a frame of the sensor of poses, which sees what the camera would."""
+        number, self._seen = self._seen, self._seen + 1
+        camera = self._config.camera.geometry
+        centre = -T_MC[:3, :3].T @ T_MC[:3, 3]
+        half = 0.5 * np.array([camera.width, camera.height]) / camera.focal_length
+        in_view = centre[2] > 0.0 and (np.abs(centre[:2]) <= half * centre[2] + self._target.swept_radius).all()
+        return PoseFrame(
+            **vars(no_frame(time)), number=number, poses=self._poses.measure(number, T_MB, in_view=in_view)
+        )

@@ -1,0 +1,93 @@
+"""Disturbances that try to break the safety constraints, each on the surface of what its bounds allow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_inspect.dynamics.base import DisturbanceBounds
+from safe_inspect.rta.constraints.base import RelativeState
+from safe_inspect.types import FloatArray, IntArray
+
+#: Where the disturbances of a flight push; row r has the one that was drawn for it.
+PUSHES = ("at random", "always one way", "inward", "outward", "along the velocity", "against it", "to the sun cone",
+          "to the nearest limit", "to and fro")  # fmt: skip
+_RANDOM, _STEADY, _INWARD, _OUTWARD, _ALONG, _AGAINST, _SUN, _NEAREST, _TO_AND_FRO = range(len(PUSHES))
+#: The push towards each constraint.
+_TOWARDS = {"chief_collision": _INWARD, "PSM": _INWARD, "r_max": _OUTWARD, "sun": _SUN}
+
+
+class DisturbanceAdversary:
+    """What disturbs R flights: errors of the estimate, errors of the thrust and velocities.
+
+    All of them push in one direction. The error of the estimate is such that who corrects it pushes that way, but in
+    every third flight the other way, and in every third it is random.
+
+    Attributes:
+        push: Where the disturbances of each flight push, a number of `PUSHES`, shape (R,).
+        direction: Where they push in this step, unit vectors, Hill frame, shape (R, 3).
+    """
+
+    def __init__(self, bounds: DisturbanceBounds, rows: int, rng: np.random.Generator) -> None:
+        self._bounds, self._rng = bounds, rng
+        self.push: IntArray = rng.integers(0, len(PUSHES), rows)
+        self._trick = rng.integers(0, 3, rows)[:, None]
+        self._one_way = unit(rng.normal(size=(rows, 3)))
+        self._steps = 0
+        self.direction: FloatArray = self._one_way
+
+    def estimate(self, state: RelativeState, phi: dict[str, FloatArray]) -> RelativeState:
+        """Return what the deputies take for their states, and choose where this step's disturbances push.
+
+        Args:
+            state: The states.
+            phi: The constraints' plain safety quantities, of which the least names the nearest limit.
+        """
+        self.direction = self._choose(state, phi)
+        bounds, errors = self._bounds, []
+        for bound in (bounds.position_error, bounds.velocity_error):
+            noise = unit(self._rng.normal(size=state.position.shape))
+            errors.append(
+                bound * np.select([self._trick == 0, self._trick == 1], [-self.direction, self.direction], noise)
+            )
+        return RelativeState(state.position + errors[0], state.velocity + errors[1], state.sun_angle)
+
+    def flown(self, control: FloatArray) -> FloatArray:
+        """Return the thrust that is flown [N], shape (R, 3): turned towards the push, and longer along it."""
+        size = np.linalg.norm(control, axis=1, keepdims=True)
+        along = control / np.maximum(size, 1e-300)
+        part = (along * self.direction).sum(axis=1, keepdims=True)
+        across = unit(self.direction - part * along)
+        angle = self._bounds.thrust_direction
+        gain = 1.0 + np.where(part > 0.0, 1.0, -1.0) * self._bounds.thrust_gain
+        return np.asarray(gain * size * (np.cos(angle) * along + np.sin(angle) * across))
+
+    def disturbed(self, state: RelativeState) -> RelativeState:
+        """Return the states with the velocities that a step adds."""
+        added = self._bounds.velocity * self.direction
+        return RelativeState(state.position, state.velocity + added, state.sun_angle)
+
+    def _choose(self, state: RelativeState, phi: dict[str, FloatArray]) -> FloatArray:
+        self._steps += 1
+        inward, along = -unit(state.position), unit(state.velocity)
+        away = np.stack((-np.cos(state.sun_angle), np.sin(state.sun_angle), np.zeros(len(state))), axis=1)
+        ways = {
+            _RANDOM: unit(self._rng.normal(size=state.position.shape)), _STEADY: self._one_way,
+            _INWARD: inward, _OUTWARD: -inward, _ALONG: along, _AGAINST: -along,
+            _SUN: unit(away * np.linalg.norm(state.position, axis=1, keepdims=True) - state.position),
+            _TO_AND_FRO: self._one_way if self._steps % 4 < 2 else -self._one_way,
+        }  # fmt: skip
+        names = ["PSM", *phi]  # which is not among those of every step, and is never the nearest of them
+        near = [np.full(len(state), np.inf), *(value / _SCALES.get(name, 0.1) for name, value in phi.items())]
+        towards = np.array([_TOWARDS.get(name, _ALONG) for name in names])[np.argmin(np.stack(near), axis=0)]
+        push = np.where(self.push == _NEAREST, towards, self.push)
+        known = sorted(ways)
+        return np.stack([ways[k] for k in known])[np.searchsorted(known, push), np.arange(len(state))]
+
+
+#: What counts as equally near: metres, radians, and otherwise metres per second.
+_SCALES = {"chief_collision": 10.0, "r_max": 10.0, "sun": 0.2}
+
+
+def unit(v: FloatArray) -> FloatArray:
+    """Return vectors shortened or stretched to length 1, shape (R, 3); zeros stay zeros."""
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300))

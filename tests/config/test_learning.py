@@ -1,0 +1,126 @@
+"""Mistakes in what an experiment says to RLlib, Tune and Ray are told where they stand; nothing here loads Ray."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from safe_inspect.config.models.learning import check_learning, flight_note, placed
+
+from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.errors import ConfigError, Problem
+
+ONE, SEED = (configs_root() / "translational-inspection" / f"experiment{end}.yml" for end in ("", "-seed"))
+TEAM = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+_SAC = f"policy=!include {configs_root() / 'learners' / 'sac.yml'}"
+_DQN = f"policy=!include {configs_root() / 'learners' / 'dqn.yml'}"
+_MIXED = "glues.0={functor: DiscreteControllerGlue, config: {controller: X Thrust, levels: [-1, 0, 1]}}"
+
+
+def problems(experiment, found=()):
+    """Return the mistakes that are told when the translation finds some, and the settings where there are none."""
+    settings = SimpleNamespace(problems=list(found))
+    try:
+        assert check_learning(experiment, lambda *_: settings) is settings
+    except ConfigError as error:
+        return list(error.problems)
+    return []
+
+
+def test_the_translation_is_given_the_three_mappings_and_the_policies():
+    experiment = load_experiment(ONE, ["tune_config={stop: {training_iteration: 3}}", "ray_config={num_cpus: 2}"])
+    given = []
+    check_learning(experiment, lambda *mappings: given.append(mappings) or SimpleNamespace(problems=[]))
+    ((rllib, tune, ray, policies),) = given
+    assert rllib == {"algorithm": "PPO", **experiment.rllib}
+    assert tune == {"stop": {"training_iteration": 3}}
+    assert ray == {"num_cpus": 2}
+    assert policies == tuple(experiment.policies.values())
+
+
+@pytest.mark.parametrize(
+    ("file", "overrides", "message", "remedy"),
+    [
+        (ONE, [], "", ""),
+        (SEED, [], "", ""),
+        (ONE, [_DQN], "", ""),
+        (SEED, [_SAC], "", ""),
+        (SEED, [_DQN], "DQN learns choices, and the actions are real numbers", "replace ControllerGlue by Discrete"),
+        (
+            ONE,
+            [_SAC],
+            "SAC learns real numbers, and the actions are choices among levels, one for each controller",
+            "replace DiscreteControllerGlue by ControllerGlue, or use PPO",
+        ),
+    ],
+)
+def test_an_algorithm_that_cannot_learn_the_actions_is_refused(file, overrides, message, remedy):
+    found = problems(load_experiment(file, overrides))
+    assert [problem.message for problem in found] == ([message] if message else [])
+    for problem in found:
+        assert problem.path == "agent_config[0].policy.algorithm"
+        assert remedy in problem.hint
+        assert problem.location is not None
+
+
+def test_every_mistake_is_told_at_once():
+    found = problems(load_experiment(SEED, [_DQN, "rewards=[]"]), [Problem("wrong", "tune_config.stop")])
+    assert len(found) == 3
+    assert found[2].message == "blue0_ctrl: no reward, so that nothing can be learned; add one to `rewards`"
+    assert found[2].path == "agent_config[0].policy"
+
+
+@pytest.mark.parametrize(
+    ("file", "path", "place", "line"),
+    [
+        (ONE, "rllib_configs.algorithm", "agent_config[0].policy.algorithm", "algorithm: PPO"),
+        (ONE, "rllib_configs.gamma", "agent_config[0].policy.config.gamma", "gamma:"),
+        (ONE, "rllib_configs.model_config.fcnet_hiddens[1]",
+         "agent_config[0].policy.config.model_config.fcnet_hiddens[1]", ""),
+        (ONE, "rllib_configs.num_env_runners", "config.config.rllib_configs.local.num_env_runners", "num_env_runners:"),
+        (ONE, "tune_config.stop", "config.config.tune_config.stop", "stop:"),
+        (ONE, "policies.blue0_ctrl", "agent_config[0].policy", ""),
+        (ONE, "policies.blue0_ctrl.lr", "agent_config[0].policy.config.lr", "lr:"),
+        (ONE, "policies.blue0_ctrl.algorithm", "agent_config[0].policy.algorithm", "algorithm:"),
+        (ONE, "policies.blue0_ctrl.nothing.of.this", "agent_config[0].policy", ""),
+        (TEAM, "policies.blue1_ctrl.lr", "agent_config[0].policy.config.lr", "lr:"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_told_where_it_stands(file, path, place, line):
+    (found,) = placed(load_experiment(file), [Problem("wrong", path, hint="mend it")])
+    assert (found.message, found.hint) == ("wrong", "mend it")
+    assert found.path == place
+    text = Path(found.location.file).read_text(encoding="utf-8").splitlines()[found.location.line - 1]
+    assert line in text
+
+
+def test_what_stands_nowhere_or_has_a_place_keeps_it():
+    experiment = load_experiment(ONE)
+    for path in ("", "rllib_configs.none", "tune_config.none", "policies.other.lr"):
+        (found,) = placed(experiment, [Problem("wrong", path)])
+        assert (found.path, found.location) == (path, None)
+    first = placed(experiment, [Problem("wrong", "rllib_configs.gamma")])
+    assert placed(experiment, first) == first
+
+
+@pytest.mark.parametrize(
+    ("file", "overrides", "note"),
+    [
+        (ONE, [], ""),
+        (ONE, ["policy.config.model_config.use_lstm=True"], ""),
+        (ONE, [_DQN], ""),
+        (ONE, [_DQN, "policy.config.model_config.use_lstm=True"], "recurrent policies of DQN are not exported to ONNX"),
+        (SEED, [_SAC], ""),
+        (
+            ONE,
+            ["policy.config={rl_module: x}"],
+            "are not flown: `rl_module` stands for code that no policy's file holds",
+        ),
+        (ONE, ["policy.algorithm=BC"], "policies of BC train and resume, but are not flown; those of PPO"),
+    ],
+)
+def test_what_is_not_flown_is_noted(file, overrides, note):
+    found = flight_note(load_experiment(file, overrides))
+    assert found == "" if not note else note in found
