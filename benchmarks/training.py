@@ -173,8 +173,8 @@ class RLlibTraining:
     """
 
     def __init__(self, experiment: Experiment, **more: Any) -> None:
-        from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
-        from safe_inspect.experiments.adapters.registration import register_environments
+        from safe_inspect.experiments.learning.algorithm import build_config, register_environments
+        from safe_inspect.experiments.settings.environments import environment_settings
         from safe_inspect.experiments.settings.translation import translate_rllib
 
         rllib = translate_rllib({**experiment.rllib, **more})

@@ -1,9 +1,9 @@
-"""Check what an experiment says to RLlib, Tune and Ray, with the place of every mistake; nothing here loads Ray."""
+"""Check that an experiment can be learned, and give mistakes of its training their places; nothing here loads Ray."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment
@@ -11,7 +11,7 @@ from safe_inspect.config.keys.old_keys import RENAMED
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FLOWN_ALGORITHMS
 from safe_inspect.config.loading.located import has, locate, path_text
 from safe_inspect.config.loading.templates import NUMBER
-from safe_inspect.errors import ConfigError, Problem
+from safe_inspect.errors import Problem
 
 _KeyPath = tuple[Any, ...]
 
@@ -25,23 +25,9 @@ def placed(experiment: Experiment, problems: Sequence[Problem]) -> list[Problem]
     return [_placed(experiment, problem) for problem in problems]
 
 
-def check_learning(experiment: Experiment, read: Callable[[Any, Any, Any, Any], Any]) -> Any:
-    """Translate the three mappings, and what each policy has of its own, and return the settings.
-
-    Args:
-        experiment: The experiment.
-        read: `safe_inspect.experiments.runs.train.read_settings`, which lies in a higher layer.
-
-    Raises:
-        ConfigError: With every mistake in them.
-    """
-    task = experiment.config.config.config
-    rllib = {"algorithm": experiment.algorithm, **experiment.rllib}
-    settings = read(rllib, task.tune_config, task.ray_config, tuple(experiment.policies.values()))
-    problems = [*settings.problems, *_unfit_actions(experiment), *_unrewarded(experiment)]
-    if problems:
-        raise ConfigError(placed(experiment, problems))
-    return settings
+def learning_problems(experiment: Experiment) -> list[Problem]:
+    """Return why the policies cannot learn the task: an algorithm that does not take its actions, no reward."""
+    return [*_unfit_actions(experiment), *_unrewarded(experiment)]
 
 
 def flight_note(experiment: Experiment) -> str:

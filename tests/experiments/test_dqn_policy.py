@@ -14,7 +14,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.facades.flat_actions import from_flat
 from safe_inspect.errors import CheckpointError, ConfigError
 from safe_inspect.evaluation.rollouts.rollout import rollout
-from safe_inspect.experiments.runs.checkpoints import find_newest
+from safe_inspect.experiments.files.checkpoints import find_newest
 
 CHOICES = [3, 5, 5]
 
@@ -41,8 +41,8 @@ def _module(**settings):
 
 
 def _save(folder, module):
-    from safe_inspect.experiments.modules.policy_info import policy_info
-    from safe_inspect.experiments.modules.weights_file import INFO
+    from safe_inspect.experiments.files.weights import INFO
+    from safe_inspect.experiments.settings.policy_info import policy_info
 
     experiment = experiment_of(discrete)
     info = policy_info(experiment, "default_policy", experiment.spec.agents)
@@ -122,8 +122,9 @@ def test_it_does_not_fly_beside_policies_that_learn(run):
 
 
 def test_the_shipped_file_is_built_with_one_choice():
-    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+    from safe_inspect.experiments.learning.algorithm import build_config
     from safe_inspect.experiments.runs.train import read_settings
+    from safe_inspect.experiments.settings.environments import environment_settings
 
     learner = configs_root() / "learners" / "dqn.yml"
     task = configs_root() / "translational-inspection" / "experiment.yml"
@@ -135,8 +136,8 @@ def test_the_shipped_file_is_built_with_one_choice():
 
 
 def test_the_environments_of_rllib_take_an_index():
-    from safe_inspect.experiments.adapters.multi_agent_env import TeamMultiAgentEnv
-    from safe_inspect.experiments.adapters.training_env import TrainingEnv
+    from safe_inspect.experiments.sampling.multi_agent_env import TeamMultiAgentEnv
+    from safe_inspect.experiments.sampling.training_env import TrainingEnv
 
     resolved = load_experiment("safe_inspect/TranslationalInspection-v1").resolved
     flat = TrainingEnv({"experiment": resolved, "flat_actions": True}, 2)
@@ -170,8 +171,8 @@ def test_too_many_combinations_are_refused():
     ],
 )
 def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, kind):
-    from safe_inspect.experiments.adapters.algorithm import default_config
-    from safe_inspect.experiments.adapters.rllib_objects import set_replay_buffer
+    from safe_inspect.experiments.learning.algorithm import default_config
+    from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
 
     config = default_config(algorithm)
     set_replay_buffer(config, {**config.replay_buffer_config, "capacity": 10}, several=several)
@@ -179,8 +180,8 @@ def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, k
 
 
 def test_a_replay_buffer_that_is_misspelt_is_told():
-    from safe_inspect.experiments.adapters.algorithm import default_config
-    from safe_inspect.experiments.adapters.rllib_objects import set_replay_buffer
+    from safe_inspect.experiments.learning.algorithm import default_config
+    from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
 
     with pytest.raises(ConfigError, match="did you mean `PrioritizedEpisodeReplayBuffer`"):
         set_replay_buffer(default_config("DQN"), {"type": "PrioritizedEpisodeReplayBufer"}, several=False)

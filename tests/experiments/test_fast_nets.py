@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from safe_inspect.experiments.learning.fast_nets.fast_adam import FastAdam, is_plain
-from safe_inspect.experiments.learning.fast_nets.fast_tanh import tanh_gradient, tanh_in_place
-from safe_inspect.experiments.learning.fast_nets.tanh_net import TanhNet, linear_layers
+from safe_inspect.experiments.learning.fast_adam import FastAdam, is_plain
+from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers, tanh_gradient, tanh_in_place
 
 
 def net_of(sizes, seed=0):

@@ -68,9 +68,37 @@ def test_layers_that_are_not_those_of_the_module_are_left_to_autograd():
     encoder = module.encoder
     encoder.actor_encoder, encoder.critic_encoder = encoder.critic_encoder, encoder.actor_encoder
     assert reasons(module) == ["", ""]  # the module has exchanged them too
-    forward = module.pi.forward
-    module.pi.forward = lambda embeddings: 2.0 * forward(embeddings)
-    assert reasons(module) == ["its layers alone give other results than its module"]
+    module.pi.__class__ = type("Doubled", (type(module.pi),), {"_forward": lambda self, inputs: 2.0 * self.net(inputs)})
+    assert reasons(module) == ["its module is not RLlib's own with an encoder for each net"]
+
+    class Own(type(built(NET))):
+        def compute_values(self, batch, embeddings=None):
+            return 2.0 * super().compute_values(batch, embeddings)
+
+    module = built(NET)
+    module.__class__ = Own
+    assert reasons(module) == ["its module is not RLlib's own with an encoder for each net"]
+
+
+@pytest.mark.parametrize(
+    "more", [{}, {"fcnet_activation": "relu"}, {"fcnet_use_layernorm": True}, {"free_log_std": True}]
+)
+def test_the_declared_layers_give_what_the_module_gives(more):
+    import torch
+
+    from safe_inspect.experiments.learning.ppo_nets import nets_of
+    from safe_inspect.experiments.sampling.policy_net import PolicyNet
+
+    module = built({**NET, "fcnet_hiddens": [16, 16], **more})
+    seen = {"obs": torch.linspace(-2.0, 2.0, 16 * 5).reshape(16, 5)}
+    wanted = module.forward_train(seen)["action_dist_inputs"].detach(), module.compute_values(seen).detach()
+    policy, values = nets_of(module)
+    torch.testing.assert_close(policy.make_pass(16).forward(seen["obs"])[0], wanted[0], rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(values.make_pass(16).forward(seen["obs"])[1], wanted[1], rtol=1e-5, atol=1e-5)
+    net = PolicyNet(module, 16)
+    assert net._plain is not None
+    net.observations[:] = seen["obs"].numpy()
+    np.testing.assert_allclose(net(True, 0), wanted[0].numpy(), rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.ray

@@ -70,7 +70,7 @@ def module_of(experiment, **model):
     from safe_inspect.environments.facades.spaces import action_space, box
     from safe_inspect.environments.layout import action_layout, observation_layout
     from safe_inspect.experiments.modules.fresh_policy import policy_spec
-    from safe_inspect.experiments.modules.policy_info import policy_info
+    from safe_inspect.experiments.settings.policy_info import policy_info
 
     agent = experiment.spec.agents[0]
     info = policy_info(experiment, "default_policy", [agent]).metadata()
@@ -148,7 +148,7 @@ def test_checkpoint_and_file_fly_alike(tmp_path, path, model):
 def test_decisions_that_last_are_learned_by_our_ppo_alone(settings, wrong):
     from algorithms import build
 
-    from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
+    from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 
     experiment = experiment_of(path=ONE)
     with pytest.raises(ConfigError, match="decisions that last") as caught:
@@ -166,7 +166,7 @@ def test_zero_must_be_no_thrust():
 
 
 def test_training_goes_on_from_its_state(algorithm, tmp_path):
-    from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
+    from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 
     experiment = experiment_of(path=ONE)
     more = {"train_batch_size_per_learner": 400, "minibatch_size": 16, "num_envs_per_env_runner": 4, "num_epochs": 1}

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
+from pathlib import Path
 
 import pytest
 from training_values import MAKER
 
-from safe_inspect.config.keys import old_keys, run_keys
+from safe_inspect.config.keys import old_keys, rllib_release, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.settings.translation import translate_rllib, translate_tune
@@ -21,7 +22,7 @@ _KINDS = {bool: "boolean", int: "integer", float: "number", str: "text", dict: "
 
 @pytest.fixture(scope="module")
 def ppo():
-    from safe_inspect.experiments.adapters.algorithm import default_config
+    from safe_inspect.experiments.learning.algorithm import default_config
     from safe_inspect.experiments.runs import cluster
 
     cluster.set_environment()
@@ -29,13 +30,13 @@ def ppo():
 
 
 def attribute(name):
-    from safe_inspect.experiments.adapters.algorithm import ATTRIBUTES
+    from safe_inspect.experiments.learning.algorithm import ATTRIBUTES
 
     return ATTRIBUTES.get(name, name)
 
 
 def test_every_key_of_the_table_exists(ppo):
-    from safe_inspect.experiments.adapters.algorithm import attribute_names
+    from safe_inspect.experiments.learning.algorithm import attribute_names
 
     names = attribute_names(ppo)
     missing = [key for key in (*keys.COMMON_KEYS, *keys.PPO_KEYS) if attribute(key) not in names]
@@ -44,14 +45,14 @@ def test_every_key_of_the_table_exists(ppo):
 
 @pytest.mark.parametrize("algorithm", ["SAC", "DQN"])
 def test_the_keys_of_other_algorithms_exist(algorithm):
-    from safe_inspect.experiments.adapters.algorithm import attribute_names, default_config
+    from safe_inspect.experiments.learning.algorithm import attribute_names, default_config
 
     names = attribute_names(default_config(algorithm))
     assert [key for key in keys.ALGORITHM_KEYS[algorithm] if attribute(key) not in names] == []
 
 
 def test_every_setting_of_rllib_is_in_a_table(ppo):
-    from safe_inspect.experiments.adapters.algorithm import attribute_names
+    from safe_inspect.experiments.learning.algorithm import attribute_names
 
     known = {attribute(key) for key in (*keys.COMMON_KEYS, *keys.PPO_KEYS)}
     known |= {*old_keys.RENAMED, *old_keys.DROPPED, *old_keys.RESERVED, *old_keys.ONLY_AT, *old_keys.SPELLINGS}
@@ -85,7 +86,7 @@ def test_the_words_of_a_choice_are_rllibs_own(ppo):
 
 
 def test_old_names_are_gone_or_have_no_effect(ppo):
-    from safe_inspect.experiments.adapters.algorithm import attribute_names
+    from safe_inspect.experiments.learning.algorithm import attribute_names
 
     alive = attribute_names(ppo)
     # Old properties that still lead to the new attribute are as dead as removed ones.
@@ -103,7 +104,7 @@ def test_the_nets_of_rllib():
 
 
 def test_the_algorithms_exist():
-    from safe_inspect.experiments.adapters.algorithm import default_config
+    from safe_inspect.experiments.learning.algorithm import default_config
 
     for name in keys.ALGORITHMS:
         assert default_config(name).algo_class.__name__.upper() == name.upper()
@@ -122,18 +123,28 @@ def test_tune_and_ray_take_what_we_pass():
     assert set(run_keys.RAY_KEYS) - {"temporary_folder"} <= arguments
 
 
-def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded():
-    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+def test_the_names_of_the_release_are_those_of_the_installed_one(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "scripts"))
+    from rllib_keys import names_of_release
+
+    assert json.loads(rllib_release.RELEASE.read_text(encoding="utf-8")) == names_of_release()
+
+
+def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded(monkeypatch):
+    from safe_inspect.experiments.learning.algorithm import build_config
+    from safe_inspect.experiments.settings.environments import environment_settings
 
     good = translate_rllib({"algorithm": "SAC", "tau": 0.25})
     assert build_config(good, environment_settings({}, good.settings, maker=MAKER)).tau == 0.25
+    monkeypatch.setattr(rllib_release, "_installed", lambda: "another release")
     bad = translate_rllib({"algorithm": "SAC", "taus": 0.25})
     with pytest.raises(ConfigError, match="SAC has no key `taus`; did you mean `tau`"):
         build_config(bad, environment_settings({}, bad.settings, maker=MAKER))
 
 
 def test_settings_reach_the_algorithm():
-    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+    from safe_inspect.experiments.learning.algorithm import build_config
+    from safe_inspect.experiments.settings.environments import environment_settings
 
     found = translate_rllib(
         {"lambda": 0.9, "num_sgd_iter": 3, "train_batch_size": 640, "minibatch_size": 64, "vf_share_layers": True}
@@ -148,7 +159,8 @@ def test_settings_reach_the_algorithm():
 
 
 def test_what_rllib_refuses_is_our_error():
-    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+    from safe_inspect.experiments.learning.algorithm import build_config
+    from safe_inspect.experiments.settings.environments import environment_settings
 
     found = translate_rllib({"use_gae": False})
     with pytest.raises(ConfigError, match="rllib_configs: Episode truncation is not supported without a value"):
@@ -156,7 +168,8 @@ def test_what_rllib_refuses_is_our_error():
 
 
 def test_callbacks_are_named_by_their_path(tmp_path, monkeypatch):
-    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+    from safe_inspect.experiments.learning.algorithm import build_config
+    from safe_inspect.experiments.settings.environments import environment_settings
 
     base = "from ray.rllib.callbacks.callbacks import RLlibCallback"
     (tmp_path / "own_callbacks.py").write_text(f"{base}\nclass Mine(RLlibCallback):\n    pass\nx = 3\n")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.experiments.runs.checkpoints import find_newest
+from safe_inspect.experiments.files.checkpoints import find_newest
 from safe_inspect.experiments.runs.training_log import read_progress
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]

@@ -11,8 +11,8 @@ import pytest
 from training_values import MAKER
 
 from safe_inspect.errors import CheckpointError, OutputError
-from safe_inspect.experiments.runs import run_folder
-from safe_inspect.experiments.runs.learning_configuration import changed_values, digest, learning_configuration
+from safe_inspect.experiments.files import run_folder
+from safe_inspect.experiments.files.learning_configuration import changed_values, digest, learning_configuration
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 
@@ -88,7 +88,8 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path):
 def test_two_processes_cannot_train_in_one_folder(tmp_path):
     folder = run_folder.create_run_folder(tmp_path, "x")
     code = (
-        "import sys; from pathlib import Path; from safe_inspect.experiments.runs.run_folder import RunFolder, locked\n"
+        "import sys; from pathlib import Path\n"
+        "from safe_inspect.experiments.files.run_folder import RunFolder, locked\n"
         "with locked(RunFolder(Path(sys.argv[1]))): pass"
     )
     command = [sys.executable, "-c", code, str(folder.path)]

@@ -10,7 +10,7 @@ from algorithms import build, parts_of, targets
 from dummy_environment import CHOOSING, ONE, TEAM, THREE
 from training_values import QUICK
 
-from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
+from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 from safe_inspect.experiments.settings.translation import translate_rllib
 
 pytestmark = pytest.mark.ray
@@ -264,19 +264,19 @@ def test_what_the_batched_runner_cannot_do_the_stock_one_does(algorithm):
     from ray.rllib.callbacks.callbacks import RLlibCallback
     from ray.rllib.connectors.env_to_module import FlattenObservations
 
-    from safe_inspect.experiments.sampling.stock import why_stock
+    from safe_inspect.experiments.sampling.capabilities import capabilities
 
     class Watching(RLlibCallback):
         def on_episode_step(self, **kwargs):
             pass
 
     config = build({})
-    assert not why_stock(config)
+    assert not capabilities(config).sampling
     config.callbacks([*np.atleast_1d(config.callbacks_class), Watching])
-    assert why_stock(config) == "a callback waits for `on_episode_step`"
+    assert capabilities(config).sampling == "a callback waits for `on_episode_step`"
     config = build({})
     config.env_runners(env_to_module_connector=lambda env, spaces, device: FlattenObservations())
-    assert why_stock(config) == "a connector stands between environment and policy"
+    assert "a connector stands between environment and policy" in capabilities(config).sampling
     with pytest.warns(UserWarning, match="the stock runner samples, as a connector stands"):
         algo = config.build_algo()
     try:

@@ -12,10 +12,10 @@ from training_values import MAKER
 
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.errors import CheckpointError
+from safe_inspect.experiments.files.checkpoints import Checkpoint, find_newest, seal_checkpoint
+from safe_inspect.experiments.files.trial_parameters import write_parameters
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
-from safe_inspect.experiments.runs.checkpoints import Checkpoint, find_newest, seal_checkpoint
 from safe_inspect.experiments.runs.training_run import read_settings
-from safe_inspect.experiments.runs.trial_parameters import write_parameters
 from safe_inspect.experiments.settings.search import experiment_of as experiment_of_trial
 from safe_inspect.experiments.settings.search import sample_seed
 from safe_inspect.experiments.settings.translation import current_name, translate_rllib
@@ -95,8 +95,9 @@ def test_tune_finds_each_trial_once():
     from ray.tune.impl.placeholder import create_resolvers_map, inject_placeholders, resolve_placeholders
     from ray.tune.search.variant_generator import generate_variants
 
-    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
-    from safe_inspect.experiments.settings.search_space import search_space
+    from safe_inspect.experiments.learning.algorithm import build_config
+    from safe_inspect.experiments.runs.search_space import search_space
+    from safe_inspect.experiments.settings.environments import environment_settings
 
     experiment = searching(lr=LR, sgd_minibatch_size=BATCHES)
     settings = settings_of(experiment)
@@ -121,7 +122,8 @@ def test_tune_finds_each_trial_once():
 def test_tune_resolves_nothing_in_the_configuration_of_a_single_run():
     from ray.tune.search.variant_generator import generate_variants
 
-    from safe_inspect.experiments.adapters.algorithm import build_config, environment_settings
+    from safe_inspect.experiments.learning.algorithm import build_config
+    from safe_inspect.experiments.settings.environments import environment_settings
 
     tree = {"config": {"lr": LR, "code": {"eval": "1 / 0"}}}
     found = translate_rllib({})
@@ -168,7 +170,7 @@ def search(tmp_path_factory):
 
 
 def test_the_folder_of_a_search_names_its_trials_and_one_of_them_is_flown(search):
-    from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
+    from safe_inspect.experiments.files.checkpoint_folders import newest_checkpoint
 
     first = search / "trials" / "trial_00000"
     for opened in (open_source, newest_checkpoint, lambda text: open_candidates([str(text)], Wanted())):

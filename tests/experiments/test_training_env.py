@@ -10,8 +10,8 @@ import pytest
 from dummy_environment import TEAM, DummyTeam
 
 from safe_inspect.errors import PluginValueError, SafeInspectError
-from safe_inspect.experiments.adapters.environment import first_slot, stream_seed
-from safe_inspect.experiments.adapters.training_env import TrainingEnv
+from safe_inspect.experiments.sampling.environment import first_slot, stream_seed
+from safe_inspect.experiments.sampling.training_env import TrainingEnv
 
 
 def build(num_envs=4, maker="dummy_environment:make", **more):
@@ -93,7 +93,7 @@ def test_each_episode_is_reported_once_with_its_sums():
 
 def test_the_states_of_an_error_are_saved_in_the_run(tmp_path, monkeypatch):
     from safe_inspect.environments.finite_checks import CRASH_FOLDER_VARIABLE
-    from safe_inspect.experiments.adapters.environment import Reported
+    from safe_inspect.experiments.sampling.environment import Reported
 
     monkeypatch.delenv(CRASH_FOLDER_VARIABLE, raising=False)
     config = {"failure_file": str(tmp_path / "run" / "failure.json")}

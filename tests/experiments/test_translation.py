@@ -8,8 +8,9 @@ import sys
 import pytest
 import yaml
 
+from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.learning import check_learning
+from safe_inspect.config.keys import rllib_release
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.training_run import read_settings
@@ -178,10 +179,23 @@ def test_searched_values_are_checked_one_by_one():
 
 
 def test_keys_of_another_algorithm_wait_for_ray():
-    found = translate_rllib({"algorithm": "SAC", "clip_actor": 0.01, "gamma": 0.9})
-    assert found.unchecked == ("clip_actor",)
+    found = translate_rllib({"algorithm": "SAC", "n_step": 3, "gamma": 0.9})
+    assert found.unchecked == ("n_step",)
     assert not found.problems
     assert "minibatch_size" not in found.settings  # PPO's defaults are PPO's
+
+
+@pytest.mark.parametrize(("algorithm", "key", "meant"), [("SAC", "taus", "tau"), ("APPO", "vtrase", "vtrace")])
+def test_a_key_that_an_algorithm_does_not_have_is_found_without_ray(algorithm, key, meant, monkeypatch):
+    (problem,) = translate_rllib({"algorithm": algorithm, key: 0.25}).problems
+    assert problem.message == f"there is no key `{key}`"
+    assert f"`{meant}`" in problem.hint
+    monkeypatch.setattr(rllib_release, "_installed", lambda: "3.0.0")  # whose names only the loaded Ray knows
+    found = translate_rllib({"algorithm": algorithm, key: 0.25})
+    assert found.unchecked == (key,)
+    assert not found.problems
+    monkeypatch.setattr(rllib_release, "_installed", lambda: None)
+    assert translate_rllib({"algorithm": algorithm, key: 0.25}).problems
 
 
 def test_tune_names_the_algorithm_and_must_agree():
@@ -365,4 +379,4 @@ def test_a_key_of_the_net_says_where_it_belongs(key):
 def test_a_policy_without_a_reward_cannot_learn():
     experiment = load_experiment("configs/translational-inspection/experiment.yml", ["rewards=[]"])
     with pytest.raises(ConfigError, match="blue0_ctrl: no reward, so that nothing can be learned"):
-        check_learning(experiment, read_settings)
+        checked_settings(experiment)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 
 from safe_inspect.config.experiment import Experiment
-from safe_inspect.config.learning import check_learning, flight_note, placed
+from safe_inspect.config.learning import flight_note, learning_problems, placed
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.modules.unfit_weights import unfit_weights
-from safe_inspect.experiments.runs.training_run import Settings, read_settings
+from safe_inspect.experiments.runs.training_run import Settings, read_settings, unfit_weights
 from safe_inspect.experiments.settings.search import searches_of
 
 
@@ -21,14 +19,20 @@ def checked_settings(experiment: Experiment) -> Settings:
     Raises:
         ConfigError: With the mistakes in them.
     """
-    settings: Settings = check_learning(experiment, read_settings)
+    task = experiment.config.config.config
+    rllib = {"algorithm": experiment.algorithm, **experiment.rllib}
+    settings = read_settings(rllib, task.tune_config, task.ray_config, tuple(experiment.policies.values()))
+    problems = [*settings.problems, *learning_problems(experiment)]
+    if problems:
+        raise ConfigError(placed(experiment, problems))
     for note in filter(None, (*settings.notes, flight_note(experiment))):
         print(f"note: {note}", file=sys.stderr)
     problems = unfit_weights(experiment, settings)
     if any(settings.tune.settings.get(key) for key in ("scheduler", "search_alg", "callbacks")):
         try:
-            objects = import_module("safe_inspect.experiments.adapters.objects")
-            objects.check_objects(settings.tune.settings, searches_of(settings.rllib.settings))
+            from safe_inspect.experiments.runs.tune_objects import check_objects  # loads Ray
+
+            check_objects(settings.tune.settings, searches_of(settings.rllib.settings))
         except ConfigError as error:
             problems += error.problems
     if problems:

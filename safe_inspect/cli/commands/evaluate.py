@@ -33,8 +33,8 @@ from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.rollouts.measuring import check_metrics
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.evaluation.task import default_metrics, price_of, read_metrics, task_of
+from safe_inspect.experiments.files.run_folder import git_commit
 from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
-from safe_inspect.experiments.runs.run_folder import git_commit
 from safe_inspect.metrics import BaseMetric
 from safe_inspect.outputs import check_new_folder, check_writable, new_folder
 from safe_inspect.plugins.functor import describe

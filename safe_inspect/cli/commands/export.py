@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import os
-from importlib import import_module
 from pathlib import Path
 
 from safe_inspect.cli.common import add_overrides
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.runs.checkpoint_folders import newest_checkpoint
-from safe_inspect.experiments.runs.checkpoints import SINGLE
+from safe_inspect.experiments.files.checkpoint_folders import newest_checkpoint
+from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.outputs import check_ending
 
 
@@ -40,8 +39,9 @@ def run_export(arguments: argparse.Namespace) -> int:
         files = ", ".join(sorted({str(path) for path in shipped_policy(str(arguments.checkpoint)).onnx.values()}))
         raise CheckpointError(f"{arguments.checkpoint} is shipped as ONNX already; copy {files}")
     checkpoint = newest_checkpoint(arguments.checkpoint)
-    exporting = import_module("safe_inspect.experiments.export.export")  # loads Ray and Torch
-    names = exporting.policies_in(checkpoint)
+    from safe_inspect.experiments.export.export import export_policy, policies_in  # loads Ray and Torch
+
+    names = policies_in(checkpoint)
     policy = arguments.policy
     if policy is None:
         if len(names) > 1:
@@ -50,7 +50,7 @@ def run_export(arguments: argparse.Namespace) -> int:
             )
         policy = names[0]
     output = arguments.output or Path("policy.onnx" if policy == SINGLE else f"{policy}.onnx")
-    done = exporting.export_policy(checkpoint, output, policy, experiment)
+    done = export_policy(checkpoint, output, policy, experiment)
     info, found = done.info, done.difference
     kind = {"gaussian": "means", "categorical": "most likely levels", "greedy": "best levels"}.get(
         info.distribution, "most likely actions"

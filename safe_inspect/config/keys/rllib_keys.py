@@ -177,7 +177,8 @@ DQN_KEYS: dict[str, Key] = {
     "td_error_loss_fn": Key("text", choices=("huber", "mse")),
 }
 
-#: Algorithms with keys of their own in a table here; what is in none is checked when Ray is loaded.
+#: Algorithms with keys of their own in a table here. The values of keys in none are checked when Ray is loaded; their
+#: names are those of `rllib_release`.
 ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS, "SAC": SAC_KEYS, "DQN": DQN_KEYS}
 #: Those whose table is complete, so that a key that is not there is a mistake.
 CLOSED_ALGORITHMS = ("PPO",)

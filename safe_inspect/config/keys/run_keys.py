@@ -148,3 +148,6 @@ RAY_DROPPED: dict[str, str] = {
     "_memory": "it has no effect any more",
     "webui_host": "it has no effect any more; see `dashboard_host`",
 }
+
+#: The figure of an iteration that holds the seconds that the iterations until then have waited for the compiler.
+COMPILING = "compiling_seconds"

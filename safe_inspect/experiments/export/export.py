@@ -25,13 +25,14 @@ from safe_inspect.experiments.export.export_check import (
 )
 from safe_inspect.experiments.export.net_layers import best_of_dqn, mode_of_sac
 from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
+from safe_inspect.experiments.files.checkpoint_folders import configuration_of
+from safe_inspect.experiments.files.checkpoints import MODULES, policy_folder, read_checkpoint
+from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.dqn_policy import DqnPolicy
 from safe_inspect.experiments.modules.policy import trained_policy
-from safe_inspect.experiments.modules.policy_info import policy_info
 from safe_inspect.experiments.modules.sac_policy import SacPolicy
-from safe_inspect.experiments.runs.checkpoint_folders import configuration_of
-from safe_inspect.experiments.runs.checkpoints import MODULES, SINGLE, policy_folder, read_checkpoint
-from safe_inspect.experiments.runs.run_folder import RunFolder
+from safe_inspect.experiments.settings.policies import SINGLE
+from safe_inspect.experiments.settings.policy_info import policy_info
 from safe_inspect.outputs import new_file
 
 _RANDOM_STEPS, _RANDOM_ROWS = 64, 64

@@ -17,8 +17,8 @@ from safe_inspect.experiments.export.export import Exported, portable, write_pol
 from safe_inspect.experiments.export.net_layers import NO_SPREAD, Perceptron
 from safe_inspect.experiments.export.onnx_graph import require_onnx
 from safe_inspect.experiments.modules.dqn_policy import BestChoices
-from safe_inspect.experiments.modules.policy_info import policy_info
-from safe_inspect.experiments.runs.checkpoints import SINGLE
+from safe_inspect.experiments.settings.policies import SINGLE
+from safe_inspect.experiments.settings.policy_info import policy_info
 
 
 def export_perceptron(

@@ -27,15 +27,15 @@ from safe_inspect.evaluation.policy_files.shipped import (
 from safe_inspect.experiments.export.export import Exported, export_policy, policies_in
 from safe_inspect.experiments.export.export import training_record as training_of
 from safe_inspect.experiments.export.model_card import CardData, model_card
-from safe_inspect.experiments.runs.checkpoint_folders import configuration_of, newest_checkpoint
-from safe_inspect.experiments.runs.checkpoints import (
+from safe_inspect.experiments.files.checkpoint_folders import configuration_of, newest_checkpoint
+from safe_inspect.experiments.files.checkpoints import (
     MODULES,
-    SINGLE,
     policy_folder,
     read_checkpoint,
     seal_checkpoint,
     weights_path,
 )
+from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.outputs import new_folder
 from safe_inspect.version import __version__
 

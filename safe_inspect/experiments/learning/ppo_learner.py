@@ -29,12 +29,12 @@ from ray.rllib.utils.metrics import (
     WEIGHTS_SEQ_NO,
 )
 
-from safe_inspect.experiments.adapters.callbacks import set_threads
 from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
 from safe_inspect.experiments.learning.ppo_nets import nets_of, part_of
 from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, joined
-from safe_inspect.experiments.learning.stock_learner import why_not_learned, why_stock_learner
-from safe_inspect.experiments.sampling.distributions import distribution_of_module
+from safe_inspect.experiments.modules.distributions import distribution_of_module
+from safe_inspect.experiments.sampling.callbacks import set_threads
+from safe_inspect.experiments.sampling.capabilities import capabilities
 from safe_inspect.types import AnyArray, IntArray
 
 #: Name in `learner_config_dict` of the number of nets that learn side by side.
@@ -61,7 +61,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         self.why_autograd: dict[str, str] = {}
         if self.config.num_learners:  # in a process of its own
             set_threads(self.config.env_config)
-        self._stock = why_stock_learner(self.config)
+        self._stock = capabilities(self.config).learning
 
     def update(self, *arguments: Any, **keywords: Any) -> Any:
         """Learn from a batch; see RLlib's `Learner.update`."""
@@ -73,13 +73,22 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         reason = self._stock
         if not reason and not arguments and episodes:
             batches = batches_of(episodes, self.should_module_be_updated)
-            reason = next(filter(None, (why_not_learned(self, name) for name in batches)), "")
+            reason = next(filter(None, map(self._why_not_learned, batches)), "")
             if batches and not reason:
                 return self._learn(batches, sum(map(len, episodes)), **keywords)
         if reason and not self._told:
             warnings.warn(f"RLlib's stock learner learns, as {reason}", stacklevel=2)
             self._told = True
         return super().update(*arguments, **keywords)
+
+    def _why_not_learned(self, name: str) -> str:
+        """Return why a policy needs RLlib's learner; empty where it does not."""
+        config = self.config.get_config_for_module(name)
+        optimisers = [optimiser for _, optimiser in self.get_optimizers_for_module(name)]
+        plain = [type(each) for each in optimisers] == [torch.optim.Adam] and len(optimisers[0].param_groups) == 1
+        reason = capabilities(config, self.module[name].unwrapped()).learning
+        reason = reason or ("" if plain else "the policy has another optimiser than Adam")
+        return f"{reason} ({name})" if reason else ""
 
     def _learn(
         self,

@@ -7,16 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import torch
-from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
 
-from safe_inspect.experiments.learning.fast_nets.fast_adam import FastAdam, is_plain
-from safe_inspect.experiments.learning.fast_nets.tanh_net import TanhNet, linear_layers
-from safe_inspect.experiments.learning.fast_nets.tanh_pass import TanhPass
-from safe_inspect.experiments.learning.net_passes import AutogradPass, Outputs, Pass
-
-_PROBE = 16
-_ROUNDING = 1e-5  # of the fast tanh, through some layers
+from safe_inspect.experiments.learning.fast_adam import FastAdam, is_plain
+from safe_inspect.experiments.learning.net_passes import AutogradPass, Outputs, Pass, TanhPass
+from safe_inspect.experiments.modules.plain_layers import TRAINING, PlainLayers, policy_layers, value_layers
+from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers
 
 
 @dataclass(frozen=True)
@@ -51,23 +47,14 @@ def nets_of(module: Any, together: bool = False) -> list[Net]:
     whole = _whole(module)
     if together:
         return [replace(whole, why_autograd="the gradients of policy and value function are clipped together")]
-    try:
-        parts = _parts(module)
-    except AttributeError:
+    found = (policy_layers(module, TRAINING), value_layers(module))
+    if found[0] is None or found[1] is None:
         return [replace(whole, why_autograd="its module is not RLlib's own with an encoder for each net")]
+    parts = [_part(found[0], False), _part(found[1], True)]
     known = [id(parameter) for part in parts for parameter in part.parameters]
     if len(set(known)) < len(known) or set(known) != {id(parameter) for parameter in whole.parameters}:
         return [replace(whole, why_autograd="policy and value function share parameters")]
-    size = int(module.observation_space.shape[0])
-    device = whole.parameters[0].device
-    probe = torch.linspace(-2.0, 2.0, _PROBE * size, device=device).reshape(_PROBE, size)
-    with torch.no_grad():
-        wanted = whole.make_pass(_PROBE).forward(probe)
-        found = (parts[0].make_pass(_PROBE).forward(probe)[0], parts[1].make_pass(_PROBE).forward(probe)[1])
-    pairs = zip(wanted, found, strict=True)
-    if all(a is not None and b is not None and torch.allclose(a, b, 1e-5, _ROUNDING) for a, b in pairs):
-        return parts
-    return [replace(whole, why_autograd="its layers alone give other results than its module")]
+    return parts
 
 
 def _whole(module: Any) -> Net:
@@ -82,27 +69,18 @@ def _whole(module: Any) -> Net:
     return Net(lambda rows: AutogradPass(forward, parameters), parameters)
 
 
-def _parts(module: Any) -> list[Net]:
-    """Return policy and value function of RLlib's own module without its dictionaries about the layers."""
-    ours = DefaultPPOTorchRLModule
-    names = ("forward_train", "_forward_train", "compute_values")
-    if not isinstance(module, ours) or any(getattr(type(module), name) is not getattr(ours, name) for name in names):
-        raise AttributeError("not RLlib's own")
-    encoder = module.encoder
-    return [_part(encoder.actor_encoder, module.pi, False), _part(encoder.critic_encoder, module.vf, True)]
-
-
-def _part(encoder: Any, head: Any, values: bool) -> Net:
-    body = encoder.net.mlp
+def _part(found: PlainLayers, values: bool) -> Net:
+    body: Any = found.body
+    head: Any = found.head
     parameters = [*_learning(body), *_learning(head)]
-    layers = linear_layers(body, head.net.mlp) if hasattr(head, "net") else None
+    layers = linear_layers(body, head.net.mlp) if found.whole else None
     if layers is not None and len(parameters) == 2 * len(layers):
         limit = float(head.log_std_clip_param) if head.clip_log_std else None
         return Net(lambda rows: TanhPass(TanhNet(layers, rows, limit), values), parameters)
 
     def forward(observations: torch.Tensor) -> Outputs:
-        found = head(body(observations))
-        return (None, found.squeeze(-1)) if values else (found, None)
+        outputs = head(body(observations))
+        return (None, outputs.squeeze(-1)) if values else (outputs, None)
 
     return Net(
         lambda rows: AutogradPass(forward, parameters), parameters, "its layers are not linear with tanh between"

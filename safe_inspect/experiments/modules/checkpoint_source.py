@@ -11,8 +11,8 @@ from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policies import Policy
 from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
-from safe_inspect.experiments.modules.weights_file import read_weights
-from safe_inspect.experiments.runs.checkpoints import SEAL, policy_folder
+from safe_inspect.experiments.files.checkpoints import SEAL, policy_folder
+from safe_inspect.experiments.files.weights import read_weights
 
 
 def checkpoint_policies(path: Path, spec: EnvironmentSpec, sampled: bool | None, seed: int) -> dict[str, Policy]:

@@ -18,12 +18,11 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies
+from safe_inspect.experiments.files.weights import INFO, Weights, starting_weights
 from safe_inspect.experiments.modules.dqn_policy import CHOICES, DQN_MODEL_KEYS, DqnPolicy, choices_of
 from safe_inspect.experiments.modules.hurdle import COASTS, HURDLE, HurdleCatalog, TorchHurdle
 from safe_inspect.experiments.modules.sac_policy import TWIN_Q, SacPolicy
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
-from safe_inspect.experiments.modules.starting_weights import starting_weights
-from safe_inspect.experiments.modules.weights_file import INFO, Weights
 
 _HIDDEN_GAIN = math.sqrt(2.0)
 _POLICY_GAIN = 0.01

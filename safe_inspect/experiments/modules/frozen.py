@@ -15,12 +15,12 @@ from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.experiments.files.checkpoints import policy_folder
+from safe_inspect.experiments.files.weights import read_weights
 from safe_inspect.experiments.modules.dqn_policy import CHOICES
 from safe_inspect.experiments.modules.fresh_policy import FreshPolicy
 from safe_inspect.experiments.modules.sac_policy import TWIN_Q
 from safe_inspect.experiments.modules.saved_policy import load_arrays
-from safe_inspect.experiments.modules.weights_file import read_weights
-from safe_inspect.experiments.runs.checkpoints import policy_folder
 from safe_inspect.experiments.settings.policies import PolicySettings, layouts_of
 from safe_inspect.random.action_draws import NO_NOISE
 

@@ -11,8 +11,8 @@ from pyarrow.fs import FileSystem, LocalFileSystem  # type: ignore[import-untype
 from ray.rllib.core.rl_module.rl_module import RLModule
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.modules.weights_file import pack
-from safe_inspect.experiments.runs.checkpoints import WEIGHTS
+from safe_inspect.experiments.files.checkpoints import WEIGHTS
+from safe_inspect.experiments.files.weights import pack
 from safe_inspect.types import AnyArray
 
 

@@ -23,9 +23,9 @@ from safe_inspect.evaluation.policies import BASELINES, baseline
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.results.hashes import sha256
 from safe_inspect.evaluation.rollouts.dispatch import Policies
+from safe_inspect.experiments.files.checkpoint_folders import configuration_of, newest_checkpoint
+from safe_inspect.experiments.files.checkpoints import read_checkpoint
 from safe_inspect.experiments.modules.checkpoint_source import checkpoint_hash, checkpoint_policies
-from safe_inspect.experiments.runs.checkpoint_folders import configuration_of, newest_checkpoint
-from safe_inspect.experiments.runs.checkpoints import read_checkpoint
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
 from safe_inspect.task_ids import ALL_TASKS

@@ -11,6 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
+from safe_inspect.config.keys.run_keys import COMPILING
+
 #: Column of progress.csv, and where RLlib reports it.
 COLUMNS: dict[str, str] = {
     "iteration": "training_iteration",
@@ -32,9 +34,6 @@ COLUMNS: dict[str, str] = {
     "evaluation_inspected_fraction": "evaluation/env_runners/inspected_fraction",
     "evaluation_delta_v": "evaluation/env_runners/delta_v",
 }
-
-#: Name of the seconds that iterations have waited for the compiler.
-COMPILING = "compiling_seconds"
 
 _REWARD = "env_runners/reward/"
 _INTERVENTIONS = "env_runners/interventions"
@@ -82,7 +81,7 @@ def row_of(flat: Mapping[str, float]) -> dict[str, float]:
     return row
 
 
-def agents_of(flat: Mapping[str, float]) -> list[str]:
+def _agents_of(flat: Mapping[str, float]) -> list[str]:
     """Return the names of the agents whose values are reported one by one."""
     return sorted({key.removeprefix(_AGENTS).partition("/")[0] for key in flat if key.startswith(_AGENTS)})
 
@@ -236,7 +235,7 @@ class TrainingProgress:
         """Return the line of an iteration."""
         limit = self._stop.get("training_iteration", math.inf)
         total = f"/{limit:.0f}" if limit < _ENDLESS else ""
-        agents = agents_of(flat)
+        agents = _agents_of(flat)
         points = (
             "env_runners/success_rate" not in flat or "env_runners/inspected_fraction" in flat
         )  # a task may have none to inspect

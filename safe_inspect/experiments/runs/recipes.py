@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.runs.learning_configuration import digest
-from safe_inspect.experiments.runs.run_folder import RunFolder, read_run_record
-from safe_inspect.experiments.runs.trial_parameters import value_text
+from safe_inspect.experiments.files.learning_configuration import digest
+from safe_inspect.experiments.files.run_folder import RunFolder, read_run_record
+from safe_inspect.experiments.files.trial_parameters import value_text
 from safe_inspect.experiments.settings.translation import current_name
 
 _DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
@@ -19,7 +19,7 @@ _OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
 _TOLD = 3  # keys in a label
 
 
-def progress_files(folder: str | os.PathLike[str]) -> list[Path]:
+def _progress_files(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the ``progress.csv`` of a run, or those of its trials where it is a search.
 
     Raises:
@@ -42,7 +42,7 @@ def one_recipe(folder: str | os.PathLike[str]) -> list[Path]:
     Raises:
         SafeInspectError: There is none, or the trials of the search differ in more than their seed.
     """
-    files = progress_files(folder)
+    files = _progress_files(folder)
     recipes = {"": files} if len(files) == 1 else recipes_of([folder])
     if len(recipes) > 1:
         raise SafeInspectError(
@@ -69,7 +69,7 @@ def recipes_of(folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] 
     if labels and len(labels) == len(folders):
         files = [one_recipe(folder) for folder in folders]
         return _together((label, path) for label, paths in zip(labels, files, strict=True) for path in paths)
-    runs = [path for folder in folders for path in progress_files(folder)]
+    runs = [path for folder in folders for path in _progress_files(folder)]
     configurations = [_configuration(path) for path in runs]
     keys = [digest(configuration) for configuration in configurations]
     found = _together(zip(keys, runs, strict=True))

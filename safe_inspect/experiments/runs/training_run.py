@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect import errors
+from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.spec import PolicySpec
-from safe_inspect.experiments.adapters.environment import DEFAULT_MAKER
-from safe_inspect.experiments.modules.weights_file import initial_weights
+from safe_inspect.experiments.files.weights import INFO, initial_weights, starting_weights
+from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.policies import PolicySettings, read_policies
+from safe_inspect.experiments.settings.policy_info import policy_info
 from safe_inspect.experiments.settings.search import Trial, search_problems, searches_of, trials_of
 from safe_inspect.experiments.settings.translation import (
     translate_ray,
@@ -36,7 +38,7 @@ class TrainingRun:
         output: Where run folders are made.
         resume: The folder of an earlier run that is to go on.
         command: The command line, for the record.
-        maker: ``module:function`` that builds the environments, see `environment.make_environment`.
+        maker: ``module:function`` that builds the environments, see `EnvironmentMaker`; the package's own unless given.
         policies: The policies of the agents that act from outside; needed for several agents only.
     """
 
@@ -128,3 +130,26 @@ def _unreadable_weights(path: str, settings: Mapping[str, Any]) -> list[errors.P
     except errors.CheckpointError as error:
         return [errors.Problem(str(error), f"{path}.model_config.initial_weights")]
     return []
+
+
+def unfit_weights(experiment: Experiment, settings: Settings) -> list[errors.Problem]:
+    """Return what is wrong with the weights with which the policies are to begin.
+
+    Args:
+        experiment: The experiment.
+        settings: From `read_settings`, without problems.
+    """
+    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
+    common, problems = settings.trials[0].rllib.settings.get("model_config", {}), []
+    for name, policy in experiment.policies.items():
+        own = settings.policies[name].settings.get("model_config", {}) if name in settings.policies else {}
+        source = {**common, **own}.get("initial_weights")
+        if source is None or not policy.trains:
+            continue
+        info = policy_info(experiment, name, [agent for agent in agents if agent.name in policy.agents])
+        try:
+            starting_weights(source, {INFO: info.metadata()})
+        except errors.CheckpointError as error:
+            where = f"policies.{name}" if name in settings.policies else "rllib_configs"
+            problems.append(errors.Problem(str(error), f"{where}.model_config.initial_weights"))
+    return problems

@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from safe_inspect.errors import CheckpointError, OutputError
-from safe_inspect.experiments.runs import run_folder
-from safe_inspect.experiments.runs.checkpoints import find_newest
-from safe_inspect.experiments.runs.learning_configuration import learning_configuration
-from safe_inspect.experiments.runs.run_folder import RunFolder
-from safe_inspect.experiments.runs.training_log import read_progress
-from safe_inspect.experiments.runs.trial_parameters import (
+from safe_inspect.experiments.files import run_folder
+from safe_inspect.experiments.files.checkpoints import find_newest
+from safe_inspect.experiments.files.learning_configuration import learning_configuration
+from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.files.trial_parameters import (
     parameters_text,
     read_parameters,
     trial_folders,
     value_text,
     write_parameters,
 )
+from safe_inspect.experiments.runs.training_log import read_progress
 from safe_inspect.experiments.settings.search import Trial, experiment_of
 
 if TYPE_CHECKING:

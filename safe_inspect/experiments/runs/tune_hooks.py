@@ -16,13 +16,13 @@ from typing import Any, TextIO
 
 from ray import tune
 
-from safe_inspect.experiments.runs.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.files.run_folder import RunFolder, copy_attempt, read_run_record
+from safe_inspect.experiments.files.trial_parameters import parameters_text, read_parameters
 from safe_inspect.experiments.runs.progress import Heartbeat, TrainingProgress, flatten
-from safe_inspect.experiments.runs.run_folder import RunFolder, copy_attempt, read_run_record
+from safe_inspect.experiments.runs.search_space import TRIAL_KEY
 from safe_inspect.experiments.runs.training_log import TrainingLog
-from safe_inspect.experiments.runs.trial_parameters import parameters_text, read_parameters
 from safe_inspect.experiments.settings.search import trial_folder_name
-from safe_inspect.experiments.settings.search_space import TRIAL_KEY
 from safe_inspect.interrupts import Interrupted, handled
 
 _monitor: Monitor | None = None
@@ -145,12 +145,12 @@ class RunCallback(tune.Callback):
     def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **_: Any) -> None:
         """Pass on that a trial starts."""
         if _monitor is not None:
-            _monitor.on_start(trial_name(trial))
+            _monitor.on_start(_trial_name(trial))
 
     def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
         """Pass on an iteration."""
         if _monitor is not None:
-            _monitor.on_result(trial_name(trial), result)
+            _monitor.on_result(_trial_name(trial), result)
 
     def on_checkpoint(self, iteration: int, trials: list[Any], trial: Any, checkpoint: Any, **_: Any) -> None:
         """Pass on a checkpoint that is complete."""
@@ -176,7 +176,7 @@ def folder_name(trial: Any) -> str:
     return f"trial_{str(trial.trial_id).rpartition('_')[2]}" if number is None else trial_folder_name(number)
 
 
-def trial_name(trial: Any) -> str:
+def _trial_name(trial: Any) -> str:
     """Return the name of a trial, which it keeps when a scheduler gives it the configuration of another one."""
     return trial.storage.trial_dir_name or folder_name(trial)
 

@@ -14,25 +14,15 @@ from ray.exceptions import RayActorError
 
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
-from safe_inspect.experiments.adapters import environment
-from safe_inspect.experiments.adapters.algorithm import build_config, claimed_processors, environment_settings
-from safe_inspect.experiments.adapters.objects import (
-    callbacks_of,
-    check_objects,
-    figure_of,
-    mode_of,
-    ranking,
-    scheduler_of,
-    suggestions_of,
-)
-from safe_inspect.experiments.adapters.registration import register_environments
-from safe_inspect.experiments.adapters.suggestions import making
+from safe_inspect.experiments.files import run_folder
+from safe_inspect.experiments.files.checkpoints import Checkpoint
+from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.files.trial_parameters import parameters_text
+from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
 from safe_inspect.experiments.modules.frozen import check_frozen
-from safe_inspect.experiments.runs import cluster, run_folder
-from safe_inspect.experiments.runs.checkpoints import Checkpoint
+from safe_inspect.experiments.runs import cluster
 from safe_inspect.experiments.runs.progress import flatten
-from safe_inspect.experiments.runs.run_folder import RunFolder
-from safe_inspect.experiments.runs.trial_parameters import parameters_text
+from safe_inspect.experiments.runs.search_space import making, search_space
 from safe_inspect.experiments.runs.trials import write_trial
 from safe_inspect.experiments.runs.tune_hooks import (
     Monitor,
@@ -42,9 +32,19 @@ from safe_inspect.experiments.runs.tune_hooks import (
     monitored,
     read_failure,
 )
+from safe_inspect.experiments.runs.tune_objects import (
+    callbacks_of,
+    check_objects,
+    figure_of,
+    mode_of,
+    ranking,
+    scheduler_of,
+    suggestions_of,
+)
+from safe_inspect.experiments.sampling import environment
+from safe_inspect.experiments.settings.environments import environment_settings
 from safe_inspect.experiments.settings.policies import check_layouts
 from safe_inspect.experiments.settings.search import Trial, experiment_of, searches_of, trial_of
-from safe_inspect.experiments.settings.search_space import search_space
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig

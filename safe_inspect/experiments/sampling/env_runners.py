@@ -2,7 +2,7 @@
 
 RLlib's own runners (here: stock) keep a Python object for each environment and pass every step through connectors.
 These keep arrays, and make RLlib's episodes of them when they are asked for a sample. What they cannot do they leave to
-the runner from which they are derived: see `safe_inspect.experiments.sampling.stock`.
+the runner from which they are derived: see `safe_inspect.experiments.sampling.capabilities`.
 """
 
 from __future__ import annotations
@@ -11,26 +11,61 @@ import warnings
 from functools import partial
 from typing import Any
 
+from gymnasium import spaces as gym_spaces
 from ray.rllib.callbacks.utils import make_callback
 from ray.rllib.core import DEFAULT_MODULE_ID
 from ray.rllib.env.env_context import EnvContext
 from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
 from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
-from safe_inspect.experiments.adapters.callbacks import log_reports, set_threads
-from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, seed_of
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.experiments.sampling.callbacks import log_reports, set_threads
+from safe_inspect.experiments.sampling.capabilities import capabilities
 from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
+from safe_inspect.experiments.sampling.environment import Reported, build_team, first_slot, seed_of
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
-from safe_inspect.experiments.sampling.policy_net import PolicyNet, why_not_served
+from safe_inspect.experiments.sampling.policy_net import PolicyNet
 from safe_inspect.experiments.sampling.rollout import Rollout
 from safe_inspect.experiments.sampling.runner_metrics import log_episodes, log_steps
-from safe_inspect.experiments.sampling.sampler import Sampler, agent_slots, agents_by_policy
-from safe_inspect.experiments.sampling.stock import why_stock
-from safe_inspect.experiments.sampling.team_spaces import TeamSpaces
+from safe_inspect.experiments.sampling.sampler import AgentSlot, Sampler, agent_slots, agents_by_policy
 
 #: Name of the task's part of a runner's state.
 TASK = "task"
+
+
+class TeamSpaces:
+    """Stands where RLlib expects an environment: it knows the spaces, and holds the batch.
+
+    Args:
+        team: The environments.
+        slots: Its agents that act from outside.
+        several: Whether RLlib sees several agents.
+    """
+
+    def __init__(self, team: TeamEnvironment, slots: tuple[AgentSlot, ...], several: bool) -> None:
+        self.team = team
+        self.num_envs = team.num_envs
+        groups = [team.acting[slot.group] for slot in slots]
+        self.by_agent = {
+            slot.agent: (box(group.observation_layout), action_space(group.action_layout))
+            for slot, group in zip(slots, groups, strict=True)
+        }
+        observation, action = (
+            gym_spaces.Dict({agent: pair[index] for agent, pair in self.by_agent.items()}) for index in (0, 1)
+        )
+        only = slots[0].agent
+        self.single_observation_space = self.observation_space = observation if several else observation[only]
+        self.single_action_space = self.action_space = action if several else action[only]
+
+    @property
+    def unwrapped(self) -> TeamSpaces:
+        """The same: nothing is wrapped."""
+        return self
+
+    def close(self) -> None:
+        """Nothing is to be closed."""
 
 
 class _Batched:
@@ -49,7 +84,7 @@ class _Batched:
 
     def make_env(self) -> None:
         """Build the environments in the slots of this runner."""
-        self._stock = self._stock or why_stock(self.config)
+        self._stock = self._stock or capabilities(self.config).sampling
         if self._stock:
             warnings.warn(f"the stock runner samples, as {self._stock}", stacklevel=2)
             super().make_env()  # type: ignore[misc]
@@ -84,7 +119,7 @@ class _Batched:
         if self.env is None or self._stock or self.module is None:
             return
         for policy in agents_by_policy(self.agent_slots):
-            self._stock = self._stock or why_not_served(self._module_of(policy))
+            self._stock = self._stock or capabilities(self.config, self._module_of(policy)).sampling
         if self._stock:
             self.env = None
             self.make_env()

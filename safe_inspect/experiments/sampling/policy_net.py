@@ -7,18 +7,17 @@ from typing import Any
 
 import numpy as np
 import torch
-from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
 
-from safe_inspect.experiments.learning.fast_nets.tanh_net import TanhNet, linear_layers
-from safe_inspect.experiments.sampling.distributions import distribution_of_module
+from safe_inspect.experiments.modules.distributions import distribution_of_module
+from safe_inspect.experiments.modules.plain_layers import SAMPLING, PlainLayers, policy_layers
+from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers
 from safe_inspect.types import AnyArray
 
 #: The results of the matrix products of fewer rows depend on their number, in the last bit.
 LEAST_ROWS = 16
 
 _VECTOR = 16  # float32 numbers, at most
-_ROUNDING = 1e-5  # of the fast tanh, through some layers
 
 
 class PolicyNet:
@@ -65,45 +64,21 @@ class PolicyNet:
         return found
 
     def _plain_layers(self) -> Callable[[torch.Tensor], torch.Tensor] | None:
-        """Return the policy's layers without RLlib's dictionaries about them, which cost as much as the layers.
-
-        None when the module is not RLlib's own, or when its layers do not give what the module gives.
-        """
-        module = self._module
-        ours = DefaultPPOTorchRLModule
-        names = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
-        if not isinstance(module, ours) or any(
-            getattr(type(module), name) is not getattr(ours, name) for name in names
-        ):
+        """Return the policy's layers without RLlib's dictionaries; None where its class does not declare them."""
+        found = policy_layers(self._module, SAMPLING)
+        if found is None:
             return None
-        try:
-            encoder = module.encoder
-            layers = getattr(encoder, "encoder" if hasattr(encoder, "encoder") else "actor_encoder").net.mlp
-            head = module.pi
-            quick = _quick(module, layers, len(self._batch)) if self._remote is None else None
-            forward = quick or (lambda batch: head(layers(batch)))
-            probe = torch.linspace(-2.0, 2.0, self._batch.numel(), device=self._device).reshape(self._batch.shape)
-            with torch.no_grad():
-                agrees = torch.allclose(forward(probe), self._ask(probe, True, 0), _ROUNDING, _ROUNDING)
-        except (AttributeError, RuntimeError, TypeError):
-            return None
-        return forward if agrees else None
+        quick = _quick(found, len(self._batch)) if self._remote is None else None
+        return quick or (lambda batch: found.head(found.body(batch)))
 
 
-def _quick(module: Any, body: Any, rows: int) -> Callable[[torch.Tensor], torch.Tensor] | None:
+def _quick(found: PlainLayers, rows: int) -> Callable[[torch.Tensor], torch.Tensor] | None:
     """Return the policy's net with the tanh that the learner has; None when there is another activation.
 
     The widths must be whole vectors of the processor: then each number goes the same way, wherever its row stands.
     """
-    head = module.pi
-    layers = linear_layers(body, head.net.mlp)
+    head: Any = found.head
+    layers = linear_layers(found.body, head.net.mlp) if found.whole else None
     if layers is None or any(layer.out_features % _VECTOR for layer in layers[:-1]):
         return None
     return TanhNet(layers, rows, float(head.log_std_clip_param) if head.clip_log_std else None).forward
-
-
-def why_not_served(module: Any) -> str:
-    """Return why the batched runner cannot sample with a module; empty when it can."""
-    if module.is_stateful():
-        return "its policy is recurrent"
-    return "its policy's actions are neither Gaussian nor categorical" if distribution_of_module(module) is None else ""

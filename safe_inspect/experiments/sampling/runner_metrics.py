@@ -22,7 +22,7 @@ from ray.rllib.utils.metrics import (
     NUM_MODULE_STEPS_SAMPLED_LIFETIME,
 )
 
-from safe_inspect.experiments.adapters.callbacks import window_of
+from safe_inspect.experiments.sampling.callbacks import window_of
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.rollout import Rollout
 from safe_inspect.experiments.sampling.sampler import AgentSlot, agents_by_policy

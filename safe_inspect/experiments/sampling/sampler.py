@@ -13,7 +13,7 @@ from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.sampling.distributions import distribution_of
+from safe_inspect.experiments.modules.distributions import distribution_of
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.experiments.sampling.policy_net import PolicyNet
 from safe_inspect.experiments.sampling.rollout import Rollout

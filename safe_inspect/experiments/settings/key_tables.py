@@ -33,7 +33,21 @@ class TranslatedSettings:
 
 @dataclass(frozen=True)
 class KeyTables:
-    """What is known about the keys of one mapping."""
+    """What is known about the keys of one mapping.
+
+    Attributes:
+        known: The keys whose values are checked here.
+        renamed: Old names.
+        dropped: Names without effect, with the reason.
+        only_at: Names that are harmless at some values only, with these and the reason.
+        reserved: Names that cannot be set, with the reason.
+        prefixes: The same by how names begin.
+        parts: The same by a part of the name.
+        spellings: Other spellings.
+        open: Whether there are more keys, whose values only the loaded Ray can check.
+        names: Names of these; None: every name, where only the loaded Ray knows them.
+        searchable: Whether values may be searched.
+    """
 
     known: Mapping[str, Key]
     renamed: Mapping[str, str]
@@ -44,6 +58,7 @@ class KeyTables:
     parts: Mapping[str, str] = field(default_factory=dict)
     spellings: Mapping[str, str] = field(default_factory=dict)
     open: bool = False
+    names: frozenset[str] | None = None
     searchable: bool = False
 
 
@@ -79,11 +94,11 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             reason = _refusal(name, tables)
             if reason:
                 problems.append(Problem(f"`{given}` cannot be set here: {reason}", where))
-            elif tables.open and name.isidentifier():
+            elif tables.open and (name.isidentifier() if tables.names is None else name in tables.names):
                 settings[name] = value
                 unchecked.append(name)
             else:
-                names = [*tables.known, *tables.renamed]
+                names = [*tables.known, *tables.renamed, *(tables.names or ())]
                 problems.append(Problem(f"there is no key `{given}`", where, hint=key_hint(str(given), names)))
             continue
         if name in source:

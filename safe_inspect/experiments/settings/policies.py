@@ -14,6 +14,9 @@ from safe_inspect.environments.layout import Layout
 from safe_inspect.errors import Problem
 from safe_inspect.experiments.settings.translation import translate_policy
 
+#: What RLlib calls the policy of a single agent.
+SINGLE = "default_policy"
+
 
 @dataclass(frozen=True)
 class PolicySettings:

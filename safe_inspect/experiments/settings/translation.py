@@ -13,10 +13,10 @@ from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.config.keys.other_words import key_hint
 from safe_inspect.config.keys.rllib_keys import Key
+from safe_inspect.config.keys.rllib_release import keys_of_release
 from safe_inspect.errors import Problem, did_you_mean
+from safe_inspect.experiments.settings.capabilities import choose_fast_paths
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
-from safe_inspect.experiments.settings.learner_choice import choose_learner
-from safe_inspect.experiments.settings.runner_choice import choose_runner
 from safe_inspect.experiments.settings.values import EVAL, check_value, is_searched, named_values, resolved_by_tune
 
 _MODEL = KeyTables(
@@ -41,12 +41,8 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
     settings["model_config"] = {**keys.MODEL_DEFAULTS, **found.settings.get("model_config", {})}
     if not problems:
         problems += _fit_batch(settings, found.given)
-    notes = list(found.notes)
-    for choose in (choose_runner, choose_learner):
-        more_notes, more_problems = choose(settings)
-        notes += more_notes
-        problems += more_problems
-    return TranslatedSettings(settings, tuple(notes), tuple(problems), found.unchecked, found.given)
+    notes, wrong = choose_fast_paths(settings)
+    return TranslatedSettings(settings, (*found.notes, *notes), (*problems, *wrong), found.unchecked, found.given)
 
 
 def current_name(given: str) -> str:
@@ -151,6 +147,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         old_keys.RESERVED_PARTS,
         old_keys.SPELLINGS,
         open=algorithm not in keys.CLOSED_ALGORITHMS,
+        names=keys_of_release(algorithm),
         searchable=not nested,
     )
     found = translate_keys(mapping, path, tables)

@@ -18,7 +18,7 @@ from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.facades.flat_actions import flat_space, from_flat
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, require_steps
+from safe_inspect.experiments.sampling.environment import Reported, build_team, first_slot, require_steps
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.types import AnyArray, BoolArray
 

@@ -5,21 +5,29 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
+
+from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
+from ray.rllib.callbacks.callbacks import RLlibCallback
+from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
+from ray.tune.registry import get_trainable_cls, register_env
 
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
 from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS
-from safe_inspect.experiments.adapters.registration import ENVIRONMENT
-from safe_inspect.experiments.adapters.rllib_objects import own_module, set_connectors, set_replay_buffer
-from safe_inspect.experiments.modules.policy_info import policy_texts
-from safe_inspect.experiments.runs.checkpoints import SINGLE
+from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
+from safe_inspect.experiments.learning.rllib_objects import own_module, set_connectors, set_replay_buffer
+from safe_inspect.experiments.modules.fresh_policy import policy_spec
+from safe_inspect.experiments.modules.frozen import frozen_spec
+from safe_inspect.experiments.sampling.callbacks import RunCallbacks
+from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
+from safe_inspect.experiments.sampling.multi_agent_env import TeamMultiAgentEnv
+from safe_inspect.experiments.sampling.training_env import TrainingEnv
+from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
-from safe_inspect.experiments.settings.policies import PolicySettings
+from safe_inspect.experiments.settings.policies import SINGLE, PolicySettings
+from safe_inspect.experiments.settings.policy_info import policy_texts
 from safe_inspect.plugins.registry import import_user_module
-
-if TYPE_CHECKING:
-    from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 
 #: Attribute of `AlgorithmConfig` for a key whose name is another.
 ATTRIBUTES = {"lambda": "lambda_"}
@@ -38,6 +46,9 @@ _OWN = (
     "module_to_env_connector",
     "learner_connector",
 )
+#: The name under which RLlib knows the environment, in checkpoints too.
+ENVIRONMENT = "safe_inspect"
+
 _UNSET = -1  # RLlib's mark of a removed attribute
 
 
@@ -70,8 +81,6 @@ def build_config(
         ConfigError: A key that the algorithm does not have, or values that it refuses together.
         CheckpointError: A policy's checkpoint that cannot be read.
     """
-    from safe_inspect.experiments.adapters.callbacks import RunCallbacks
-
     settings = rllib.settings
     texts = {} if any(map(settings.get, CHANGING_KEYS)) else policy_texts(env_config, policies or {})
     _check_decisions(settings, texts)
@@ -91,12 +100,8 @@ def build_config(
     config.callbacks(callbacks_class=[RunCallbacks, *_own_callbacks(settings.get("callbacks") or ())])
     _set_policies(config, settings, policies or {}, texts)
     if settings["env_runner"] == "batched":
-        from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
-
         config.env_runners(env_runner_cls=BatchedTeamRunner if policies else BatchedEnvRunner)
     if settings["learner"] == "fast":
-        from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
-
         own = {THREADS: settings["learner_threads"], **config.learner_config_dict}
         config.training(learner_class=FastPPOLearner, learner_config_dict=own)
     evaluation = settings.get("evaluation_config")
@@ -132,8 +137,6 @@ def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:
     Raises:
         ConfigError: There is no such class, or it is no `RLlibCallback`.
     """
-    from ray.rllib.callbacks.callbacks import RLlibCallback
-
     found, problems = [], []
     for name in names:
         module, _, attribute = name.rpartition(".")
@@ -157,24 +160,21 @@ def claimed_processors(config: AlgorithmConfig) -> float:
     return float(sum(bundle.get("CPU", 0.0) for bundle in request.bundles))
 
 
-def environment_settings(experiment: Mapping[str, Any], rllib: Mapping[str, Any], **more: Any) -> dict[str, Any]:
-    """Return what RLlib hands to the environments: the resolved configuration, the seed, and the run's own.
+def register_environments(maker: str = DEFAULT_MAKER) -> None:
+    """Tell RLlib how to create the environment; needed in each process that builds or restores an algorithm."""
 
-    The configuration is JSON text, as Tune would resolve a `grid_search` within a mapping once more.
-    """
-    return {
-        "experiment": json.dumps(experiment),
-        "seed": int(rllib.get("seed") or 0),
-        "torch_num_threads": rllib["torch_num_threads"],
-        **more,
-    }
+    def create(config: Mapping[str, Any]) -> Any:
+        """Create what RLlib's stock runner takes; the batched runner builds its environments itself."""
+        rest = {"maker": maker} | {key: value for key, value in config.items() if key != "num_envs"}
+        if rest.get("several"):
+            return TeamMultiAgentEnv(rest)
+        return TrainingEnv(rest, int(config.get("num_envs", 1)))
+
+    register_env(ENVIRONMENT, create)
 
 
 def default_config(algorithm: str) -> AlgorithmConfig:
     """Return RLlib's own defaults of an algorithm, on the current API stack."""
-    import ray.rllib  # registers its algorithms with Tune  # noqa: F401
-    from ray.tune.registry import get_trainable_cls
-
     trainable: Any = get_trainable_cls(algorithm)  # type: ignore[no-untyped-call]
     config: AlgorithmConfig = trainable.get_default_config()
     return config
@@ -219,10 +219,6 @@ def _set_policies(
     texts: Mapping[str, Mapping[str, str]],
 ) -> None:
     """Tell RLlib which policies there are, which agents they fly and what each has of its own."""
-    from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
-
-    from safe_inspect.experiments.modules.fresh_policy import policy_spec
-
     model, algorithm = settings["model_config"], settings["algorithm"]
     entry = settings.get("rl_module")
     if not policies:
@@ -235,8 +231,6 @@ def _set_policies(
             own = {**model, **policy.settings.get("model_config", {})}
             specs[name] = own_module(entry, own) if entry else policy_spec(own, algorithm, texts.get(name))
         else:
-            from safe_inspect.experiments.modules.frozen import frozen_spec
-
             specs[name] = frozen_spec(policy)
     config.rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=specs))
     overrides = {

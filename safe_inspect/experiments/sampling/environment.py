@@ -6,7 +6,6 @@ and its number within the slot, so it does not matter which runner flies it.
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -17,21 +16,14 @@ from safe_inspect.environments.finite_checks import CRASH_FOLDER_VARIABLE
 from safe_inspect.environments.registration import build_spec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.experiments.settings.environments import DEFAULT_MAKER, experiment_in
+from safe_inspect.plugins.registry import import_user_module
 
 #: Builds the environments from the resolved configuration, the number, the seed and the first slot.
 EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], TeamEnvironment]
 
-#: The maker of this package's own environments.
-DEFAULT_MAKER = "safe_inspect.experiments.adapters.environment:make_environment"
 
-
-def experiment_in(config: Mapping[str, Any]) -> Any:
-    """Return the resolved experiment of RLlib's environment configuration, which holds it as text."""
-    experiment = config["experiment"]
-    return json.loads(experiment) if isinstance(experiment, str) else experiment
-
-
-def make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> TeamEnvironment:
+def _make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> TeamEnvironment:
     """Build the environments of a resolved configuration."""
     return TeamEnvironment(build_spec(experiment), num_envs, seed=seed, first_slot=first_slot)
 
@@ -48,10 +40,10 @@ def require_steps(team: TeamEnvironment) -> None:
         )
 
 
-def find_maker(path: str) -> EnvironmentMaker:
+def _find_maker(path: str) -> EnvironmentMaker:
     """Return the function that ``module:function`` names."""
     module, _, function = path.partition(":")
-    maker: EnvironmentMaker = getattr(importlib.import_module(module), function)
+    maker: EnvironmentMaker = getattr(import_user_module(module), function)
     return maker
 
 
@@ -89,12 +81,13 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
     """Build the environments of a runner.
 
     Args:
-        config: RLlib's environment configuration, see `environment_settings` in `algorithm`.
+        config: RLlib's environment configuration, see `environment_settings`.
         num_envs: Number of environments.
         slot: Global index of the first environment slot.
         evaluation: Whether they serve the evaluation.
     """
-    maker = find_maker(config.get("maker", DEFAULT_MAKER))
+    path = config.get("maker", DEFAULT_MAKER)
+    maker = _find_maker(path) if path else _make_environment
     experiment = experiment_in(config)
     with Reported(config):
         return maker(experiment, num_envs, seed_of(config, evaluation), slot)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, did_you_mean
-from safe_inspect.experiments.runs.trial_parameters import PARAMETERS, parameters_text, read_parameters
+from safe_inspect.experiments.files.trial_parameters import PARAMETERS, parameters_text, read_parameters
 from safe_inspect.outputs import new_file
 
 SEAL = "safe_inspect.json"
@@ -26,9 +26,6 @@ MODULES = Path("learner_group", "learner", "rl_module")
 #: The weights of a policy in its folder, see `weights_file`. RLlib's own files beside it are pickles, which may run any
 #: code when they are loaded: only a run that is resumed reads them.
 WEIGHTS = "policy.safetensors"
-
-#: What RLlib calls the policy of a single agent.
-SINGLE = "default_policy"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ray.rllib.utils import replay_buffers
 
 from safe_inspect.config.keys.rllib_keys import FRESH_KEYS
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
-from safe_inspect.experiments.adapters.objects import built, mistake, named
+from safe_inspect.experiments.settings.objects import built, mistake, named
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, OutputError
-from safe_inspect.experiments.runs.learning_configuration import changed_values, digest, policy_agents, short_text
+from safe_inspect.experiments.files.learning_configuration import changed_values, digest, policy_agents, short_text
 from safe_inspect.outputs import exclusive, new_file
 from safe_inspect.version import __version__
 

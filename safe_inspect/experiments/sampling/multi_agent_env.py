@@ -11,7 +11,7 @@ from ray.rllib.env.multi_agent_env import MultiAgentEnv
 from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.facades.flat_actions import flat_space, from_flat
 from safe_inspect.environments.facades.spaces import action_space, box
-from safe_inspect.experiments.adapters.environment import Reported, build_team, first_slot, require_steps
+from safe_inspect.experiments.sampling.environment import Reported, build_team, first_slot, require_steps
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.experiments.sampling.sampler import AgentSlot, agent_slots
 from safe_inspect.types import AnyArray

@@ -10,9 +10,8 @@ from ray import tune
 from ray.tune.schedulers import TrialScheduler
 from ray.tune.search import Searcher
 
-from safe_inspect.errors import ConfigError, Problem, RegistryError
-from safe_inspect.experiments.adapters.suggestions import Suggestions
-from safe_inspect.plugins.registry import import_user_module
+from safe_inspect.experiments.runs.search_space import Suggestions
+from safe_inspect.experiments.settings.objects import built, mistake
 
 #: What a scheduler ranks trials by, unless the configuration says otherwise.
 METRIC = "env_runners/episode_return_mean"
@@ -125,44 +124,3 @@ class _Setup:
             self._setup(*args, **keywords)
         except Exception as error:  # the logger's author has classes of errors of his own
             raise mistake(f"{self._functor} cannot begin: {error}", self._where) from error
-
-
-def built(value: Any, where: str) -> Any:
-    """Return a value of a configuration with an object in the place of every `{functor: ..., config: {...}}`.
-
-    Raises:
-        ConfigError: There is no such class, or it refuses its `config`.
-    """
-    if isinstance(value, list):
-        return [built(item, where) for item in value]
-    if not isinstance(value, Mapping):
-        return value
-    if "functor" not in value or set(value) - {"functor", "config"}:
-        return {key: built(item, where) for key, item in value.items()}
-    maker = named(str(value["functor"]), where)
-    config = built(value.get("config") or {}, where)
-    try:
-        return maker(**config)
-    except Exception as error:  # the maker is the user's or Ray's, and says in its own way what it does not take
-        raise mistake(f"{value['functor']} refuses its `config`: {error}", where) from error
-
-
-def named(path: str, where: str) -> Callable[..., Any]:
-    """Return what a dotted path names.
-
-    Raises:
-        ConfigError: There is no such class or function.
-    """
-    module, _, attribute = path.rpartition(".")
-    try:
-        maker = getattr(import_user_module(module), attribute, None)
-    except RegistryError as error:
-        raise mistake(str(error), where) from error
-    if not callable(maker):
-        raise mistake(f"module {module!r} has no {attribute!r}", where)
-    return cast(Callable[..., Any], maker)
-
-
-def mistake(message: str, where: str) -> ConfigError:
-    """Return the error of an object that a key names."""
-    return ConfigError(Problem(message, where))

@@ -9,9 +9,9 @@ from typing import Any
 from ray.rllib.callbacks.callbacks import RLlibCallback
 
 from safe_inspect.compiling import compiling_seconds
-from safe_inspect.experiments.adapters.training_env import TrainingEnv
-from safe_inspect.experiments.runs.progress import COMPILING
+from safe_inspect.config.keys.run_keys import COMPILING
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
+from safe_inspect.experiments.sampling.training_env import TrainingEnv
 
 #: Values of an episode that RLlib logs by itself, under other names.
 LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})

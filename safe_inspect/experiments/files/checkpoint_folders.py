@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.runs.checkpoints import SEAL, find_newest
-from safe_inspect.experiments.runs.run_folder import RunFolder
+from safe_inspect.experiments.files.checkpoints import SEAL, find_newest
+from safe_inspect.experiments.files.run_folder import RunFolder
 
 
 def newest_checkpoint(path: str | os.PathLike[str]) -> Path:

@@ -1,1 +1,0 @@
-"""The environments as RLlib takes them, and the algorithm's configuration."""

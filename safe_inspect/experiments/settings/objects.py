@@ -1,0 +1,50 @@
+"""Objects that an experiment names by dotted paths, such as `{functor: module.Class, config: {...}}`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+from safe_inspect.errors import ConfigError, Problem, RegistryError
+from safe_inspect.plugins.registry import import_user_module
+
+
+def built(value: Any, where: str) -> Any:
+    """Return a value of a configuration with an object in the place of every `{functor: ..., config: {...}}`.
+
+    Raises:
+        ConfigError: There is no such class, or it refuses its `config`.
+    """
+    if isinstance(value, list):
+        return [built(item, where) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    if "functor" not in value or set(value) - {"functor", "config"}:
+        return {key: built(item, where) for key, item in value.items()}
+    maker = named(str(value["functor"]), where)
+    config = built(value.get("config") or {}, where)
+    try:
+        return maker(**config)
+    except Exception as error:  # the maker is the user's or Ray's, and says in its own way what it does not take
+        raise mistake(f"{value['functor']} refuses its `config`: {error}", where) from error
+
+
+def named(path: str, where: str) -> Callable[..., Any]:
+    """Return what a dotted path names.
+
+    Raises:
+        ConfigError: There is no such class or function.
+    """
+    module, _, attribute = path.rpartition(".")
+    try:
+        maker = getattr(import_user_module(module), attribute, None)
+    except RegistryError as error:
+        raise mistake(str(error), where) from error
+    if not callable(maker):
+        raise mistake(f"module {module!r} has no {attribute!r}", where)
+    return cast(Callable[..., Any], maker)
+
+
+def mistake(message: str, where: str) -> ConfigError:
+    """Return the error of an object that a key names."""
+    return ConfigError(Problem(message, where))
