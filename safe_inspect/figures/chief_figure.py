@@ -9,7 +9,7 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line, deputy_marker
-from safe_inspect.geometry.picture import BLACK, GREY, VERMILION, VIEW, picture_axes
+from safe_inspect.geometry.picture import BLACK, FRONT, GREY, VERMILION, Camera, circle
 from safe_inspect.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -33,13 +33,6 @@ def clock(episode: Trajectory) -> tuple[float, str]:
 def radius_of(episode: Trajectory) -> float:
     """Return the radius of the sphere of points [m]."""
     return float(np.sqrt(np.square(episode.points).sum(axis=-1)).max(initial=0.0))
-
-
-def towards() -> FloatArray:
-    """Return the unit vector from the chief to the reader."""
-    elevation, azimuth = np.radians(VIEW["elev"]), np.radians(VIEW["azim"])
-    horizontal = np.cos(elevation)
-    return np.array([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)])
 
 
 def reach_of(episode: Trajectory) -> float:
@@ -67,13 +60,10 @@ def draw_chief(figure: Figure, episode: Trajectory) -> None:
     radius = radius_of(episode)
     seen = np.isfinite(episode.inspected_at)
     several = len(episode.deputies) > 1
-    for column, sight in enumerate((towards(), -towards())):
+    for column, camera in enumerate((FRONT, Camera.along(-FRONT.sight))):
         axes: Any = figure.add_axes((0.02 + 0.175 * column, 0.03, 0.17, 0.235))
-        right, up = picture_axes(sight)
-        front = episode.points @ sight > 0.0
-        flat = np.stack((episode.points @ right, episode.points @ up), axis=-1)
-        angle = np.linspace(0.0, 2.0 * np.pi, 181)
-        axes.fill(radius * np.cos(angle), radius * np.sin(angle), facecolor="#F2F2F2", edgecolor=GREY, linewidth=0.7)
+        front, flat = episode.points @ camera.sight > 0.0, camera.flat(episode.points)
+        axes.fill(*circle(radius, 181).T, facecolor="#F2F2F2", edgecolor=GREY, linewidth=0.7)
         (_by_inspector if several else _by_time)(axes, episode, flat, front & seen)
         missed = flat[front & ~seen]
         axes.scatter(

@@ -10,11 +10,23 @@ from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.figures.camera import Moment, moment
 from safe_inspect.figures.chief_figure import clock, radius_of, reach_of
 from safe_inspect.figures.drawing import deputy_line, style
-from safe_inspect.figures.film_views import ApproachView, ChiefView, SideView, circle
+from safe_inspect.figures.film_views import ApproachView, ChiefView, SideView
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.scene import ring_radii
-from safe_inspect.geometry.picture import BLACK, DAY, GREY, NIGHT, ORANGE, PALE, VIEW, Camera
-from safe_inspect.types import FloatArray
+from safe_inspect.geometry.picture import (
+    BLACK,
+    DAY,
+    GREY,
+    NIGHT,
+    ORANGE,
+    PALE,
+    VIEW,
+    Camera,
+    circle,
+    pieces,
+    ring,
+    sun_arrow,
+)
 
 _DPI = 100
 
@@ -126,15 +138,13 @@ class Film(Pictures):
         now, turned = moment(self.episode, share * float(self.episode.time[-1])), share * self._turn
         episode, radius = self.episode, self._radius
         front = Camera.at(VIEW["elev"], VIEW["azim"] + turned)
-        angle = np.linspace(0.0, 2.0 * np.pi, 181)
         left = np.radians(VIEW["azim"] + turned - 84.0)
-        for ring, line, label in zip(self._ring, self._rings, self._labels, strict=True):
-            round_way = ring * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
-            line.set_data(*front.flat(round_way).T)
-            label.set_position(front.flat(ring * np.array([np.cos(left), np.sin(left), 0.0])).tolist())
+        for reach, line, label in zip(self._ring, self._rings, self._labels, strict=True):
+            line.set_data(*front.flat(ring(reach)).T)
+            label.set_position(front.flat(reach * np.array([np.cos(left), np.sin(left), 0.0])).tolist())
         if self._inspects and now.sun is not None:
             outer = self._ring[-1]
-            self._sun.set_data(*front.flat(_arrow(now.sun, outer)).T)
+            self._sun.set_data(*front.flat(sun_arrow(now.sun, outer)).T)
             self._sun_label.set_position(front.flat(1.13 * outer * now.sun).tolist())
             self._day.set_xy(front.day(now.sun, radius))
         for index, (line_behind, line_front, dot) in enumerate(self._ways):
@@ -142,9 +152,7 @@ class Film(Pictures):
             hidden = front.hidden(way, radius)
             flat = front.flat(way)
             for line, which in ((line_behind, hidden), (line_front, ~hidden)):
-                shown = which.copy()
-                shown[1:] |= which[:-1]  # the pieces meet
-                line.set_data(*np.where(shown[:, None], flat, np.nan).T)
+                line.set_data(*pieces(flat, which).T)
             dot.set_data(*flat[-1:].T)
             dot.set_zorder(2.6 if hidden[-1] else 5)
         self._side.show(now, front)
@@ -170,11 +178,3 @@ class Film(Pictures):
                 line.set_data(time, np.append(episode.range[: now.row + 1, index], far[index]))
         for index, line in enumerate(self._panels[1]):
             line.set_data(time, np.append(episode.delta_v[: now.row + 1, index], now.delta_v[index]))
-
-
-def _arrow(direction: FloatArray, ring: float) -> FloatArray:
-    """Return the corners of an arrow towards the sun that ends at the outer ring, shape (5, 3)."""
-    tail, tip = direction * 0.7 * ring, direction * ring
-    aside = np.array([-direction[1], direction[0], 0.0])
-    barbs = [tip - 0.09 * ring * direction + side * 0.05 * ring * aside for side in (1.0, -1.0)]
-    return np.stack((tail, tip, barbs[0], tip, barbs[1]))

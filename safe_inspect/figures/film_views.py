@@ -11,8 +11,7 @@ from safe_inspect.figures.camera import Moment
 from safe_inspect.figures.chief_figure import radius_of
 from safe_inspect.figures.drawing import deputy_line
 from safe_inspect.figures.time_panels import speed_limit_of
-from safe_inspect.geometry.picture import BLACK, DARK, DAY, GREY, LIT, NIGHT, PALE, Camera
-from safe_inspect.types import FloatArray
+from safe_inspect.geometry.picture import BLACK, DARK, DAY, GREY, LIT, NIGHT, PALE, Camera, circle
 
 _NEAREST = 0.1  # m: ranges are drawn from here on
 
@@ -70,7 +69,7 @@ class ChiefView:
 
     def show(self, now: Moment, front: Camera) -> None:
         """Draw the chief at a moment."""
-        for camera, (day, waiting, lit, owners) in zip((front, Camera(-front.sight)), self._sides, strict=True):
+        for camera, (day, waiting, lit, owners) in zip((front, Camera.along(-front.sight)), self._sides, strict=True):
             if now.sun is not None:
                 day.set_xy(camera.day(now.sun, self._radius))
             flat, near = camera.flat(now.points), now.points @ camera.sight > 0.0
@@ -114,9 +113,3 @@ class ApproachView:
             far, fast = self._range[: now.row + 1, index], self._episode.speed[: now.row + 1, index]
             line.set_data(far, fast)
             dot.set_data(far[-1:], fast[-1:])
-
-
-def circle(radius: float) -> FloatArray:
-    """Return the corners of a circle about the origin, shape (91, 2)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 91)
-    return radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)

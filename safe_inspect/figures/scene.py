@@ -7,9 +7,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from safe_inspect.evaluation.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import point_colours, radius_of, reach_of, time_norm, towards
+from safe_inspect.figures.chief_figure import point_colours, radius_of, reach_of, time_norm
 from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line
-from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, VERMILION, VIEW, picture_axes
+from safe_inspect.geometry.picture import (
+    BLACK,
+    FRONT,
+    GREY,
+    ORANGE,
+    PALE,
+    VERMILION,
+    VIEW,
+    pieces,
+    ring,
+    sun_arrow,
+)
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
@@ -75,30 +86,23 @@ def _label_azimuth(episode: Trajectory) -> float:
     """Return the azimuth at the side of the rings [rad] where their labels are farthest from the sun's arrows."""
     offsets = np.array([-84.0, 84.0, -112.0, 112.0, -60.0, 60.0])
     azimuths = np.radians(VIEW["azim"] + offsets)
-    right, up = picture_axes(towards())
-
-    def flat(directions: FloatArray) -> FloatArray:
-        return np.stack(((directions * right).sum(axis=-1), (directions * up).sum(axis=-1)), axis=-1)
-
-    places = flat(np.stack((np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)), axis=-1))
+    places = FRONT.flat(np.stack((np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)), axis=-1))
     sun = episode.sun_direction
     if sun is None:
         return float(azimuths[0])
-    arrows = np.concatenate([share * flat(sun[[0, -1]]) for share in (0.65, 0.8, 1.0)])
+    arrows = np.concatenate([share * FRONT.flat(sun[[0, -1]]) for share in (0.65, 0.8, 1.0)])
     apart = np.sqrt(np.square(places[:, None] - arrows).sum(axis=-1)).min(axis=1)
     return float(azimuths[int(np.argmax(apart > 0.35))] if (apart > 0.35).any() else azimuths[int(np.argmax(apart))])
 
 
 def _draw_rings(axes: Any, rings: list[float], radius: float, azimuth: float) -> None:
-    angle = np.linspace(0.0, _TURN, 361)
-    for index, ring in enumerate(rings):
-        circle = ring * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
-        _draw_line(axes, circle, radius, color=PALE, linewidth=0.9)
+    for index, reach in enumerate(rings):
+        _draw_line(axes, ring(reach, 361), radius, color=PALE, linewidth=0.9)
         if len(rings) > 2 and index < len(rings) - 1:
             continue  # their labels would touch each other, or the ways
-        place = ring * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        place = reach * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         axes.text(
-            *place, f"{ring:g} m", color=GREY, fontsize=7, ha="center", va="center", zorder=2,
+            *place, f"{reach:g} m", color=GREY, fontsize=7, ha="center", va="center", zorder=2,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
         )  # fmt: skip
 
@@ -109,7 +113,7 @@ def _draw_chief(axes: Any, episode: Trajectory) -> None:
     longitude, latitude = np.meshgrid(np.linspace(0.0, _TURN, 37), np.linspace(-np.pi / 2.0, np.pi / 2.0, 19))
     x, y = radius * np.cos(latitude) * np.cos(longitude), radius * np.cos(latitude) * np.sin(longitude)
     axes.plot_surface(x, y, radius * np.sin(latitude), color="#D8D8D8", linewidth=0, antialiased=False, zorder=2)
-    front, seen = episode.points @ towards() > 0.0, np.isfinite(episode.inspected_at)
+    front, seen = episode.points @ FRONT.sight > 0.0, np.isfinite(episode.inspected_at)
     dots: Any = {"depthshade": False, "linewidths": 0, "zorder": 2, "s": 5.0}
     if len(episode.deputies) == 1:
         shown = front & seen
@@ -123,17 +127,10 @@ def _draw_chief(axes: Any, episode: Trajectory) -> None:
 
 def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = None, **kwargs: Any) -> None:
     """Draw a line; what the chief hides lies behind it (Matplotlib sorts whole lines only)."""
-    sight = towards()
-    depth = way @ sight
-    off_axis = np.square(way - depth[:, None] * sight).sum(axis=-1)
-    hidden = (depth < 0.0) & (off_axis < radius * radius)
+    hidden = FRONT.hidden(way, radius)
     for order, which in ((1, hidden), (3, ~hidden)):
-        shown = which.copy()
-        shown[1:] |= which[:-1]  # the pieces meet
-        axes.plot(
-            *np.where(shown[:, None], way, np.nan).T, zorder=order - (kwargs["color"] == PALE), **kwargs,
-            label=label if order == 3 else None,
-        )  # fmt: skip
+        place = order - (kwargs["color"] == PALE)
+        axes.plot(*pieces(way, which).T, zorder=place, label=label if order == 3 else None, **kwargs)
 
 
 def largest_burns(episode: Trajectory, deputy: int, most: int = _MOST_BURNS) -> np.ndarray[Any, np.dtype[np.int64]]:
@@ -178,7 +175,7 @@ def _draw_cameras(axes: Any, episode: Trajectory, ring: float) -> None:
     for deputy in range(len(episode.deputies)):
         shown = steps[episode.range[steps, deputy] <= 1.2 * ring]
         foot, look = episode.position[shown, deputy], episode.boresight[shown, deputy]
-        across = np.cross(look, towards())  # the cone's outline, about as it is seen
+        across = np.cross(look, FRONT.sight)  # the cone's outline, about as it is seen
         across /= np.maximum(np.sqrt(np.square(across).sum(axis=-1, keepdims=True)), 1e-9)
         for turn, width in ((0.0, 0.9), (half, 0.5), (-half, 0.5)):
             tip = foot + 0.12 * ring * (np.cos(turn) * look + np.sin(turn) * across)
@@ -187,18 +184,15 @@ def _draw_cameras(axes: Any, episode: Trajectory, ring: float) -> None:
     axes.plot([], [], [], color=GREY, linewidth=0.9, label="camera")
 
 
-def _draw_sun(axes: Any, episode: Trajectory, sun: FloatArray, ring: float) -> None:
+def _draw_sun(axes: Any, episode: Trajectory, sun: FloatArray, outer: float) -> None:
     """Draw an arrow from the chief towards the sun at the start and at the end, and the sun's way between them."""
     for row, dashes, label in ((0, "-", "sun at the start"), (-1, (0, (2, 1.5)), "at the end")):
-        direction = sun[row]
-        tail, tip = direction * 0.62 * ring, direction * 1.0 * ring
+        arrow = sun_arrow(sun[row], outer).T
         look: Any = {"color": ORANGE, "linewidth": 1.8, "zorder": 4}
-        axes.plot(*np.stack((tail, tip), axis=-1), linestyle=dashes, label=label, **look)
-        aside = np.array([-direction[1], direction[0], 0.0])
-        barbs = [tip - 0.08 * ring * direction + side * 0.045 * ring * aside for side in (1.0, -1.0)]
-        axes.plot(*np.stack((barbs[0], tip, barbs[1]), axis=-1), **look)
+        axes.plot(*arrow[:, :2], linestyle=dashes, label=label, **look)
+        axes.plot(*arrow[:, 2:], **look)
     turned = np.abs(episode.sun_angle - episode.sun_angle[0])[:, None]  # the turns lie side by side
-    axes.plot(*(sun * ring * (1.0 + 0.035 * turned / _TURN)).T, color=ORANGE, linewidth=0.8, zorder=2)
+    axes.plot(*(sun * outer * (1.0 + 0.035 * turned / _TURN)).T, color=ORANGE, linewidth=0.8, zorder=2)
 
 
 def ring_radii(reach: float) -> list[float]:

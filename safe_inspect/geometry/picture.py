@@ -1,4 +1,4 @@
-"""Plain projections for pictures, and the colours that all pictures share."""
+"""What all pictures share: colours, the camera, and the shapes of a scene about a body."""
 
 from __future__ import annotations
 
@@ -18,36 +18,43 @@ NIGHT, DAY, LIT, DARK = "#B4BAC4", "#FFF1C4", "#FFFFFF", "#4B5563"
 VIEW = {"elev": 22.0, "azim": -52.0}
 
 
-def picture_axes(sight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the unit vectors to the right and up for a reader towards whom `sight` points."""
-    right = np.cross((0.0, 0.0, 1.0), sight)
-    right /= np.sqrt(np.square(right).sum())
-    return right, np.cross(sight, right)
-
-
 @dataclass(frozen=True)
 class Camera:
-    """An orthographic camera that looks at the chief.
+    """An orthographic camera that looks at the origin: the directions of a picture.
 
     Attributes:
-        sight: Unit vector from the chief to the camera, shape (3,).
+        right: Unit vector to the right, shape (3,).
+        up: Unit vector up, shape (3,).
+        sight: Unit vector from the origin to the camera, shape (3,).
     """
 
+    right: FloatArray
+    up: FloatArray
     sight: FloatArray
 
     @classmethod
+    def along(cls, sight: FloatArray) -> Camera:
+        """Return the camera towards which a unit vector points, shape (3,), with the third axis up."""
+        right = np.cross((0.0, 0.0, 1.0), sight)
+        right /= np.sqrt(np.square(right).sum())
+        return cls(right, np.cross(sight, right), sight)
+
+    @classmethod
     def at(cls, elevation: float, azimuth: float) -> Camera:
-        """Return the camera at an elevation over the orbital plane and an azimuth from the radial axis [degrees]."""
+        """Return the camera at an elevation over the first two axes and an azimuth from the first one [degrees]."""
         up, around = np.radians(elevation), np.radians(azimuth)
-        return cls(np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]))
+        return cls.along(np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]))
+
+    def turned(self, rotation: FloatArray) -> Camera:
+        """Return the camera in a frame whose coordinates a rotation, shape (3, 3), takes to those of this one."""
+        return Camera(self.right @ rotation, self.up @ rotation, self.sight @ rotation)
 
     def flat(self, points: FloatArray) -> FloatArray:
         """Return where points lie in the picture, to the right and up [m], shape (..., 2)."""
-        right, up = picture_axes(self.sight)
-        return np.stack(((points * right).sum(axis=-1), (points * up).sum(axis=-1)), axis=-1)
+        return np.stack((points @ self.right, points @ self.up), axis=-1)
 
     def hidden(self, points: FloatArray, radius: float) -> BoolArray:
-        """Return which points lie behind the chief, shape (...,)."""
+        """Return which points lie behind a sphere about the origin, shape (...,)."""
         across = np.square(self.flat(points)).sum(axis=-1)
         return np.asarray(((points * self.sight).sum(axis=-1) < 0.0) & (across < radius * radius))
 
@@ -68,3 +75,42 @@ class Camera:
         depth = float((sun * self.sight).sum())  # the terminator is an ellipse with this half axis
         terminator = -depth * np.cos(angle) * along + np.sin(angle) * across
         return np.asarray(radius * np.concatenate((limb, terminator[::-1])))
+
+
+#: The camera of scenes about a chief.
+FRONT = Camera.at(VIEW["elev"], VIEW["azim"])
+
+
+def circle(radius: float, corners: int = 91) -> FloatArray:
+    """Return the outline of a sphere in a picture, about the origin [m], shape (corners, 2)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, corners)
+    return radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+
+
+def ring(radius: float, corners: int = 181) -> FloatArray:
+    """Return a ring of equal range in the plane of the first two axes [m], shape (corners, 3)."""
+    return np.concatenate((circle(radius, corners), np.zeros((corners, 1))), axis=-1)
+
+
+def sun_arrow(sun: FloatArray, radius: float) -> FloatArray:
+    """Return an arrow towards the sun that ends at a radius: its tail, its tip, and its barbs about the tip, (5, 3).
+
+    Args:
+        sun: Unit vector to the sun, shape (3,).
+        radius: Distance of the tip from the origin [m].
+    """
+    tip, aside = radius * sun, np.array([-sun[1], sun[0], 0.0])
+    barbs = [tip - radius * (0.09 * sun - side * 0.05 * aside) for side in (1.0, -1.0)]
+    return np.stack((0.7 * tip, tip, barbs[0], tip, barbs[1]))
+
+
+def pieces(way: FloatArray, shown: BoolArray) -> FloatArray:
+    """Return a line with NaN for what is not shown; pieces go on to the next point, so that they meet.
+
+    Args:
+        way: Points of the line, shape (K, n).
+        shown: Which of them are shown, shape (K,).
+    """
+    joined = shown.copy()
+    joined[1:] |= shown[:-1]
+    return np.where(joined[:, None], way, np.nan)

@@ -10,7 +10,7 @@ from safe_inspect.errors import ArgumentError
 from safe_inspect.evaluation import Flight, rollout
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.task import default_metrics
-from safe_inspect.policies import RandomThrust, ZeroThrust
+from safe_inspect.policies import NaturalMotionInspector, RandomThrust, ZeroThrust
 
 FIGURES = ("returns", "length", "status", "inspected_fraction", "delta_v")
 
@@ -27,6 +27,19 @@ def test_the_episodes_do_not_depend_on_the_size_of_the_batch(spec):
         assert (one.slot, one.status) == (other.slot, other.status)
         for name in ("time", "position", "velocity", "control", "delta_v", "sun_angle", "inspected_at"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+@pytest.mark.parametrize("policy", [RandomThrust(), NaturalMotionInspector()])
+def test_a_scripted_policy_flies_on_alike_when_half_of_a_batch_has_ended(policy, monkeypatch):
+    spec = load_spec("safe_inspect/TranslationalInspectionSeed-v0", ["horizon=700"])
+    sizes, step = set(), TeamEnvironment.step
+    monkeypatch.setattr(TeamEnvironment, "step", lambda self, actions: sizes.add(self.num_envs) or step(self, actions))
+    metrics = default_metrics(spec)
+    shrinking, whole = (rollout(spec, policy, 34, 5, size, metrics=metrics) for size in (34, 16))
+    assert {34, 32, 16} <= sizes
+    wanted, found = (Evaluation.of("", episodes).columns() for episodes in (whole, shrinking))
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
 def test_fewer_episodes_are_the_first_of_more(spec):

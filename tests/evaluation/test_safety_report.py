@@ -7,7 +7,7 @@ import pytest
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import ConfigError
-from safe_inspect.evaluation.safety.report import safety_report
+from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.safety_figures import safety_figure
 from safe_inspect.rta.audit.adversaries import ADVERSARIES

@@ -9,8 +9,9 @@ from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data, mission_page
 from safe_inspect.figures.rendezvous.mission_panels import outcome_of, plan_clearance, tracking_error
 from safe_inspect.figures.rendezvous.mission_scene import ribbon, target_solid
-from safe_inspect.figures.rendezvous.solid import Projection, Solid, best_view
+from safe_inspect.figures.rendezvous.solid import Solid, best_view
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.geometry.picture import Camera
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.record import MissionRecord
 
@@ -54,7 +55,7 @@ def test_boxes_hide_what_is_behind_them() -> None:
     turned = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     boxes = OrientedBoxes(np.array([[0.2, 0.0, 0.1]]), np.array([[0.5, 0.2, 0.1]]), turned[None])
     solid = Solid.of(boxes, 0.1)
-    view = Projection.at(20.0, 40.0)
+    view = Camera.at(20.0, 40.0)
     rng = np.random.default_rng(0)
     points = rng.uniform(-1.5, 1.5, (400, 3))
     # A point is hidden where a step towards the reader is inside the box.
@@ -71,12 +72,12 @@ def test_the_patches_cover_the_boxes_and_those_in_front_come_last() -> None:
     sides = solid.patches[:, 1] - solid.patches[:, 0], solid.patches[:, 3] - solid.patches[:, 0]
     assert np.linalg.norm(np.cross(*sides), axis=1).sum() == pytest.approx(2 * (0.4 + 0.2 + 0.08))
     np.testing.assert_allclose(np.abs(boxes.distance(solid.patches.reshape(-1, 3))), 0.0, atol=1e-12)
-    corners, brightness = solid.seen_patches(Projection.at(90.0 - 1e-9, 0.0))
+    corners, brightness = solid.seen_patches(Camera.at(90.0 - 1e-9, 0.0))
     assert len(corners) == (solid.normals[:, 2] > 0.5).sum()
     assert (brightness <= 1.0).all()
     # Nine of twelve edges of a box are seen from a corner.
-    seen = solid.seen_edges(Projection.at(35.0, 40.0))
-    hidden = solid.hides(solid.edges.mean(axis=1), Projection.at(35.0, 40.0).sight)
+    seen = solid.seen_edges(Camera.at(35.0, 40.0))
+    hidden = solid.hides(solid.edges.mean(axis=1), Camera.at(35.0, 40.0).sight)
     lengths = np.linalg.norm(solid.edges[:, 1] - solid.edges[:, 0], axis=1)
     assert len(seen) == (~hidden).sum()
     assert lengths[hidden].sum() == pytest.approx(1.0 + 0.4 + 0.2)
@@ -84,7 +85,7 @@ def test_the_patches_cover_the_boxes_and_those_in_front_come_last() -> None:
 
 def test_the_tube_is_as_wide_as_its_box() -> None:
     path = np.linspace([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 11)
-    above = Projection(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    above = Camera(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
     outline = ribbon(path, np.full(11, 0.05), above)
     np.testing.assert_allclose(np.abs(outline[:, 1]), 0.05)
     c = np.sqrt(0.5)

@@ -10,7 +10,7 @@ from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import ConfigError
-from safe_inspect.evaluation.safety.report import safety_report
+from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.rta import RTAGlueCWHDocking3d
 from safe_inspect.rta.filters.speed_limit import SpeedLimitFilter
 

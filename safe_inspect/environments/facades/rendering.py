@@ -14,14 +14,16 @@ from safe_inspect.geometry.picture import (
     BLACK,
     DAY,
     DEPUTY_COLOURS,
+    FRONT,
     GREEN,
     GREY,
     NIGHT,
     ORANGE,
     PALE,
     VERMILION,
-    VIEW,
-    Camera,
+    circle,
+    ring,
+    sun_arrow,
 )
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -30,7 +32,7 @@ RENDER_FPS = 25
 RENDER_MODES = ("rgb_array", "human")
 
 _SIZE, _FINE = 480, 2  # pixels; drawn at twice the size and averaged, so that lines are smooth
-_ANGLE = np.linspace(0.0, 2.0 * np.pi, 73)
+_CORNERS = 73  # of circles and rings
 
 
 def checked_mode(render_mode: str | None) -> str | None:
@@ -66,7 +68,6 @@ class Rendering:
         self._body = next(iter(points), None)
         self._points = points[self._body].points if self._body is not None else np.zeros((0, 3))
         self._radius = float(np.sqrt(np.square(self._points).sum(axis=-1)).max(initial=0.0))
-        self._camera = Camera.at(VIEW["elev"], VIEW["azim"])
         self._ways: list[list[FloatArray]] = [[] for _ in range(environment.num_envs)]
 
     def begin(self, rows: IntArray | None = None) -> None:
@@ -115,24 +116,24 @@ class Rendering:
 
     def _draw(self, draw: Any, row: int) -> None:
         way = np.stack(self._ways[row])
-        ring = _ring(float(np.sqrt(np.square(way).sum(axis=-1)).max()))
-        middle, scale = _SIZE * _FINE / 2.0, _SIZE * _FINE / 2.3 / ring
-
-        def flat(points: FloatArray) -> list[tuple[float, float]]:
-            return [(middle + scale * x, middle - scale * y) for x, y in self._camera.flat(points).tolist()]
+        reach = _round_radius(float(np.sqrt(np.square(way).sum(axis=-1)).max()))
+        middle, scale = _SIZE * _FINE / 2.0, _SIZE * _FINE / 2.3 / reach
 
         def outline(corners: FloatArray) -> list[tuple[float, float]]:
             return [(middle + scale * x, middle - scale * y) for x, y in corners.tolist()]
 
+        def flat(points: FloatArray) -> list[tuple[float, float]]:
+            return outline(FRONT.flat(points))
+
         state = self._environment.state
-        for radius in (0.5 * ring, ring):
-            circle = radius * np.stack((np.cos(_ANGLE), np.sin(_ANGLE), 0.0 * _ANGLE), axis=-1)
-            draw.line(flat(circle), fill=PALE, width=_FINE)
-            draw.text(flat(circle)[56], f"{radius:g} m", fill=GREY, font_size=11 * _FINE, anchor="mm")
-        hidden = self._camera.hidden(way, self._radius)
+        for radius in (0.5 * reach, reach):
+            places = flat(ring(radius, _CORNERS))
+            draw.line(places, fill=PALE, width=_FINE)
+            draw.text(places[56], f"{radius:g} m", fill=GREY, font_size=11 * _FINE, anchor="mm")
+        hidden = FRONT.hidden(way, self._radius)
         for behind in (True, False):
             if not behind:
-                self._draw_chief(draw, row, outline, flat, ring)
+                self._draw_chief(draw, row, outline, flat, reach)
             for deputy in range(self._deputies):
                 colour = DEPUTY_COLOURS[deputy % len(DEPUTY_COLOURS)]
                 places = flat(way[:, deputy])
@@ -142,24 +143,22 @@ class Rendering:
                     thrust = state["control"][row, deputy, :3] if len(way) > 1 else np.zeros(3)
                     size = float(np.sqrt(np.square(thrust).sum()))
                     if size:
-                        tip = way[-1, deputy] + 0.15 * ring * thrust / size
+                        tip = way[-1, deputy] + 0.15 * reach * thrust / size
                         draw.line([places[-1], *flat(tip[None])], fill=BLACK, width=2 * _FINE)
                     _dot(draw, places[-1], 5.0, colour)
         self._write(draw, row)
 
-    def _draw_chief(self, draw: Any, row: int, outline: Any, flat: Any, ring: float) -> None:
+    def _draw_chief(self, draw: Any, row: int, outline: Any, flat: Any, reach: float) -> None:
         state = self._environment.state
-        radius = self._radius or 0.02 * ring
-        draw.polygon(outline(radius * np.stack((np.cos(_ANGLE), np.sin(_ANGLE)), axis=-1)), fill=NIGHT, outline=GREY)
+        radius = self._radius or 0.02 * reach
+        draw.polygon(outline(circle(radius, _CORNERS)), fill=NIGHT, outline=GREY)
         if "sun_direction" in state.arrays:
             sun = state["sun_direction"][row]
-            draw.polygon(outline(self._camera.day(sun, radius)), fill=DAY)
-            tail, tip = flat(ring * np.stack((0.8 * sun, sun)))
-            draw.line([tail, tip], fill=ORANGE, width=3 * _FINE)
-            _dot(draw, tip, 7.0, ORANGE)
+            draw.polygon(outline(FRONT.day(sun, radius)), fill=DAY)
+            draw.line(flat(sun_arrow(sun, reach)), fill=ORANGE, width=3 * _FINE)
         if self._body is not None:
             seen = state.points[self._body].inspector[row] >= 0
-            front = self._points @ self._camera.sight > 0.0
+            front = self._points @ FRONT.sight > 0.0
             for place, inspected in zip(flat(self._points[front]), seen[front].tolist(), strict=True):
                 _dot(draw, place, 2.0, GREEN if inspected else VERMILION)
 
@@ -255,7 +254,7 @@ class Window:
             self._root = None
 
 
-def _ring(reach: float) -> float:
+def _round_radius(reach: float) -> float:
     """Return a round radius of at least 1.1 times the reach [m]; it grows by a quarter, so that the scale stays."""
     power = 10.0 ** np.floor(np.log10(max(1.1 * reach, 1e-3)))
     sizes = power * np.array([1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0])

@@ -22,8 +22,8 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     target_solid,
 )
 from safe_inspect.figures.rendezvous.polhode import draw_polhode
-from safe_inspect.figures.rendezvous.solid import Projection, best_view
-from safe_inspect.geometry.picture import BLACK, GREY
+from safe_inspect.figures.rendezvous.solid import best_view
+from safe_inspect.geometry.picture import BLACK, GREY, Camera
 from safe_inspect.rendezvous.record import MissionRecord
 from safe_inspect.rendezvous.summary import nominal_path
 
@@ -94,7 +94,7 @@ def _draw_scene(figure: Figure, record: MissionRecord, first: int, in_target: bo
     axes.set_title("in the target's principal axes T" if in_target else "in W, the target as at the end", pad=2.0)
 
 
-def _draw_axes(axes: Any, view: Projection, names: str) -> None:
+def _draw_axes(axes: Any, view: Camera, names: str) -> None:
     """Draw the directions of the frame and a scale in a corner."""
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()

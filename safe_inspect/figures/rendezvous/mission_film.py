@@ -18,8 +18,8 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     show_extent,
     target_solid,
 )
-from safe_inspect.figures.rendezvous.solid import Projection, best_view
-from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE
+from safe_inspect.figures.rendezvous.solid import best_view
+from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.record import MissionRecord
 from safe_inspect.rendezvous.summary import nominal_path
@@ -126,7 +126,7 @@ class MissionFilm(Pictures):
         )
         return SceneArtists(axes, self.record)
 
-    def _view_at(self, in_target: bool, turn: float) -> Projection:
+    def _view_at(self, in_target: bool, turn: float) -> Camera:
         """Return a view after the camera has gone round by an angle [degrees]."""
         view, angle = self._view_in_target if in_target else self._view, np.radians(turn)
         c, s = np.cos(angle), np.sin(angle)

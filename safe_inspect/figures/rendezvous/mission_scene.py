@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.figures.rendezvous.solid import Projection, Solid
+from safe_inspect.figures.rendezvous.solid import Solid
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION
+from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION, Camera
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.record import MissionRecord
@@ -49,7 +49,7 @@ def camera_cone(record: MissionRecord) -> FloatArray:
     return np.asarray(record.config.chaser.camera_position + _CONE * radius * corners @ R_BC.T)
 
 
-def ribbon(path: FloatArray, width: FloatArray, view: Projection, to_axes: FloatArray | None = None) -> FloatArray:
+def ribbon(path: FloatArray, width: FloatArray, view: Camera, to_axes: FloatArray | None = None) -> FloatArray:
     """Return the outline of a tube in the picture [m], shape (2 K, 2).
 
     A box of half width h has the half width ``h |n|_1`` across a picture's direction n.
@@ -131,14 +131,14 @@ class SceneArtists:
             [], [], linestyle="", marker="*", markersize=11, color=MATING, markeredgecolor="white", zorder=7.0
         )[0]
 
-    def show_target(self, view: Projection, rotation: FloatArray) -> None:
+    def show_target(self, view: Camera, rotation: FloatArray) -> None:
         """Draw the target and its mating point; the rotation takes T to the picture's frame."""
         own = view.turned(rotation)
         _paint(self._faces, self._edges, self._target, own, np.zeros(2), _TARGET_INK)
         self._mark.set_data(*own.flat(self._mating_point[None]).T)
         self._mark.set_alpha(0.35 if self._target.hides(self._mating_point, own.sight) else 1.0)
 
-    def show_path(self, name: str, path: FloatArray, view: Projection, rotation: FloatArray) -> None:
+    def show_path(self, name: str, path: FloatArray, view: Camera, rotation: FloatArray) -> None:
         """Draw a path, shape (K, 3), with what the target hides of it: ``before``, ``plan`` or ``flight``."""
         hidden = self._target.hides(path @ rotation, view.sight @ rotation)
         flat = view.flat(path)
@@ -149,9 +149,7 @@ class SceneArtists:
         """Draw the outline of the tube, shape (n, 2)."""
         self._tube.set_xy(outline if len(outline) > 2 else np.zeros((3, 2)))
 
-    def show_chaser(
-        self, position: FloatArray, rotation_to_body: FloatArray, view: Projection, target: FloatArray
-    ) -> None:
+    def show_chaser(self, position: FloatArray, rotation_to_body: FloatArray, view: Camera, target: FloatArray) -> None:
         """Draw the chaser, its sphere, and the cone of its camera.
 
         Args:
@@ -171,7 +169,7 @@ class SceneArtists:
             artist.set_zorder((2.5 if behind else 6.0) + 0.1 * k)
 
 
-def _paint(faces: Any, edges: Any, solid: Solid, view: Projection, place: FloatArray, ink: FloatArray) -> None:
+def _paint(faces: Any, edges: Any, solid: Solid, view: Camera, place: FloatArray, ink: FloatArray) -> None:
     corners, brightness = solid.seen_patches(view)
     colours = np.clip(brightness[:, None] * ink, 0.0, 1.0)
     faces.set_verts(list(corners + place))

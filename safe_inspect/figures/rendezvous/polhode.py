@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.figures.rendezvous.mission_scene import FLIGHT
-from safe_inspect.figures.rendezvous.solid import Projection
-from safe_inspect.geometry.picture import GREY
+from safe_inspect.geometry.picture import GREY, Camera
 from safe_inspect.types import FloatArray
 
 _CURVE_INK = "#C4C4C4"
 _POLHODES = 5  # on each side of the separatrix, for comparison
-POLHODE_VIEW = Projection.at(24.0, -58.0)
+POLHODE_VIEW = Camera.at(24.0, -58.0)
 
 
 def draw_polhode(axes: Any, rate: FloatArray, moments: FloatArray) -> None:
@@ -75,7 +74,7 @@ def _polhodes(moments: FloatArray, energy: float) -> list[FloatArray]:
     return curves
 
 
-def draw_front(axes: Any, curve: FloatArray, view: Projection, moments: FloatArray, **look: Any) -> None:
+def draw_front(axes: Any, curve: FloatArray, view: Camera, moments: FloatArray, **look: Any) -> None:
     """Draw a curve on the ellipsoid; what is on its far side is thin and dotted."""
     front = (curve * moments) @ view.sight >= 0.0
     flat = view.flat(curve)

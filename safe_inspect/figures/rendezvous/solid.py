@@ -7,42 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.geometry.picture import picture_axes
+from safe_inspect.geometry.picture import Camera
 from safe_inspect.types import BoolArray, FloatArray
 
 #: Most patches along an edge of a face.
 _MOST_PATCHES = 24
 #: Share of the light that reaches a face which is turned away from it.
 _SHADE = 0.58
-
-
-class Projection(NamedTuple):
-    """The directions of a picture; orthographic.
-
-    Attributes:
-        right: Unit vector to the right, shape (3,).
-        up: Unit vector up, shape (3,).
-        sight: Unit vector to the reader, shape (3,).
-    """
-
-    right: FloatArray
-    up: FloatArray
-    sight: FloatArray
-
-    @classmethod
-    def at(cls, elevation: float, azimuth: float) -> Projection:
-        """Return the view from an elevation and an azimuth [degrees]."""
-        up, around = np.radians(elevation), np.radians(azimuth)
-        sight = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
-        return cls(*picture_axes(sight), sight)
-
-    def turned(self, rotation: FloatArray) -> Projection:
-        """Return the view in a frame whose coordinates a rotation, shape (3, 3), takes to those of this one."""
-        return Projection(self.right @ rotation, self.up @ rotation, self.sight @ rotation)
-
-    def flat(self, points: FloatArray) -> FloatArray:
-        """Return where points lie in the picture, to the right and up [m], shape (..., 2)."""
-        return np.stack((points @ self.right, points @ self.up), axis=-1)
 
 
 class Solid(NamedTuple):
@@ -91,7 +62,7 @@ class Solid(NamedTuple):
         tiny = 1e-3 * boxes.half_size.max()
         return np.asarray(((far > np.maximum(near, 0.0) + tiny) & (far > tiny)).any(axis=-1))
 
-    def seen_patches(self, view: Projection) -> tuple[FloatArray, FloatArray]:
+    def seen_patches(self, view: Camera) -> tuple[FloatArray, FloatArray]:
         """Return the patches that face the reader, the farthest first.
 
         Returns:
@@ -103,7 +74,7 @@ class Solid(NamedTuple):
         bright = np.clip(self.normals[order] @ (light / np.linalg.norm(light)), 0.0, 1.0)
         return view.flat(self.patches[order]), _SHADE + (1.0 - _SHADE) * bright
 
-    def seen_edges(self, view: Projection) -> FloatArray:
+    def seen_edges(self, view: Camera) -> FloatArray:
         """Return the pieces of the edges that are not hidden, in the picture [m], shape (n, 2, 2)."""
         return view.flat(self.edges[~self.hides(self.edges.mean(axis=1), view.sight)])
 
@@ -121,7 +92,7 @@ def _face(half: FloatArray, axis: int, side: float, counts: FloatArray) -> Float
     return patches.reshape(-1, 4, 3)
 
 
-def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Projection:
+def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Camera:
     """Return the view in which most of a path is seen, and its end beside the origin, from slightly above.
 
     Args:
@@ -130,9 +101,9 @@ def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Projectio
         rotation: Takes the solid's coordinates to the path's, shape (3, 3).
     """
 
-    def seen(view: Projection) -> float:
+    def seen(view: Camera) -> float:
         lengths = np.linalg.norm(np.diff(view.flat(path), axis=0), axis=1)
         shown = lengths[~solid.hides(path[1:] @ rotation, view.sight @ rotation)].sum()
         return float(shown + 2.0 * np.linalg.norm(view.flat(path[-1])))
 
-    return max((Projection.at(e, a) for e in (20.0, 35.0) for a in range(-180, 180, 15)), key=seen)
+    return max((Camera.at(e, a) for e in (20.0, 35.0) for a in range(-180, 180, 15)), key=seen)
