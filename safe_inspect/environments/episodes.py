@@ -14,6 +14,8 @@ from safe_inspect.rta.team import TeamFiltered
 from safe_inspect.simulators.view import View
 from safe_inspect.types import AnyArray
 
+_STATUS_NAMES = {int(status): status.name.lower() for status in DoneStatus}
+
 
 def state_info(view: View, *, has_filter: bool = False) -> dict[str, AnyArray]:
     """Return the info of a state, one array of R rows for each.
@@ -87,8 +89,8 @@ def team_info(environment: TeamEnvironment) -> dict[str, AnyArray]:
 
 def info_row(info: Mapping[str, AnyArray], index: int) -> dict[str, Any]:
     """Return the info of one row as plain numbers, and the status by its name in lower case."""
-    found: dict[str, Any] = {name: array[index].item() for name, array in info.items()}
-    found["status"] = DoneStatus(found["status"]).name.lower()
+    found: dict[str, Any] = {name: array.item(index) for name, array in info.items()}
+    found["status"] = _STATUS_NAMES[found["status"]]
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -215,21 +215,21 @@ class Simulation:
         flown = control
         for component in self._actuating:
             flown = component.actuate(self.before, flown)
-        self._advance(
-            *self._parameters,
-            *(after.arrays[name] for name in self._of_body),
-            flown,
-            self.world.masses,
-            *self._physics,
-            after.delta_v,
-            after.time,
-            after.step,
-        )
+        state, counters = after.bound.get("advance") or self._bind(after)
+        self._advance(*state, flown, *counters)
         after.control[...] = control
         self.flown = flown
         for component in self.components.values():
             component.step(after, self.running)
         self.views = self._remember(after)
+
+    def _bind(self, state: State) -> tuple[Any, tuple[Any, ...]]:
+        """Return the arguments of what advances a state, before and behind the control."""
+        found = state.bound["advance"] = (
+            (*self._parameters, *(state.arrays[name] for name in self._of_body)),
+            (self.world.masses, *self._physics, state.delta_v, state.time, state.step),
+        )
+        return found
 
     def end(self, ended: BoolArray) -> None:
         """End the episodes of a mask of environments, shape (N,), of which the components take note.
@@ -291,7 +291,7 @@ class Simulation:
             component.join(self.components[name], rows)
 
     def _views(self, state: State) -> tuple[View, ...]:
-        return tuple(View(state, self.world, group) for group in self._groups)
+        return tuple([View(state, self.world, group) for group in self._groups])
 
     def _remember(self, state: State) -> tuple[View, ...]:
         """Let the sensors remember; return the views of what they see."""

@@ -108,6 +108,7 @@ class State:
             elif rest:
                 owner, _, label = rest.partition("/")
                 setattr(self.owned.setdefault(kind, {}).setdefault(owner, SimpleNamespace()), label, array)
+        vars(self).update(self.owned)  # `__getattr__` takes longer
         moving = [name for name, spec in specs.items() if not spec.constant]
         self._starts: IntArray = np.array([self.start(name) for name in moving], dtype=np.int64)
         self._widths: IntArray = np.array(

@@ -99,12 +99,8 @@ class Program:
             self._observe(glue, own)
         self.rewards = self._add(kernel.REWARD, [named.functor for named in group.agent.rewards])
         self.dones = self._add(kernel.DONE, [named.functor for named in group.dones])
+        self.foreign = bool(self.glues or self.sensors or self.rewards or self.dones)
         self._endings = [(int(named.functor.status), int(named.functor.truncates)) for named in group.dones]
-
-    @property
-    def foreign(self) -> bool:
-        """Whether any plugin is called in Python."""
-        return bool(self.glues or self.sensors or self.rewards or self.dones)
 
     def place(self, state: State, readings: FloatArray) -> PlacedProgram:
         """Return the program for states of the size of one.

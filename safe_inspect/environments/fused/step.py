@@ -67,7 +67,7 @@ class FusedGroup:
         rows = len(action) * self._group.size
         clipped, control = np.empty((rows, len(axes))), np.empty((rows, self._group.thrusters.size))
         layout = self._group.action_layout
-        finite = command(action, layout.low, layout.high, least, most, axes, clipped, control)
+        finite = command.dispatcher(action, layout.low, layout.high, least, most, axes, clipped, control)
         return (clipped, control) if finite else None
 
     def observe(self, view: View, asked: BoolArray | None = None) -> AnyArray | None:

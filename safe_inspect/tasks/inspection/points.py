@@ -154,6 +154,7 @@ class _RunningPoints(RunningComponent):
         self, models: Mapping[str, PointsModel], world: World, view: float | ConeCamera, report_score: bool
     ) -> None:
         self._models, self._world, self._report_score = models, world, report_score
+        self._total = sum(model.num_points for model in models.values())
         num_deputies = self._num_deputies = world.num_deputies
         self._camera = view if isinstance(view, ConeCamera) else None
         self._cos_half_fov = -1.0 if isinstance(view, ConeCamera) or view >= math.pi else math.cos(view / 2.0)
@@ -179,8 +180,9 @@ class _RunningPoints(RunningComponent):
 
     def info(self, view: Any) -> dict[str, AnyArray]:
         found: dict[str, AnyArray] = {}
+        bodies = view.state.points if self._models else {}
         for model in self._models.values():
-            points = view.state.points[model.entity]
+            points = bodies[model.entity]
             found["inspected_count"] = found.get("inspected_count", 0) + view.per_environment(points.team_count)
             found["own_inspected_count"] = found.get("own_inspected_count", 0) + view.per_agent(points.own_count)
             if self._report_score:  # of several bodies: the mean
@@ -202,8 +204,9 @@ class _RunningPoints(RunningComponent):
         return tuple(team.state.points[model.entity].inspector >= 0 for model in self._models.values())
 
     def _with_fraction(self, found: dict[str, AnyArray]) -> dict[str, AnyArray]:
-        total = sum(model.num_points for model in self._models.values())
-        return found | {"inspected_fraction": found["inspected_count"] / total} if total else found
+        if self._total:
+            found["inspected_fraction"] = found["inspected_count"] / self._total
+        return found
 
     def _look(self, state: State) -> None:
         """Inspect what is in view and lit."""

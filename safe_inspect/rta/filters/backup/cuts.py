@@ -19,7 +19,7 @@ from safe_inspect.rta.filters.backup.half_spaces import half_space, needed
 from safe_inspect.rta.filters.backup.holds import coasted
 from safe_inspect.rta.filters.backup.model import FURTHER, HOLD_PIECES, FilterModel
 from safe_inspect.rta.filters.backup.sequences import support_of
-from safe_inspect.rta.filters.backup.workspace import Workspace
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
 from safe_inspect.types import FloatArray
 
 #: Bits of the constraints whose half-spaces contain every safe control, and of further ones, which may.
@@ -88,7 +88,7 @@ def cut_near(
     if not near > 0.0:
         return count
     sx, sy, sz = direction(x[0], x[1], x[2])
-    worst, at_k, at_j = math.inf, 0, 0
+    worst, at_k, at_j = math.inf, as_int(0), as_int(0)
     last = m.coast.shape[0] if m.near_psm > 0.0 else 1
     for k in (HOLD_PIECES // 2, HOLD_PIECES):
         for j in range(0, last, 4):
@@ -114,7 +114,7 @@ def cut_hold(
     """Append the half-space of the constraint that refused a hold, at the moment where it did."""
     code, k = refusal
     if code in (PSM, COLLISION):
-        return int(cut_near(m, x, u, own_side, True, margins, s, count))
+        return int(cut_near(m, x, u, own_side, as_bool(True), margins, s, count))
     b, sun_b = held(m, x, u, k), turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
     need = support(m, code, node(b, sun_b), margins, s.d)
     return int(add(m, need, b, u, k, s, count))
@@ -129,7 +129,7 @@ def cut_end(
     Returns:
         The new count, and the bits of the constraints that are broken.
     """
-    k, bits = HOLD_PIECES, 0
+    k, bits = as_int(HOLD_PIECES), 0
     b, sun_b = held(m, x, u, k), turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
     end, d = node(b, sun_b), s.d
     for code in range(FURTHER + m.further):
@@ -149,13 +149,13 @@ def cut_broken(
     count: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Append the half-spaces of all constraints broken at the end of a hold; return the count and the bits of them."""
-    count, bits = cut_end(m, x, sun, u, ~(1 << COLLISION), margins, s, count)
+    count, bits = cut_end(m, x, sun, u, as_int(~(1 << COLLISION)), margins, s, count)
     b = held(m, x, u, HOLD_PIECES)
     near = m.constraints[COLLISION].near
     if near > 0.0 and b[0] * b[0] + b[1] * b[1] + b[2] * b[2] < (near + margins.length) ** 2:
         bits |= 1 << COLLISION
     before = count
-    count = cut_near(m, x, u, own_side, False, margins, s, count)
+    count = cut_near(m, x, u, own_side, as_bool(False), margins, s, count)
     if m.near_psm > 0.0 and count > before:
         bits |= 1 << PSM
     return count, bits

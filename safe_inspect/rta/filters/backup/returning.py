@@ -13,7 +13,7 @@ from safe_inspect.rta.filters.backup.cuts import add, cut_near, support
 from safe_inspect.rta.filters.backup.half_spaces import further_slack
 from safe_inspect.rta.filters.backup.model import FURTHER, HOLD_PIECES, FilterModel
 from safe_inspect.rta.filters.backup.sequences import bits_of, gap_of, least_allowed_speed, turn_of
-from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
 
@@ -52,7 +52,7 @@ def _ask(m: FilterModel, need: float, b: RowState, u: FloatArray, s: Workspace, 
         short -= s.d[j] * b[j]
     if not short > _MET:
         return count, False
-    return add(m, need, b, u, HOLD_PIECES, s, count), True
+    return add(m, need, b, u, as_int(HOLD_PIECES), s, count), True
 
 
 @njit(**BORROWING)
@@ -96,13 +96,13 @@ def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, 
                 bits |= 1 << code
         if now.range > m.near_psm:
             psm = count
-            count = cut_near(m, x, out, False, False, _NO_MARGINS, s, count)
+            count = cut_near(m, x, out, as_bool(False), as_bool(False), _NO_MARGINS, s, count)
             if count > psm:
                 bits |= 1 << PSM
         if count == before:
             break
         _to_unit(s.rows, s.bounds, count)
-        nearest(s.rows, s.bounds, count, m.u_max, s.trial, True, s.proposal, s.missed, s.projection)
+        nearest(s.rows, s.bounds, count, m.u_max, s.trial, as_bool(True), s.proposal, s.missed, s.projection)
         for axis in range(3):
             out[axis] = s.proposal[axis]
     return bits

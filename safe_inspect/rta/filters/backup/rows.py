@@ -46,7 +46,7 @@ def filter_rows(
     has rows, it holds the plan of each and is written; the plan is tracked with that gain. Without rows plans are found
     anew.
     """
-    s, tracks, rounds = workspace(MAX_HALF_SPACES), memory.shape[0] > 0, ROUNDS if goes_near else 0
+    s, tracks, rounds = workspace(as_int(MAX_HALF_SPACES)), memory.shape[0] > 0, ROUNDS if goes_near else 0
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -87,7 +87,7 @@ def admissible_rows(
     control: FloatArray, out: BoolArray,
 ) -> None:  # fmt: skip
     """Write whether each row's control is within the thrusters, safe over the hold, and leaves a backup plan."""
-    s = workspace(1)
+    s = workspace(as_int(1))
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -109,7 +109,7 @@ def recoverable_rows(
 
     The plan that stays on a closed motion is tried first.
     """
-    s = workspace(1)
+    s = workspace(as_int(1))
     for i in range(position.shape[0]):
         x = (
             position[i, 0], position[i, 1], position[i, 2], velocity[i, 0], velocity[i, 1], velocity[i, 2]

@@ -22,7 +22,7 @@ from safe_inspect.rta.filters.backup.model import HOLD, HOLD_PIECES, PLAN, PLANS
 from safe_inspect.rta.filters.backup.plan_cuts import tightest
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, STAY, find_plan, size_of
 from safe_inspect.rta.filters.backup.sequences import SAFE
-from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
 from safe_inspect.rta.filters.tube.margins import widened
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
@@ -80,7 +80,7 @@ def _refusals(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, code: i
     """Return the bits of the constraints that refuse a control, given what `verified` says of its hold."""
     if code == SAFE:
         return 1 << tightest(m, x, sun, u, s)
-    return int(cut_broken(m, x, sun, u, False, _wanted(m, u), s, as_int(0))[1] | 1 << code)
+    return int(cut_broken(m, x, sun, u, as_bool(False), _wanted(m, u), s, as_int(0))[1] | 1 << code)
 
 
 @njit(**BORROWING)
@@ -105,14 +105,16 @@ def propose(
     for attempt in range(rounds):
         margins, before = _wanted(m, u), count
         if code != SAFE and CONVEX >> code & 1:
-            count = cut_hold(m, x, sun, u, Refusal(code, piece), False, margins, s, count)
+            count = cut_hold(m, x, sun, u, Refusal(code, piece), as_bool(False), margins, s, count)
         elif attempt > 0:
             break
-        count = cut_end(m, x, sun, u, CONVEX, margins, s, count)[0]
+        count = cut_end(m, x, sun, u, as_int(CONVEX), margins, s, count)[0]
         if count == before:
             break
         for _ in range(_POLISH):
-            if not nearest(s.rows, s.bounds, count, m.u_max, s.desired, False, s.proposal, s.missed, s.projection):
+            if not nearest(
+                s.rows, s.bounds, count, m.u_max, s.desired, as_bool(False), s.proposal, s.missed, s.projection
+            ):
                 return bits, False
             moved = math.sqrt(squared(s.proposal, u))
             for axis in range(3):
@@ -120,7 +122,7 @@ def propose(
             if moved < _STILL:
                 break
             before = count
-            count = cut_end(m, x, sun, u, CONVEX, scaled(margins, 0.75), s, count)[0]
+            count = cut_end(m, x, sun, u, as_int(CONVEX), scaled(margins, 0.75), s, count)[0]
             if count == before:
                 break
         code, plan = verified(m, x, sun, u, as_int(NO_PLAN), as_int(PLANS), s)

@@ -70,3 +70,9 @@ def workspace(most: int) -> Workspace:
 def as_int(value: int) -> int:
     """Return a constant as a number: passed as a literal, the compiler would make a copy of the callee for it."""
     return int(np.int64(value))
+
+
+@njit(error_model="numpy")
+def as_bool(value: bool) -> bool:
+    """Return a constant as a truth value; see `as_int`."""
+    return bool(np.bool_(value))

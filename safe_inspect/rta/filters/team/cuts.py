@@ -19,7 +19,7 @@ from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, HOLD_PIECE
 from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust, size_of
 from safe_inspect.rta.filters.backup.sequences import SAFE
-from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
 from safe_inspect.rta.filters.team.plans import farthest_plans, minus
 from safe_inspect.rta.filters.team.tracking import beside, state_of
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
@@ -106,7 +106,7 @@ def cut_holds(
                     x = minus(state_of(t.x, i), state_of(t.x, j))
                     refusal = Refusal(t.pair_code[p], t.pair_at[p])
                     wide = beside(g, beside(g, margins, as_int(PLAN), i, 0.0, t), as_int(PLAN), j, 0.0, t)
-                    new = cut_hold(g.pair, x, sun, u, refusal, True, wide, s, as_int(0))
+                    new = cut_hold(g.pair, x, sun, u, refusal, as_bool(True), wide, s, as_int(0))
                     count = _spread(new, i, j, count, t, s)
                     if bits:
                         bit = 1 << (PAIR_BIT if t.pair_code[p] == COLLISION else PAIR_BIT + 1)
@@ -135,7 +135,7 @@ def cut_ends(
                     _write_thrust(i, j, t)
                     rel = minus(state_of(t.x, i), state_of(t.x, j))
                     wide = beside(g, beside(g, margins, as_int(PLAN), i, 0.0, t), as_int(PLAN), j, 0.0, t)
-                    new, _ = cut_broken(g.pair, rel, sun, u, True, wide, s, as_int(0))
+                    new, _ = cut_broken(g.pair, rel, sun, u, as_bool(True), wide, s, as_int(0))
                     count = _spread(new, i, j, count, t, s)
     return count
 

@@ -204,7 +204,7 @@ def filter_team_rows(
     Where `tracks` has rows (N, D, 10), it holds the plans themselves and is written; they are tracked with that gain.
     """
     position, velocity, sun_angle = states
-    s, t, tracks_plans = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1]), tracks.shape[0] > 0
+    s, t, tracks_plans = workspace(as_int(MAX_HALF_SPACES)), team_workspace(position.shape[1]), tracks.shape[0] > 0
     plans = np.zeros((position.shape[1], 10))
     for row in range(position.shape[0]):
         if tracks_plans:
@@ -262,7 +262,7 @@ def team_rows(
     `memory`.
     """
     position, velocity, sun_angle = states
-    s, t = workspace(MAX_HALF_SPACES), team_workspace(position.shape[1])
+    s, t = workspace(as_int(MAX_HALF_SPACES)), team_workspace(position.shape[1])
     plans = np.zeros((position.shape[1], 10))
     for row in range(position.shape[0]):
         enter(g.one, position[row], velocity[row], control[row], fixed[row], memory[row], plans, t)
