@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Mapping, Set
 from typing import Any
 
 from safe_inspect.config.loading.loader import load_if_path
@@ -50,9 +50,8 @@ def _merged(tree: Any, path: str) -> LocatedDict:
     """Read the files that are named by plain paths, and merge the lists of mappings; any file may be such a list."""
     if not isinstance(tree, LocatedDict) or not {"platform_config", "agent_config"} & set(tree):
         text = "not an experiment: it has the keys `config`, `platform_config` and `agent_config`"
-        place = locate(tree, ()) if isinstance(tree, LocatedDict) else None
         hint = f"give the experiment file, not {os.path.basename(path)!r}"
-        raise ConfigError(Problem(text, location=place, hint=hint))
+        raise ConfigError(Problem(text, location=locate(tree, ()), hint=hint))
 
     def read(holder: Any, key: Any) -> None:
         if isinstance(holder, (dict, list)) and (isinstance(holder, list) or key in holder):
@@ -114,8 +113,9 @@ def _moved(mapping: Any, keys: Set[str], place: tuple[str, ...]) -> Any:
     for key in reversed(place[1:]):
         inner = LocatedDict({key: inner}, location=mapping.location)
     head, mark = place[0], locate(mapping, moved[:1])
-    if isinstance(rest.get(head), list) and head == "config":  # a list of mappings, which is merged when all are read
-        rest[head] = LocatedList([*rest[head], inner], rest[head].marks, rest[head].location)
+    if head == "config" and not isinstance(rest.get(head), Mapping | None):  # a file, or a list of mappings
+        own = load_if_path(rest[head], locate(rest, (head,)))
+        rest[head] = LocatedList([*(own if isinstance(own, list) else [own]), inner], getattr(own, "marks", None), mark)
         return rest
     return merge([rest, LocatedDict({head: inner}, {head: mark} if mark else None, mapping.location)])
 

@@ -59,12 +59,13 @@ def test_later_layers_and_layers_of_layers_win(layered, tmp_path):
     assert experiment.config.config.config.env_config.horizon == 5
 
 
-def test_an_agent_of_files_and_of_short_keys_has_both(layered):
+@pytest.mark.parametrize("file", ["[!include FILE]", "!include FILE ", "FILE"])
+def test_an_agent_of_files_and_of_short_keys_has_both(layered, file):
     experiment = layered(
         "- agent_config:\n"
         "    - name: blue0_ctrl\n"
         "      platforms: [blue0]\n"
-        "      config: [!include configs/translational-inspection/agent.yml]\n"
+        f"      config: {file.replace('FILE', 'configs/translational-inspection/agent.yml')}\n"
         "      rewards: []\n"
         "      parts+: [{part: Sensor_Speed}]\n"
         "  env_config: !include configs/translational-inspection/environment.yml\n"
@@ -79,6 +80,9 @@ def test_an_agent_of_files_and_of_short_keys_has_both(layered):
         ("- rewards: []\n", r"experiment.yml:2.*unknown key `rewards`"),
         ("- blue0_ctrl: {rewards: {DockingReward: {}}}\n", r"experiment.yml:2.*no item of the list is named"),
         ("- blue0_ctrl: {rewards: {DockingDeltaVReward: {config: {scael: 1}}}}\n", r"experiment.yml:2.*scael"),
+        ("- blue0_ctrl: 5\n", r"experiment.yml:2.*wants a mapping, got 5"),
+        ("- {config: 5, env_config: {horizon: 3}}\n", "item 0 of a list to be merged is no mapping but 5"),
+        ("- {config: ./nowhere.yml, env_config: {horizon: 3}}\n", "does not exist: './nowhere.yml'"),
         ("- 5\n", "not an experiment"),
         ("- env_config+: []\n", "`env_config`, to which it adds, is no list"),
     ],

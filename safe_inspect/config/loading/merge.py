@@ -89,16 +89,17 @@ def _with_item(items: list[Any], name: str, value: Any, location: Location | Non
     found = items_named(items, name)
     if len(found) != 1:
         known = {other for item in items for other in names_of(item)}
-        text = (
-            f"{len(found)} items of the list are named {name!r}" if found else f"no item of the list is named {name!r}"
-        )
-        hint = "give them names of their own, or write the list" if found else did_you_mean(name, known)
+        text, hint = f"no item of the list is named {name!r}", did_you_mean(name, known)
+        if found:
+            text, hint = f"{len(found)} items of the list are named {name!r}", "give them names of their own"
         raise ConfigError(Problem(text, location=location, hint=hint))
-    kept = [index for index in range(len(items)) if index not in found or not isinstance(value, Removal)]
-    marks = {
-        new: mark for new, index in enumerate(kept) if (mark := getattr(items, "marks", {}).get(index)) is not None
-    }
-    made = [_over(items[index], value) if index in found else items[index] for index in kept]
+    marks: dict[int, Location] = {}
+    made: list[Any] = []
+    for index, item in enumerate(items):
+        if index not in found or not isinstance(value, Removal):
+            mark = location if index in found and not isinstance(value, Mapping) else locate(items, (index,))
+            marks |= {len(made): mark} if mark else {}
+            made.append(_over(item, value) if index in found else item)
     return LocatedList(made, marks, getattr(items, "location", None))
 
 
