@@ -69,6 +69,12 @@ def clean_registry() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
+def long_form() -> Path:
+    """Return folders in which some of the shipped experiments are written with all that they consist of."""
+    return Path(__file__).parent / "long_form"
+
+
+@pytest.fixture(scope="session")
 def shipped() -> Path:
     """Return the shipped experiment file."""
     return configs_root() / "translational-inspection" / "experiment-seed.yml"

@@ -15,10 +15,9 @@ from pydantic import ValidationError
 from safe_inspect.config.building.assemble import assemble
 from safe_inspect.config.building.policies import policies_of
 from safe_inspect.config.data import configs_root
-from safe_inspect.config.loading.loader import load, load_if_path
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text, plain
-from safe_inspect.config.loading.merge import merge
-from safe_inspect.config.loading.plugin_paths import import_plugins
+from safe_inspect.config.layers import experiment_tree
+from safe_inspect.config.loading.loader import import_plugins, load
+from safe_inspect.config.loading.located import LocatedDict, locate, path_text, plain
 from safe_inspect.config.loading.references import expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.messages.report import problems_of
@@ -29,9 +28,6 @@ from safe_inspect.dones.time_limit import MAX_HORIZON, EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.task_ids import ALL_TASKS, FORMER_IDS, TASK_OVERRIDES
 from safe_inspect.version import __version__
-
-#: The lists of mappings that are merged from left to right, by their path in the task.
-_MERGED = ("ray_config", "env_config", "tune_config")
 
 
 @dataclass(frozen=True)
@@ -101,7 +97,7 @@ def load_experiment(
         near = get_close_matches(name, [task.partition("/")[2] for task in ALL_TASKS], n=1)
         if near:
             raise ConfigError(Problem(f"no file or task {name!r}", hint=f"did you mean `safe_inspect/{near[0]}`?"))
-    tree = _experiment_tree(load(path), os.fspath(path))
+    tree = experiment_tree(load(path), os.fspath(path))
     return build_experiment(apply_overrides(tree, overrides), os.fspath(path), compute_platform=compute_platform)
 
 
@@ -150,50 +146,6 @@ def _told_once(problems: list[Problem]) -> list[Problem]:
     return kept
 
 
-def _experiment_tree(tree: Any, path: str) -> LocatedDict:
-    """Read the files that are named by plain paths, and merge the lists of mappings; any file may be such a list."""
-    if not isinstance(tree, LocatedDict) or not {"platform_config", "agent_config"} & set(tree):
-        raise ConfigError(
-            Problem(
-                "not an experiment: it has the keys `config`, `platform_config` and `agent_config`",
-                location=locate(tree, ()) if isinstance(tree, LocatedDict) else None,
-                hint=f"give the experiment file, not {os.path.basename(path)!r}",
-            )
-        )
-
-    def read(holder: Any, key: Any) -> None:
-        if isinstance(holder, (dict, list)) and (isinstance(holder, list) or key in holder):
-            value = load_if_path(holder[key], locate(holder, (key,)))
-            holder[key] = merge(value) if isinstance(value, list) else value
-
-    read(tree, "config")
-    for entries, keys in (("platform_config", ("config",)), ("agent_config", ("config", "policy"))):
-        items = tree.get(entries)
-        if isinstance(items, list):
-            for index, item in enumerate(items):
-                items[index] = item = _entry(item, ("name", *keys) if len(keys) == 1 else ("name", "platforms", *keys))
-                for key in keys:
-                    read(item, key)
-    body = tree["config"].get("config") if isinstance(tree.get("config"), dict) else None
-    if isinstance(body, LocatedDict):
-        for key in _MERGED:
-            if key in body:
-                body[key] = merge(body[key])
-        configs = body.get("rllib_configs")
-        if isinstance(configs, dict):
-            for key in configs:
-                configs[key] = merge(configs[key])
-    return tree
-
-
-def _entry(item: Any, keys: tuple[str, ...]) -> Any:
-    """Give an entry that is written as a list the keys of the mapping that it stands for."""
-    if not isinstance(item, LocatedList) or len(item) > len(keys):
-        return item
-    marks = {key: locate(item, (index,)) for index, key in enumerate(keys[: len(item)])}
-    return LocatedDict(dict(zip(keys, item, strict=False)), marks, item.location)  # type: ignore[arg-type]
-
-
 def _rllib(
     config: ExperimentConfig, policies: dict[str, PolicySpec], compute_platform: str, report: Any
 ) -> tuple[dict[str, Any], dict[str, PolicySpec]]:
@@ -201,10 +153,8 @@ def _rllib(
     configs = config.config.config.rllib_configs
     name = compute_platform if compute_platform in configs else "default"
     if configs and name not in configs:
-        report(
-            ("config", "config", "rllib_configs"),
-            f"no {compute_platform!r} here; {did_you_mean(compute_platform, configs)}",
-        )
+        text = f"no {compute_platform!r} here; {did_you_mean(compute_platform, configs)}"
+        report(("config", "config", "rllib_configs"), text)
     learning = [policy.config for policy in policies.values() if policy.trains]
     common = {
         key: value

@@ -25,12 +25,10 @@ from safe_inspect.config.known_places import (
 )
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, has, locate
+from safe_inspect.config.loading.merge import items_named, names_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys
 from safe_inspect.errors import ConfigError, Location, Problem
-
-#: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
-_CLASS_KEYS = ("functor", "type", "part", "controller", "sensor")
 
 #: An index as messages write it: ``agent_config[0].policy``.
 _INDEX = re.compile(r"\[(\d+)\]")
@@ -120,9 +118,7 @@ def _shortest(tree: Any, path: Found, parts: list[str]) -> str:
     """Return a path from the innermost item of a list with a name, where that fits no other place; else all of it."""
     for depth in range(len(path) - len(parts), 0, -1):
         holder = _at(tree, path[:depth])
-        for name in (
-            [*_given_names(holder[path[depth]]), *_class_names(holder[path[depth]])] if isinstance(holder, list) else ()
-        ):
+        for name in names_of(holder[path[depth]]) if isinstance(holder, list) else ():
             end = [name, *map(str, path[depth + 1 :])]
             if "." not in name and not any(part.isdecimal() for part in end) and _fits_alone(tree, end, path):
                 return ".".join(end)
@@ -186,22 +182,17 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
     known: set[str] = set()
     if any(True for _ in _steps(tree, parts[0])):
         depth = next(count for count in range(len(parts) - 1, 0, -1) if _walk(tree, parts[:count]))
-        for path in _walk(tree, parts[:depth]):
-            known |= _names(_at(tree, path))
-        within = ".".join(parts[:depth])
-        message = f"nothing is called `{parts[depth]}` in `{within}`" + ("" if known else ", which holds no keys")
-        hint = _written_alone(tree, parts) if depth == len(parts) - 1 else ""
-        return Problem(message, "", location, hint or (key_hint(parts[depth], known) if known else ""))
-    ends = _existing(tree, parts[:-1]) if parts[1:] else []
-    holders = [path for path in ends if isinstance(_at(tree, path), Mapping)]
+        holders = _walk(tree, parts[:depth])
+    else:
+        depth, ends = len(parts) - 1, _existing(tree, parts[:-1]) if parts[1:] else []
+        holders = [path for path in ends if isinstance(_at(tree, path), Mapping)]
+        known = {key for path in holders for key in known_keys(tree, path, ExperimentConfig)}
     if holders:
-        for path in holders:
-            known |= _names(_at(tree, path)) | known_keys(tree, path, ExperimentConfig)
-        message = f"nothing is called `{parts[-1]}` in `{'.'.join(parts[:-1])}`" + (
-            "" if known else ", which holds no keys"
-        )
-        hint = _written_alone(tree, parts) or (key_hint(parts[-1], known) if known else "")
-        return Problem(message, "", location, hint)
+        known = known.union(*(_names(_at(tree, path)) for path in holders))
+        message = f"nothing is called `{parts[depth]}` in `{'.'.join(parts[:depth])}`"
+        hint = _written_alone(tree, parts) if depth == len(parts) - 1 else ""
+        hint = hint or (key_hint(parts[depth], known) if known else "")
+        return Problem(message if known else f"{message}, which holds no keys", "", location, hint)
     for path in _containers(tree):
         known |= _names(_at(tree, path))
     first = next((part for part in parts if part not in known), None)
@@ -232,33 +223,12 @@ def _steps(node: Any, part: str) -> Iterator[Found]:
         if part.isdecimal() and int(part) < len(node):
             yield (int(part),)
             return
-        named = [(index,) for index, item in enumerate(node) if part in _given_names(item)]
-        named = named or [(index,) for index, item in enumerate(node) if part in _class_names(item)]
-        yield from named
-        if not named and node and isinstance(node[0], str):  # a record [name, ..., {...}]: look into its mappings
+        found = items_named(node, part)
+        yield from ((index,) for index in found)
+        if not found and node and isinstance(node[0], str):  # a record [name, ..., {...}]: look into its mappings
             for index, item in enumerate(node):
                 if isinstance(item, Mapping):
                     yield from ((index, *step) for step in _steps(item, part))
-
-
-def _given_names(item: Any) -> list[str]:
-    """Return the names that the user gave to an item of a list."""
-    if isinstance(item, list):
-        return [item[0]] if item and isinstance(item[0], str) else []
-    return [source["name"] for source in _sources(item) if isinstance(source.get("name"), str)]
-
-
-def _class_names(item: Any) -> list[str]:
-    """Return the names of an item's class, and of the controller or sensor that it is about."""
-    texts = [source[key] for source in _sources(item) for key in _CLASS_KEYS if key in source]
-    return [text.rpartition(".")[2] for text in texts if isinstance(text, str)]
-
-
-def _sources(item: Any) -> list[Mapping[Any, Any]]:
-    """Return the mappings that can name an item: itself and its `config`."""
-    if not isinstance(item, Mapping):
-        return []
-    return [source for source in (item, item.get("config")) if isinstance(source, Mapping)]
 
 
 def _names(node: Any) -> set[str]:
@@ -268,7 +238,7 @@ def _names(node: Any) -> set[str]:
     names: set[str] = set()
     if isinstance(node, list):
         for item in node:
-            names.update(_given_names(item), _class_names(item))
+            names.update(names_of(item))
             if isinstance(item, Mapping) and isinstance(node[0], str):
                 names |= _names(item)
     return names

@@ -27,6 +27,11 @@ class Glue(Plugin):
 
     training_export_behavior: Literal["INCLUDE", "EXCLUDE"] = "INCLUDE"
 
+    @property
+    def exported(self) -> bool:
+        """Whether the policy sees what the glue observes, or gives what it acts on."""
+        return True
+
     @abstractmethod
     def names(self, parts: Parts) -> tuple[str, ...]:
         """Return the name of each element of the action or observation."""
@@ -38,6 +43,11 @@ class Glue(Plugin):
 
 class ObservationGlue(Glue):
     """A part of the observation: called with a `View`, it returns an array of shape (R, size)."""
+
+    @property
+    def exported(self) -> bool:
+        """Whether the policy sees the observation."""
+        return self.training_export_behavior == "INCLUDE"
 
     @abstractmethod
     def __call__(self, view: View) -> FloatArray:

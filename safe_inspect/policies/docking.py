@@ -13,7 +13,11 @@ from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
 from safe_inspect.policies.rows import cross_rows, dot_rows, size_of_rows
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
-from safe_inspect.units import Angle, PositiveAngularRate, PositiveLength, PositiveSpeed
+from safe_inspect.units import Angle, PositiveAngularRate
+
+#: Distance from the target's centre outside the corridor [m], half angle of the corridor about the direction of the
+#: mating point [rad], and the bound of wn / (2 zeta) |dp| [m/s].
+_STANDOFF, _CORRIDOR, _APPROACH_SPEED = 1.35, 0.6, 0.1
 
 
 class DockingController(ScriptedPolicy):
@@ -22,27 +26,20 @@ class DockingController(ScriptedPolicy):
         u = m (a_r + wn^2 dp + 2 zeta wn dv),        a_r = w x (w x r)
 
     with dp and dv the position and the velocity of the reference r relative to the chaser. While the angle between
-    chaser and mating point, seen from the target's centre, is more than `corridor`, the reference lies at `standoff`
-    on the great circle towards the mating point; within the corridor it descends with the angle that is left. It
-    knows the true motion of the target and plans nothing: a baseline for policies that learn.
+    chaser and mating point, seen from the target's centre, is more than 0.6 rad, the reference lies 1.35 m from the
+    centre on the great circle towards the mating point; within this corridor it descends with the angle that is left.
+    The damping ratio zeta is 1, and the speed at which a distant reference is approached at most 0.1 m/s. It knows the
+    true motion of the target and plans nothing: a baseline for policies that learn.
 
     Attributes:
         frequency: Natural frequency wn [rad/s].
-        damping: Damping ratio zeta [-].
-        standoff: Distance from the target's centre outside the corridor [m].
-        corridor: Half angle of the corridor about the direction of the mating point [rad].
         lead: Largest angle from the chaser to the reference [rad].
-        approach_speed: Bound of wn / (2 zeta) |dp|, the speed at which a distant reference is approached [m/s].
     """
 
     needs: ClassVar[tuple[str, ...]] = ("mating_point_position", "target_orientation", "target_angular_velocity")
 
     frequency: PositiveAngularRate = 0.3
-    damping: float = Field(default=1.0, gt=0)
-    standoff: PositiveLength = 1.35
-    corridor: Angle = Field(default=0.6, gt=0, lt=math.pi)
     lead: Angle = Field(default=0.5, gt=0, lt=math.pi)
-    approach_speed: PositiveSpeed = 0.1
 
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
         """Return the thrust [N], shape (R, 3)."""
@@ -55,13 +52,13 @@ class DockingController(ScriptedPolicy):
         across /= np.maximum(size_of_rows(across), 1e-9)[:, None]
         step = np.minimum(angle, self.lead)[:, None]
         direction = np.cos(step) * p + np.sin(step) * across
-        height = reach + (self.standoff - reach) * np.minimum(angle / self.corridor, 1.0)
-        reference = np.where((angle < self.corridor)[:, None], n, direction) * height[:, None]
+        height = reach + (_STANDOFF - reach) * np.minimum(angle / _CORRIDOR, 1.0)
+        reference = np.where((angle < _CORRIDOR)[:, None], n, direction) * height[:, None]
         reference_velocity = cross_rows(turn, reference)
         to_reference = reference - position
-        pull = self.frequency / (2.0 * self.damping) * to_reference
-        pull *= np.minimum(1.0, self.approach_speed / np.maximum(size_of_rows(pull), 1e-9))[:, None]
-        gain = 2.0 * self.damping * self.frequency
+        pull = self.frequency / 2.0 * to_reference
+        pull *= np.minimum(1.0, _APPROACH_SPEED / np.maximum(size_of_rows(pull), 1e-9))[:, None]
+        gain = 2.0 * self.frequency
         wanted = cross_rows(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
         return np.asarray(np.clip(mass * wanted, limits.low, limits.high))

@@ -6,6 +6,5 @@ import math
 
 from safe_inspect.units import quantity
 
-NonNegativeAcceleration = quantity("m/s^2", ge=0)
 KeepOutAngle = quantity("rad", ge=0, lt=math.pi)
 FieldOfView = quantity("rad", gt=0, le=math.pi)

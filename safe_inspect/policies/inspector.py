@@ -19,7 +19,7 @@ from safe_inspect.planning.burns.turns import take_turns
 from safe_inspect.planning.visibility import lit_from_all_sides, sight_range
 from safe_inspect.plugins.plugin import PointsName
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
-from safe_inspect.policies.fields import FieldOfView, KeepOutAngle, NonNegativeAcceleration
+from safe_inspect.policies.fields import FieldOfView, KeepOutAngle
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
@@ -27,8 +27,10 @@ from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.rotation import rotating_body
 from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray
-from safe_inspect.units import AngularRate, NonNegativeSpeed, PositiveLength
+from safe_inspect.units import NonNegativeSpeed, PositiveLength
 
+#: What the limit of speed gains with range, in mean motions [-], and the price of time [m/s^2].
+_SPEED_SLOPE, _HASTE = 2.0, 2e-7
 _WORD = 0xFFFFFFFFFFFFFFFF
 _MIX_DEPUTY, _MIX_STEP = 0xD1342543DE82EF95, 0xA24BAED4963EE407  # odd numbers that part the draws of a key
 
@@ -40,7 +42,7 @@ class NaturalMotionInspector(ScriptedPolicy):
     arc will inspect. It plans up to `burns` burns at steps of its choice, each of constant thrust over as few whole
     steps as the limits allow, and looks for the plan that inspects all points within `horizon` at the least
 
-        sum over the burns of |dv_x| + |dv_y| + |dv_z|, plus `haste` times the time to the last point,
+        sum over the burns of |dv_x| + |dv_y| + |dv_z|, plus 2e-7 m/s^2 times the time to the last point,
 
     within the limits below, by simulated annealing from several starts: the plan that it has, and burns that take
     away most of the drift along the track, which leaves a nearly closed ellipse about the chief. It plans at the
@@ -65,12 +67,9 @@ class NaturalMotionInspector(ScriptedPolicy):
         near: Least range to the body's centre that a plan keeps to [m].
         far: Largest range that it keeps to [m].
         clearance: Least distance to the other deputies that it keeps to [m].
-        speed: Largest speed at the range `near` [m/s]; None: no limit of speed.
-        speed_slope: What the limit of speed gains with range, in mean motions [-].
+        speed: Largest speed at the range `near` [m/s], which grows by two mean motions with range; None: no limit.
         glare: Angle about the direction away from the sun that is kept out of [rad]; 0: none is.
         field_of_view: Full angle of the camera's cone about the line to the body's centre, as the simulator's [rad].
-        sun_rate: Rate of the sun's angle [rad/s]; None: the mean motion.
-        haste: Price of time [m/s^2].
     """
 
     needs: ClassVar[tuple[str, ...]] = ("mean_motion", "points", "sun_angle")
@@ -86,11 +85,8 @@ class NaturalMotionInspector(ScriptedPolicy):
     far: PositiveLength = 780.0
     clearance: PositiveLength = 20.0
     speed: NonNegativeSpeed | None = 0.2
-    speed_slope: float = Field(default=2.0, ge=0.0)
     glare: KeepOutAngle = 0.0
     field_of_view: FieldOfView = math.pi
-    sun_rate: AngularRate | None = None
-    haste: NonNegativeAcceleration = 2e-7
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the plan (its burns, the step of its review, where it leads and when) and the turn to plan."""
@@ -154,8 +150,7 @@ class NaturalMotionInspector(ScriptedPolicy):
         model, body = points.model, points.model.body
         env, deputy, deputies = row // view.group.size, int(view.own_index[row]), world.num_deputies
         steps = self.horizon - now
-        rate = world.mean_motion if self.sun_rate is None else self.sun_rate
-        sun = sun_directions(view.sun_angle[row] + rate * world.step_size * np.arange(steps + 1))
+        sun = sun_directions(view.sun_angle[row] + world.sun_rate * world.step_size * np.arange(steps + 1))
         problem = BurnProblem(
             maps=step_maps(world.mean_motion, world.step_size, self.horizon),
             lit=lit_from_all_sides(model, sun),
@@ -174,11 +169,11 @@ class NaturalMotionInspector(ScriptedPolicy):
                 near=self.near,
                 far=self.far,
                 speed=math.inf if self.speed is None else self.speed,
-                slope=self.speed_slope * world.mean_motion,
+                slope=_SPEED_SLOPE * world.mean_motion,
                 cos_glare=2.0 if self.glare == 0.0 else math.cos(self.glare),
             ),
             clearance=self.clearance,
-            haste=self.haste,
+            haste=_HASTE,
         )
         position = np.delete(state.position[env, :deputies], deputy, axis=0) - state.position[env, body]
         velocity = np.delete(state.velocity[env, :deputies], deputy, axis=0) - state.velocity[env, body]

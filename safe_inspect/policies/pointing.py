@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
 from safe_inspect.dynamics.quaternion import exp, multiply, rotate_back
 from safe_inspect.plugins.functor import functor_field
@@ -20,6 +20,9 @@ from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 
+#: Largest size of the wanted angular velocity as a share of the rate limit [-].
+_RATE_SHARE = 0.98
+
 
 class SixDofInspector(ScriptedPolicy):
     """Turn the camera to a body while another policy flies; for vehicles that turn.
@@ -27,7 +30,7 @@ class SixDofInspector(ScriptedPolicy):
     With the rotation vector phi that takes the camera's axis to the line of sight by the least angle, the error e of
     the angular velocity against that of the line of sight, and the step T, the next angular velocity is
 
-        w' = w + phi / T - 3/2 e,        |w'| <= share * rate limit
+        w' = w + phi / T - 3/2 e,        |w'| <= 0.98 rate limit
 
     in body axes, and the moment J (w' - w) / T. Held moments of this size take both errors to zero in two steps where
     no limit is reached (the deadbeat controller of a double integrator); a long turn goes at the rate limit before. The
@@ -37,7 +40,6 @@ class SixDofInspector(ScriptedPolicy):
         translation: What flies: a policy that gives thrust along Hill's axes.
         entity_name: The body that the camera is to face.
         initial_sensor_unit_vec: Axis of the camera in body axes; any length.
-        rate_share: Largest size of the wanted angular velocity as a share of the rate limit [-].
     """
 
     commands_attitude: ClassVar[bool] = True
@@ -46,7 +48,6 @@ class SixDofInspector(ScriptedPolicy):
     translation: functor_field("policy") = NaturalMotionInspector(field_of_view="60 deg", near=20.0)  # type: ignore[valid-type]
     entity_name: EntityName = "chief"
     initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    rate_share: float = Field(default=0.98, gt=0, le=1)
 
     _has_length = field_validator("initial_sensor_unit_vec")(require_length)
 
@@ -82,7 +83,7 @@ class SixDofInspector(ScriptedPolicy):
         wanted = w + phi / step - 1.5 * (w - sight)
         if vehicle.rate_limit is not None:
             size = size_of_rows(wanted)
-            wanted *= np.minimum(1.0, self.rate_share * vehicle.rate_limit / np.maximum(size, 1e-12))[:, None]
+            wanted *= np.minimum(1.0, _RATE_SHARE * vehicle.rate_limit / np.maximum(size, 1e-12))[:, None]
         change = (wanted - w) / step
         moment = shortened(change * np.array(vehicle.inertia), ThrustLimits(limits.low[3:], limits.high[3:]))
         middle = multiply(q, exp(0.5 * step * (w - frame + 0.25 * step * moment / np.array(vehicle.inertia))))

@@ -12,10 +12,9 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from safe_inspect.config.loading.includes import places
-from safe_inspect.config.loading.loader import load
+from safe_inspect.config.loading.loader import import_plugins, load
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, plain
 from safe_inspect.config.loading.merge import merge
-from safe_inspect.config.loading.plugin_paths import import_plugins
 from safe_inspect.config.messages.report import problems_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import written_values

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from safe_inspect.types import AnyArray
 
 
-class Offering(Protocol):
+class _Offering(Protocol):
     """What names things for plugins: a running component, see `RunningComponent`."""
 
     def of_world(self) -> Mapping[str, Any]:
@@ -50,9 +50,9 @@ class Offers:
     view: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
     team: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
     step: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
-    components: list[Offering] = field(default_factory=list)
+    components: list[_Offering] = field(default_factory=list)
 
-    def add(self, component: Offering) -> None:
+    def add(self, component: _Offering) -> None:
         """Add what a component offers.
 
         Raises:

@@ -82,11 +82,11 @@ def test_the_installed_command_tells_its_version():
 
 
 def test_the_installed_command_refuses_a_misspelt_key_without_a_traceback():
-    line = spoil("agent-seed.yml", "scale: 0.01", "scael: 0.01")
+    line = spoil("agent.yml", "scale: 0.01", "scael: 0.01")
     done = shell("validate", EXPERIMENT)
     assert done.returncode == 2
     assert done.stdout == ""
-    assert done.stderr.startswith(f"error: configs/translational-inspection/agent-seed.yml:{line} ")
+    assert done.stderr.startswith(f"error: configs/translational-inspection/agent.yml:{line} ")
     assert "did you mean `scale`?" in done.stderr
     assert "Traceback" not in done.stderr
 
@@ -185,13 +185,13 @@ def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
 
 
 def test_validate_reports_all_mistakes_of_the_files(typed):
-    first = spoil("agent-seed.yml", "scale: 0.01", "scael: 0.01")
+    first = spoil("agent.yml", "scale: 0.01", "scael: 0.01")
     second = spoil("environment.yml", "radius: 10 m", "radius: -10 m")
     code, out, err = typed("validate", EXPERIMENT)
     assert code == 2
     assert out == ""
     assert err.startswith("errors:\n")
-    assert f"agent-seed.yml:{first} " in err
+    assert f"agent.yml:{first} " in err
     assert f"environment.yml:{second} " in err
     assert len(err.splitlines()) == 3
 

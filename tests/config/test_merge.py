@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_inspect.config.loading.loader import load
-from safe_inspect.config.loading.located import locate
+from safe_inspect.config.loading.located import Removal, locate
 from safe_inspect.config.loading.merge import merge
 from safe_inspect.errors import ConfigError
 
@@ -125,3 +125,39 @@ def test_a_key_may_be_removed(write):
     write({"b.yml": "x:\n- {a: 1}\n- {aa: !remove }\n"})
     with pytest.raises(ConfigError, match=r"b.yml:3 aa: there is no such key to remove; did you mean `a`\?|known: `a`"):
         merge(load("b.yml")["x"])
+
+
+PARTS = [
+    {"part": "RateController", "config": {"name": "X", "axis": 0}},
+    {"part": "RateController", "config": {"name": "Y", "axis": 1}},
+    {"part": "my.Sensor_Position", "config": {}},
+]
+
+
+def test_a_mapping_merges_into_the_items_that_its_keys_name():
+    over = {"parts": {"Y": {"config": {"axis": 2}}, "Sensor_Position": {"name": "p"}, "X": Removal()}}
+    assert merge([{"parts": PARTS}, over])["parts"] == [
+        {"part": "RateController", "config": {"name": "Y", "axis": 2}},
+        {"part": "my.Sensor_Position", "config": {}, "name": "p"},
+    ]
+    assert PARTS[1]["config"]["axis"] == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("Z", "no item of the list is named 'Z'"), ("RateController", "2 items of the list are named")]
+)
+def test_the_name_of_no_item_or_of_several_is_an_error(name, words):
+    with pytest.raises(ConfigError, match=words):
+        merge([{"parts": PARTS}, {"parts": {name: {}}}])
+
+
+def test_items_keep_their_places(tmp_path):
+    (tmp_path / "a.yml").write_text("- a:\n  - {name: one, x: 1}\n  - {name: two, x: 1}\n- a:\n    two: {x: 2}\n")
+    tree = merge(load(tmp_path / "a.yml"))
+    assert locate(tree, ("a", 0)).line == 2
+    assert locate(tree, ("a", 1)).line == 3
+    assert locate(tree, ("a", 1, "x")).line == 5
+
+
+def test_a_mapping_replaces_a_list_without_names():
+    assert merge([{"a": [{"b": 1}]}, {"a": {"c": 2}}])["a"] == {"c": 2}

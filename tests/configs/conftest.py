@@ -7,9 +7,9 @@ import pytest
 
 
 @pytest.fixture
-def copied(shipped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a copy of the shipped folder, below a working directory of its own."""
+def copied(long_form: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a copy of the written-out folder of one deputy, below a working directory of its own."""
     folder = tmp_path / "configs" / "translational-inspection"
-    shutil.copytree(shipped.parent, folder)
+    shutil.copytree(long_form / folder.name, folder)
     monkeypatch.chdir(tmp_path)
     return folder

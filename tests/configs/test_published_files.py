@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
 
@@ -57,9 +56,9 @@ def test_the_published_files_give_the_same_environment(copied, shipped):
 
 
 @pytest.mark.skipif(not PUBLISHED_TEAM, reason="the published files are not in shared/seeds beside the repository")
-def test_the_published_files_of_several_agents_load_with_a_note_on_a_name_that_nobody_has(copied, shipped):
+def test_the_published_files_of_several_agents_load_with_a_note_on_a_name_that_nobody_has(copied, long_form):
     ours = copied.parent / "multiagent-translational-inspection"
-    shutil.copytree(configs_root() / ours.name, ours)
+    shutil.copytree(long_form / ours.name, ours)
     expected = load_experiment(ours / "experiment-seed.yml")
     for name, text in blocks(PUBLISHED_TEAM[0].read_text(encoding="utf-8")).items():
         assert "safe_autonomy_sims" in text

@@ -18,10 +18,10 @@ AGENT = "blue#_ctrl"
 
 
 @pytest.fixture
-def team(tmp_path, monkeypatch):
-    """Return a copy of the shipped folder of several agents beside that of one."""
+def team(tmp_path, monkeypatch, long_form):
+    """Return a copy of the written-out folder of several agents beside that of one."""
     for name in ("translational-inspection", "multiagent-translational-inspection"):
-        shutil.copytree(configs_root() / name, tmp_path / "configs" / name)
+        shutil.copytree(long_form / name, tmp_path / "configs" / name)
     monkeypatch.chdir(tmp_path)
     return tmp_path / "configs" / "multiagent-translational-inspection"
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import time
@@ -108,6 +109,17 @@ def test_the_seed_experiments_hold_the_first_values(folder):
     assert {name: experiment.rllib[name] for name in values} == values
     assert "use_kl_loss" not in experiment.rllib  # RLlib's own value
     assert all(policy.trains and not policy.config for policy in experiment.policies.values())
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+@pytest.mark.parametrize("name", ["experiment", "experiment-seed"])
+def test_what_differs_from_another_experiment_gives_what_is_written_out(long_form, monkeypatch, tmp_path, folder, name):
+    for each in FOLDERS:
+        shutil.copytree(long_form / each, tmp_path / "configs" / each)
+    monkeypatch.chdir(tmp_path)
+    written = load_experiment(f"configs/{folder}/{name}.yml")
+    shipped = load_experiment(configs_root() / folder / f"{name}.yml")
+    assert (shipped.rllib, shipped.policies, shipped.config) == (written.rllib, written.policies, written.config)
 
 
 def test_a_resolved_experiment_builds_the_same(shipped):

@@ -177,19 +177,18 @@ class TestUninspectedPoints:
 
 
 TEAM = """
-- !include configs/multiagent-translational-inspection/agent.yml
-- config:
-    parts+: !include configs/parts/outlook-sensors-compact.yml
-    glues+: !include configs/parts/outlook-glues-compact.yml
+- !include configs/multiagent-translational-inspection/experiment-see-others.yml
+- "blue#_ctrl":
+    config:
+      - !include configs/translational-inspection/agent.yml
+      - config:
+          parts+: !include configs/parts/outlook-sensors-compact.yml
+          glues+: !include configs/parts/outlook-glues-compact.yml
 """
 
 
 def test_several_deputies_each_see_their_own_and_the_common_points(tmp_path):
-    team = configs_root() / "multiagent-translational-inspection" / "experiment-see-others.yml"
-    (tmp_path / "agent.yml").write_text(TEAM)
-    (tmp_path / "team.yml").write_text(
-        team.read_text().replace("./agent-see-others.yml", f"{tmp_path}/agent.yml").replace("./", f"{team.parent}/")
-    )
+    (tmp_path / "team.yml").write_text(TEAM)
     env = TeamEnvironment(load_experiment(tmp_path / "team.yml").spec, 4, seed=3)
     observation = env.reset()[0]
     names = env.groups[0].observation_layout.names

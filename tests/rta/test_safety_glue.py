@@ -329,9 +329,9 @@ def test_the_reset_info_counts_the_draws(spec_with, overrides):
 
 
 @pytest.fixture
-def copied(shipped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def copied(long_form: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "configs" / "translational-inspection"
-    shutil.copytree(shipped.parent, folder)
+    shutil.copytree(long_form / folder.name, folder)
     monkeypatch.chdir(tmp_path)
     return folder
 

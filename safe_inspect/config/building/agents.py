@@ -8,8 +8,7 @@ from typing import Any
 
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.config.building.glues import check_glues, exported
-from safe_inspect.config.building.policies import policy_name
+from safe_inspect.config.building.glues import check_glues
 from safe_inspect.config.building.world import WorldValues, in_world, plugins_of
 from safe_inspect.config.messages.messages import message
 from safe_inspect.config.messages.report import KeyTuple, ReportProblem
@@ -82,10 +81,10 @@ def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting:
         entry.name,
         entry.platforms[0],
         parts,
-        exported(glues),
+        tuple(glue for glue in glues if glue.exported),
         _rewards(body.rewards, dones, base, report),
         tuple(dones),
-        policy=policy_name(entry),
+        policy=entry.flown_by,
         scripted_policy=scripted,
     )
 

@@ -48,12 +48,5 @@ def check_glues(
     if len(discrete) > 1:
         report(where, "some action glues choose among levels and others give real numbers; use one kind for all")
     for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
-        if not any(isinstance(glue, base) for glue in exported(glues)) and (observes or base is ActionGlue):
+        if not any(isinstance(glue, base) and glue.exported for glue in glues) and (observes or base is ActionGlue):
             report(where, f"no glue {what}; add one")
-
-
-def exported(glues: tuple[Glue, ...]) -> tuple[Glue, ...]:
-    """Return the glues without the observations that are kept from the policy."""
-    return tuple(
-        glue for glue in glues if not (isinstance(glue, ObservationGlue) and glue.training_export_behavior == "EXCLUDE")
-    )

@@ -135,9 +135,8 @@ def _check_filter(
             report((*where, "constraints"), f"{text}{rate} rad/s; make them agree, or leave `sun` out")
     if "sun" in kept:
         if not any(isinstance(component, Sun) for component in components):
-            report(
-                (*where, "constraints"), "the constraint `sun` needs the component `Sun`; add it, or leave `sun` out"
-            )
+            text = "the constraint `sun` needs the component `Sun`; add it, or leave `sun` out"
+            report((*where, "constraints"), text)
         _check_sun_angle(reset, report)
     if kept:
         for name in _moving_bodies(environment.simulator, reset):

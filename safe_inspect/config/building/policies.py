@@ -9,11 +9,6 @@ from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig, 
 from safe_inspect.config.spec import PolicySpec
 
 
-def policy_name(entry: AgentEntry) -> str:
-    """Return the name of the policy that flies an agent."""
-    return entry.policy_name or entry.name
-
-
 def policies_of(config: ExperimentConfig, report: ReportProblem) -> dict[str, PolicySpec]:
     """Return the policies that fly agents from outside the environment, by name, in agent order.
 
@@ -24,14 +19,12 @@ def policies_of(config: ExperimentConfig, report: ReportProblem) -> dict[str, Po
     flown: dict[str, list[tuple[int, AgentEntry, PolicyConfig]]] = {}
     for index, entry in enumerate(config.agent_config):
         if entry.policy is None and len(config.agent_config) > 1:
-            report(
-                ("agent_config", index),
-                f"the agent {entry.name!r} has no policy; give it a `policy`, such as {{algorithm: PPO}} or "
-                f"{{functor: ZeroThrust}}",
-            )
+            examples = "{algorithm: PPO} or {functor: ZeroThrust}"
+            text = f"the agent {entry.name!r} has no policy; give it a `policy`, such as {examples}"
+            report(("agent_config", index), text)
         policy = entry.policy or PolicyConfig()
         if policy.functor is None:
-            flown.setdefault(policy_name(entry), []).append((index, entry, policy))
+            flown.setdefault(entry.flown_by, []).append((index, entry, policy))
         elif entry.policy_name is not None:
             where = ("agent_config", index, "policy_name")
             report(where, "a scripted policy is shared with nobody; remove the name")

@@ -128,9 +128,8 @@ def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], where: Key
                 report(place, f"the sampler gives no state {state!r}; {did_you_mean(state, known)}")
     missing = [state for state in _STATES if state not in given]
     if given and missing:
-        report(
-            (*where, "initializer"), f"a body needs its {' and '.join(missing)} at a reset; {sorted(given)} are given"
-        )
+        text = f"a body needs its {' and '.join(missing)} at a reset; {sorted(given)} are given"
+        report((*where, "initializer"), text)
 
 
 def _check_taken(
@@ -159,9 +158,8 @@ def _check_taken(
     given = source.initializer.gives if isinstance(source, RejectionSampler) else {}
     if symbol is None:
         if state or isinstance(source, ScalarParameter):
-            report(
-                place, f"{named} is a single value; the states of a body are wanted here, as a RejectionSampler gives"
-            )
+            wanted = "the states of a body are wanted here, as a RejectionSampler gives"
+            report(place, f"{named} is a single value; {wanted}")
     elif state:
         if given.get(state, 1) != 1:
             report(place, f"{named} has {given[state]} elements; one number is wanted here")

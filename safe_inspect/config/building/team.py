@@ -52,10 +52,8 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
             place = (*where, "config", "config", "frame_rate")
             report(place, f"{message}{lead.config.config.frame_rate:g} Hz; all agents act at one rate")
     if len(config.agent_config) > MAX_COUNT:
-        report(
-            ("agent_config",),
-            f"{len(config.agent_config)} agents are too many for one environment; {MAX_COUNT} at most",
-        )
+        text = f"{len(config.agent_config)} agents are too many for one environment; {MAX_COUNT} at most"
+        report(("agent_config",), text)
     done_names = {named.name for agent in agents for named in agent.dones}
     seen: set[str] = set()
     for index, named in enumerate(config.config.config.env_config.dones.shared):
@@ -113,9 +111,8 @@ def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environme
         names = tuple(agent.platform for agent in agents)
         if not all(_tested(reset, name, by_own=False) for name in names):
             watches.append(partial(_warn_of_starts, names, environment.rta))
-    return replace(
-        reset, separation=max(collisions, default=0.0), tests=tuple(tests), watches=tuple(watches)
-    )  # fmt: skip
+    separation = max(collisions, default=0.0)
+    return replace(reset, separation=separation, tests=tuple(tests), watches=tuple(watches))
 
 
 def _tested(reset: ResetPlan, platform: str, *, by_own: bool) -> bool:

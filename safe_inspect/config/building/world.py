@@ -122,9 +122,7 @@ def check_world(
                 text += dynamics.registered_name
                 report((*path, "config", "enabled"), f"{text}; switch it off")
             elif filters and environment.simulator.turns:
-                text = (
-                    "the filter certifies a thrust that is held along the axes of Hill's frame, and these deputies turn"
-                )
+                text = "the filter certifies a thrust held along the axes of Hill's frame, and these deputies turn"
                 report((*path, "config", "enabled"), f"{text}; switch it off")
             thrust = _value(plugin, "u_max", taken)
             if filters and thrust is not None and any(thrust > min((-low).min(), high.min()) for low, high in largest):

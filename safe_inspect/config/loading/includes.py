@@ -73,7 +73,5 @@ def _near(place: Path) -> Path | None:
 
 def display_path(path: Path) -> str:
     """Return a path as messages print it: from the working directory where it lies below it."""
-    try:
-        return path.relative_to(Path.cwd()).as_posix()
-    except ValueError:
-        return path.as_posix()
+    below = path.is_relative_to(Path.cwd())
+    return (path.relative_to(Path.cwd()) if below else path).as_posix()

@@ -11,14 +11,16 @@ that file. ``key: !remove`` in a mapping that is merged removes the key of an ea
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.loading.construct import Constructor
 from safe_inspect.config.loading.includes import display_path, hint, places
-from safe_inspect.config.loading.located import locate
+from safe_inspect.config.loading.located import KeyPath, locate, path_text
 from safe_inspect.config.loading.syntax import compose, decode
-from safe_inspect.errors import ConfigError, Location, Problem
+from safe_inspect.errors import ConfigError, Location, Problem, RegistryError
+from safe_inspect.plugins.registry import import_user_module
 
 COMMAND_LINE = "command line"
 
@@ -74,6 +76,28 @@ def parse(text: str, location: Location) -> Any:
         raise ConfigError([Problem(problem.message, location=location) for problem in error.problems]) from None
     constructor = Constructor(lambda mark: location, loading.include, loading.problems)
     return _finish(loading, None if node is None else constructor.document(node))
+
+
+def import_plugins(tree: Any, where: KeyPath) -> None:
+    """Import the modules of the list at a path of a tree; the peer's own are this package's already.
+
+    Raises:
+        ConfigError: With every module that is missing or cannot be imported.
+    """
+    paths: Any = tree
+    for key in where:
+        paths = paths.get(key) if isinstance(paths, Mapping) else None
+    problems = []
+    for index, name in enumerate(paths if isinstance(paths, list) else ()):
+        if str(name).split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
+            continue
+        try:
+            import_user_module(str(name))
+        except RegistryError as error:
+            place = (*where, index)
+            problems.append(Problem(str(error), path_text(place), locate(tree, place)))
+    if problems:
+        raise ConfigError(problems)
 
 
 def _finish(loading: _Loading, tree: Any) -> Any:

@@ -9,16 +9,39 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
-from typing import Any
+from typing import Any, Self
 
 from safe_inspect.errors import Location
 
-#: A path of keys and indices from the root of a tree.
 #: Keys and indices that lead to a place of a tree.
 KeyPath = Sequence[Any]
 
 
-class LocatedDict(dict[Any, Any]):
+class _Located:
+    """What the two containers have in common."""
+
+    location: Location | None
+    marks: dict[Any, Location]
+
+    def __init__(
+        self, items: Iterable[Any] = (), marks: Mapping[Any, Location] | None = None, location: Location | None = None
+    ) -> None:
+        super().__init__(items)  # type: ignore[call-arg]
+        self.location = location
+        self.marks = dict(marks or {})
+
+    def copy(self) -> Self:
+        """Return a shallow copy with the same marks."""
+        return type(self)(self, self.marks, self.location)  # type: ignore[arg-type]
+
+    __copy__ = copy
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        items = dict(self) if isinstance(self, dict) else list(self)  # type: ignore[call-overload]
+        return type(self), (items, self.marks, self.location)
+
+
+class LocatedDict(_Located, dict[Any, Any]):
     """A dict with the place of itself and of each key.
 
     Attributes:
@@ -26,35 +49,13 @@ class LocatedDict(dict[Any, Any]):
         marks: Where each key stands.
     """
 
-    __slots__ = ("location", "marks")
-
-    def __init__(
-        self,
-        items: Mapping[Any, Any] | Iterable[tuple[Any, Any]] = (),
-        marks: Mapping[Any, Location] | None = None,
-        location: Location | None = None,
-    ) -> None:
-        super().__init__(items)
-        self.location = location
-        self.marks: dict[Any, Location] = dict(marks or {})
-
-    def copy(self) -> LocatedDict:
-        """Return a shallow copy with the same marks."""
-        return LocatedDict(self, self.marks, self.location)
-
-    __copy__ = copy
-
     def __deepcopy__(self, memo: dict[int, Any]) -> LocatedDict:
         twin = memo[id(self)] = LocatedDict((), self.marks, self.location)
-        for key, value in self.items():
-            twin[key] = deepcopy(value, memo)
+        twin.update((key, deepcopy(value, memo)) for key, value in self.items())
         return twin
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return LocatedDict, (dict(self), self.marks, self.location)
 
-
-class LocatedList(list[Any]):
+class LocatedList(_Located, list[Any]):
     """A list with the place of itself and of each item.
 
     Attributes:
@@ -62,31 +63,10 @@ class LocatedList(list[Any]):
         marks: Where each item stands, by index.
     """
 
-    __slots__ = ("location", "marks")
-
-    def __init__(
-        self,
-        items: Iterable[Any] = (),
-        marks: Mapping[int, Location] | None = None,
-        location: Location | None = None,
-    ) -> None:
-        super().__init__(items)
-        self.location = location
-        self.marks: dict[int, Location] = dict(marks or {})
-
-    def copy(self) -> LocatedList:
-        """Return a shallow copy with the same marks."""
-        return LocatedList(self, self.marks, self.location)
-
-    __copy__ = copy
-
     def __deepcopy__(self, memo: dict[int, Any]) -> LocatedList:
         twin = memo[id(self)] = LocatedList((), self.marks, self.location)
         twin.extend(deepcopy(value, memo) for value in self)
         return twin
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return LocatedList, (list(self), self.marks, self.location)
 
 
 class Removal:

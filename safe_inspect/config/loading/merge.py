@@ -10,6 +10,8 @@ from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: What a key ends in whose list is appended.
 APPEND = "+"
+#: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
+_CLASS_KEYS = ("functor", "type", "part", "controller", "sensor")
 
 
 def merge(items: Any) -> LocatedDict:
@@ -19,12 +21,13 @@ def merge(items: Any) -> LocatedDict:
     value, adds nothing.
     Mappings merge key by key to any depth; of everything else, lists included,
     the later value wins. A key that ends in ``+`` appends its list to the list
-    of the key without it: ``rewards+`` adds to ``rewards``. The value ``!remove``
-    leaves a key out. Marks follow the
+    of the key without it: ``rewards+`` adds to ``rewards``. A mapping over a list of
+    named items merges into the items whose names its keys are: their own ``name``, or their class, controller or
+    sensor. The value ``!remove`` leaves a key or an item out. Marks follow the
     winning value. Nothing is changed in place.
 
     Raises:
-        ConfigError: An item is no mapping, or a list is appended to something else.
+        ConfigError: An item is no mapping, a list is appended to something else, or a key is the name of no item.
     """
     if isinstance(items, Mapping):
         return _located(items)
@@ -63,12 +66,72 @@ def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
             del merged[key]
             merged.marks.pop(key, None)
             continue
-        old = merged.get(key)
-        merged[key] = _pair(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+        merged[key] = _over(merged.get(key), value)
         merged.marks.pop(key, None)  # the newest comes last
         if key in marks:
             merged.marks[key] = marks[key]
     return merged
+
+
+def _over(old: Any, value: Any) -> Any:
+    """Return what a value makes of an older one."""
+    if isinstance(value, Mapping) and isinstance(old, Mapping):
+        return _pair(old, value)
+    if isinstance(value, Mapping) and isinstance(old, list) and old and all(names_of(item) for item in old):
+        for key in value:
+            old = _with_item(old, str(key), value[key], locate(value, (key,)))
+        return old
+    return value
+
+
+def _with_item(items: list[Any], name: str, value: Any, location: Location | None) -> LocatedList:
+    """Return a list of named items with a value over the one of a name, or without it."""
+    found = items_named(items, name)
+    if len(found) != 1:
+        known = {other for item in items for other in names_of(item)}
+        text, hint = f"no item of the list is named {name!r}", did_you_mean(name, known)
+        if found:
+            text, hint = f"{len(found)} items of the list are named {name!r}", "give them names of their own"
+        raise ConfigError(Problem(text, location=location, hint=hint))
+    marks: dict[int, Location] = {}
+    made: list[Any] = []
+    for index, item in enumerate(items):
+        if index not in found or not isinstance(value, Removal):
+            mark = location if index in found and not isinstance(value, Mapping) else locate(items, (index,))
+            marks |= {len(made): mark} if mark else {}
+            made.append(_over(item, value) if index in found else item)
+    return LocatedList(made, marks, getattr(items, "location", None))
+
+
+def items_named(items: list[Any], name: str) -> list[int]:
+    """Return the indices of the items of a list that a name fits: one that a user gave, else that of a class."""
+    given = [index for index, item in enumerate(items) if name in _given_names(item)]
+    return given or [index for index, item in enumerate(items) if name in _class_names(item)]
+
+
+def names_of(item: Any) -> list[str]:
+    """Return all names of an item of a list."""
+    return [*_given_names(item), *_class_names(item)]
+
+
+def _given_names(item: Any) -> list[str]:
+    """Return the names that the user gave to an item of a list."""
+    if isinstance(item, list):
+        return [item[0]] if item and isinstance(item[0], str) else []
+    return [source["name"] for source in _sources(item) if isinstance(source.get("name"), str)]
+
+
+def _class_names(item: Any) -> list[str]:
+    """Return the names of an item's class, and of the controller or sensor that it is about."""
+    texts = [source[key] for source in _sources(item) for key in _CLASS_KEYS if key in source]
+    return [text.rpartition(".")[2] for text in texts if isinstance(text, str)]
+
+
+def _sources(item: Any) -> list[Mapping[Any, Any]]:
+    """Return the mappings that can name an item: itself and its `config`."""
+    if not isinstance(item, Mapping):
+        return []
+    return [source for source in (item, item.get("config")) if isinstance(source, Mapping)]
 
 
 def _append(merged: LocatedDict, key: str, items: Any, location: Location | None) -> None:

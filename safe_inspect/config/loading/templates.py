@@ -32,30 +32,16 @@ def expand_templates(tree: LocatedDict, problems: list[Problem]) -> LocatedDict:
     if not isinstance(agents, list) or not isinstance(platforms, list):
         return tree
     counts: dict[str, int] = {}
-    written = _Entries(agents)
-    for index, entry in enumerate(agents):
-        for copy in _agent(entry, tree, ("agent_config", index), counts, problems):
-            written.add(copy, index)
-    shapes = _Entries(platforms)
-    for index, entry in enumerate(platforms):
-        for copy in _platform(entry, tree, ("platform_config", index), counts, problems):
-            shapes.add(copy, index)
     expanded = tree.copy()
-    expanded["agent_config"], expanded["platform_config"] = written.list, shapes.list
+    for key, entries, write in (("agent_config", agents, _agent), ("platform_config", platforms, _platform)):
+        written = [
+            (copy, locate(entries, (index,)))
+            for index, entry in enumerate(entries)
+            for copy in write(entry, tree, (key, index), counts, problems)
+        ]
+        marks = {number: mark for number, (_, mark) in enumerate(written) if mark is not None}
+        expanded[key] = LocatedList([copy for copy, _ in written], marks, getattr(entries, "location", None))
     return expanded
-
-
-class _Entries:
-    """The written-out list; each entry stands where its template does."""
-
-    def __init__(self, source: list[Any]) -> None:
-        self.list = LocatedList([], {}, getattr(source, "location", None))
-        self._marks = getattr(source, "marks", {})
-
-    def add(self, entry: Any, index: int) -> None:
-        if index in self._marks:
-            self.list.marks[len(self.list)] = self._marks[index]
-        self.list.append(entry)
 
 
 def _agent(

@@ -241,6 +241,11 @@ class AgentEntry(Model):
     policy: PolicyConfig | None = None
     policy_name: str | None = Field(default=None, pattern=r"^[\w.-]+$")
 
+    @property
+    def flown_by(self) -> str:
+        """The name of the policy that flies the agent."""
+        return self.policy_name or self.name
+
 
 class TaskBody(TaskBodyKeys, Model):
     """The task's configurations, lists of mappings already merged; see `TaskConfig`."""

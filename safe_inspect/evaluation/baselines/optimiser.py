@@ -53,7 +53,6 @@ def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, e
         near=max(16.0, 1.2 * task.near),
         far=min(0.975 * task.far, 1e6),
         field_of_view=task.field_of_view,
-        sun_rate=task.sun_rate,
     )
     guide = fly_slots(spec, inspector, episodes, seed, first_slot)
     environment = TeamEnvironment(spec, episodes, seed=seed, first_slot=first_slot)

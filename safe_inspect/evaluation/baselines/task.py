@@ -32,7 +32,6 @@ class CoverageTask:
         near: Least range [m].
         far: Largest range, infinite for none [m].
         field_of_view: Full angle of the camera's cone [rad].
-        sun_rate: Rate of the sun's angle [rad/s]; None: the mean motion.
     """
 
     entity: str
@@ -40,7 +39,6 @@ class CoverageTask:
     near: float
     far: float
     field_of_view: float
-    sun_rate: float | None
 
 
 def coverage_task(spec: EnvironmentSpec) -> CoverageTask:
@@ -83,7 +81,6 @@ def coverage_task(spec: EnvironmentSpec) -> CoverageTask:
         near=max((done.crash_region_radius for done in dones if isinstance(done, CrashDoneFunction)), default=0.0),
         far=min((done.max_distance for done in dones if isinstance(done, MaxDistanceDoneFunction)), default=math.inf),
         field_of_view=simulator.field_of_view,
-        sun_rate=simulator.illumination_params.mean_motion if simulator.illumination_params else None,
     )
 
 
