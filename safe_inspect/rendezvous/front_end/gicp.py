@@ -38,7 +38,7 @@ class PreparedCloud:
         return len(self.points)
 
 
-def prepare(points: FloatArray) -> PreparedCloud:
+def prepared_cloud(points: FloatArray) -> PreparedCloud:
     """Return points [m], shape (n, 3), ready for registration."""
     library = require("small_gicp")
     cloud, tree = library.preprocess_points(

@@ -11,7 +11,7 @@ from pydantic import Field
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
-from safe_inspect.rendezvous.front_end.gicp import PreparedCloud, prepare, register
+from safe_inspect.rendezvous.front_end.gicp import PreparedCloud, prepared_cloud, register
 from safe_inspect.rendezvous.front_end.motion import RelativeMotion
 from safe_inspect.rendezvous.front_end.registration import Registration
 from safe_inspect.rendezvous.poses import difference, inverse, move, pose, rotation_exp, rotation_log
@@ -97,7 +97,7 @@ class SubmapFrontEndRun:
         if len(points) < _LEAST_POINTS:
             self._failures += 1
             return []
-        cloud = prepare(points)
+        cloud = prepared_cloud(points)
         if not self._keyframes:
             self._add(number, np.eye(4), cloud)
             self._motion = RelativeMotion(frame.time, np.eye(4))
@@ -191,7 +191,7 @@ class SubmapFrontEndRun:
         """Add a keyframe and renew the submap."""
         self._keyframes.append(_Keyframe(number, T_GB, cloud))
         newest = self._keyframes[-self._options.submap :]
-        self._submap = prepare(np.concatenate([move(one.pose, one.cloud.points) for one in newest]))
+        self._submap = prepared_cloud(np.concatenate([move(one.pose, one.cloud.points) for one in newest]))
 
     def _edge(self, last: _Keyframe, number: int, found: Registration, kind: _Kind) -> Edge:
         """Return the edge from a keyframe to a frame that was registered to the submap."""

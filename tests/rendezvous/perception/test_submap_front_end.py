@@ -7,7 +7,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
-from safe_inspect.rendezvous.front_end.gicp import prepare, register
+from safe_inspect.rendezvous.front_end.gicp import prepared_cloud, register
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd
 from safe_inspect.rendezvous.poses import difference, inverse, move, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
@@ -25,7 +25,7 @@ def test_the_same_cloud_turned_is_registered(shoot: Shoot) -> None:
     centre = points.mean(axis=0)
     turn = rotation_exp(np.deg2rad(4.0) * np.array([0.6, 0.6, 0.5]))
     truth = pose(turn, centre - turn @ centre)
-    found = register(prepare(move(truth, points)), prepare(points), np.eye(4))
+    found = register(prepared_cloud(move(truth, points)), prepared_cloud(points), np.eye(4))
     assert np.rad2deg(np.linalg.norm(difference(truth, found.pose)[:3])) < 0.1
     assert found.inliers > 0.95
 
