@@ -17,9 +17,8 @@ from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.context import FrontEndContext
 from safe_inspect.rendezvous.plugins.base import BackEnd, Characteriser, FrontEnd
 from safe_inspect.rendezvous.poses import inverse, pose
-from safe_inspect.rendezvous.readings import PoseFrame
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.poses import PoseSensor, PoseSensorRun
+from safe_inspect.rendezvous.sensors.poses import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthCamera, DepthRenderer
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.testing.report import Report

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.readings import PoseFrame
+from safe_inspect.rendezvous.sensors.poses import PoseFrame
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
