@@ -33,8 +33,6 @@ from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
 from safe_inspect.rendezvous.bound.conformal import Bound  # noqa: E402
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates  # noqa: E402
-from safe_inspect.rendezvous.campaign.tables import interval  # noqa: E402
-from safe_inspect.rendezvous.chaser import ChaserState, last  # noqa: E402
 from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign  # noqa: E402
 from safe_inspect.rendezvous.control.mpc import TubeMPC  # noqa: E402
@@ -43,14 +41,16 @@ from safe_inspect.rendezvous.control.tracker import AxisStatus  # noqa: E402
 from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
 from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
 from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
+from safe_inspect.rendezvous.estimate import BodyState  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
-from safe_inspect.rendezvous.mission import dynamics_of  # noqa: E402
+from safe_inspect.rendezvous.missions.tables import interval  # noqa: E402
 from safe_inspect.rendezvous.models import RendezvousConfig  # noqa: E402
 from safe_inspect.rendezvous.pilot import limits_of  # noqa: E402
 from safe_inspect.rendezvous.planner.certificate import certify  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
 from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free  # noqa: E402
 from safe_inspect.rendezvous.target.model import Target  # noqa: E402
+from safe_inspect.rendezvous.truth import ChaserFlight  # noqa: E402
 
 _SETTINGS = (
     "tumble={functor: RandomTumble}",
@@ -151,16 +151,14 @@ def fly(
     """Return the figures of one flight."""
     plan, _, design = approach_
     mission = config.mission
-    dynamics, ticks = dynamics_of(config), mission.control_ticks
     every = round(1.0 / mission.step)
-    state = ChaserState(
-        np.concatenate((plan.position[0], plan.velocity[0]))[None], np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)),
-        np.zeros((1, 6)),
-    )  # fmt: skip
+    level, own = np.array([0.0, 0.0, 0.0, 1.0]), config.chaser.actuator
+    flight = ChaserFlight(config, BodyState(plan.position[0], plan.velocity[0], level, np.zeros(3)))
     path, unsolved, share, seconds, keeps = [], 0, 0.0, [], True
     first_solved = True
     for k in range(len(plan.times) - 1):
-        x = state.translation[0]
+        now = flight.state
+        x = np.concatenate((now.position, now.velocity))
         used = time.process_time()
         output = tracker.step(x, known[k // every], k)
         seconds.append(time.process_time() - used)
@@ -171,21 +169,18 @@ def fly(
         keeps &= bool((np.abs(x[:3]) <= np.array(config.chaser.limits.keep_in) + 1e-9).all())
         distance = np.abs(x[:3] - plan.position[k] - output.nominal[:, 0]).max()
         share = max(share, float(distance / design.tube.clearance[k]))
-        command = np.concatenate((output.force, np.zeros(3)))[None]
-        history = dynamics.advance(state, command, noise[k][None], ticks)
-        path.append(history.translation[0, :, :3])
-        state = last(history)
+        flown = (1.0 + own.scale_error) * output.force + own.force_noise * noise[k][:3]
+        path.append(flight.step(flown, np.zeros(3))[0].position)  # B is along W
     positions = np.concatenate(path)
     times = plan.times[0] + mission.tick * np.arange(1, len(positions) + 1)
     q, _ = tumble(target.principal, plan.orientation[:1], plan.angular_velocity[:1], times - plan.times[0])
-    end = state.translation[0]
     return {
         "clearance": float(clearances(target, positions, q[0], config.chaser.radius).min()),
         "unsolved": int(unsolved),
         "first_solved": bool(first_solved),
         "share": share,
         "keep_in": keeps,
-        "end_error": float(np.linalg.norm(end[:3] - plan.position[-1])),
+        "end_error": float(np.linalg.norm(flight.state.position - plan.position[-1])),
         "seconds": seconds[1:],
     }
 

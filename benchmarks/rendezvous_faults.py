@@ -25,7 +25,7 @@ from scipy.stats import binomtest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.mission import Mission
+from safe_inspect.rendezvous.missions.mission import Mission
 
 #: Kinds of faults and their shares. "shape" is a target that the front end does not recognise; "blind" is the loss of
 #: camera and inertial unit at once.

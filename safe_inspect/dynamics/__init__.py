@@ -4,6 +4,7 @@ from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyW
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.dynamics.double_integrator import DoubleIntegrator
+from safe_inspect.dynamics.free_flyer import FreeFlyer
 
 __all__ = [
     "NO_DISTURBANCE",
@@ -12,5 +13,6 @@ __all__ = [
     "DisturbanceBounds",
     "DoubleIntegrator",
     "Dynamics",
+    "FreeFlyer",
     "MotionLimits",
 ]

@@ -119,6 +119,11 @@ class Dynamics(Plugin):
     control_unit: ClassVar[str] = "N"
 
     @property
+    def traced(self) -> bool:
+        """Whether a simulation keeps the arrays of the bodies after every physics step. False by default."""
+        return False
+
+    @property
     def turns_thrust(self) -> bool:
         """Whether the thrust, the first three elements of the control, stands in body axes. False by default."""
         return False
@@ -151,31 +156,35 @@ class Dynamics(Plugin):
         return {}
 
 
-def advance_kernel(dynamics: Dynamics, step_size: float) -> Kernel[..., None]:
+def advance_kernel(dynamics: Dynamics, step_size: float, *, traced: bool = False) -> Kernel[..., None]:
     """Return the compiled loop of a vehicle's row kernel over environments, bodies and physics steps.
 
-        advance(*parameters, *arrays, control, masses, step_size, physics_steps, delta_v, time, step)
+        advance(*parameters, *arrays, [*traces,] control, masses, step_size, physics_steps, delta_v, time, step)
 
     Args:
         dynamics: The dynamics.
         step_size: Length of a physics step [s].
+        traced: Whether each array is also written after every physics step, into a trace (N, B, physics steps, ...).
     """
     parameters = ", ".join(f"p{index}" for index in range(len(dynamics(step_size))))
     arrays = ", ".join(f"a{index}" for index in range(len(dynamics.arrays)))
     rows = ", ".join(f"a{index}[n, b]" for index in range(len(dynamics.arrays)))
     first = f"{parameters}, " if parameters else ""
+    names = [f"a{index}" for index in range(len(dynamics.arrays))] if traced else []
+    traces = "".join(f", of_{name}" for name in names)
+    kept = "".join(f"\n                of_{name}[n, b, k] = {name}[n, b]" for name in names)
     source = f"""import numpy as np
 
 
-def advance({first}{arrays}, control, masses, step_size, physics_steps, delta_v, time, step):
+def advance({first}{arrays}{traces}, control, masses, step_size, physics_steps, delta_v, time, step):
     deputies, idle = masses.shape[0], np.empty(control.shape[2])
     for k in range(len(idle)):
         idle[k] = 0.0
     for n in range(a0.shape[0]):
         for b in range(a0.shape[1]):
             held, mass = (control[n, b], masses[b]) if b < deputies else (idle, 1.0)
-            for _ in range(physics_steps):
-                rate = row({first}{rows}, held, mass)
+            for k in range(physics_steps):
+                rate = row({first}{rows}, held, mass){kept}
                 if b < deputies:
                     delta_v[n, b] += rate * step_size
         time[n] += step_size * physics_steps

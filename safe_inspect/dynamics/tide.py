@@ -15,7 +15,6 @@ import math
 
 import numpy as np
 
-from safe_inspect.dynamics.cwh import transition
 from safe_inspect.types import FloatArray
 
 
@@ -39,26 +38,6 @@ def tidal_acceleration(mean_motion: float, times: FloatArray, position: FloatArr
 def largest_tide(mean_motion: float, distance: float) -> float:
     """Return the largest tidal acceleration within a distance of the target, ``2 n^2 r`` [m/s^2]."""
     return 2.0 * mean_motion**2 * distance
-
-
-def inertial_transition(mean_motion: float, mass: float, step: float) -> tuple[FloatArray, FloatArray]:
-    """Return Phi and Gamma of the map of one step from time zero, of states in W.
-
-    At another time t position and velocity are turned by -nt about z first, and the result by nt. The force is that in
-    Hill's axes in the middle of the step, over which it is held there: in W it turns by n dt, 1e-5 rad in 8 ms.
-
-    Args:
-        mean_motion: Mean motion n of the target's orbit [rad/s].
-        mass: Mass of the chaser [kg].
-        step: The step [s].
-
-    Returns:
-        Phi, shape (6, 6), and Gamma, shape (6, 3).
-    """
-    phi, gamma = transition(mean_motion, mass, step)
-    turn = hill_rotation(mean_motion, -step)
-    back = turn @ _rates(-mean_motion)
-    return back @ phi @ _rates(mean_motion), back @ gamma
 
 
 def to_hill(mean_motion: float, time: float, state: FloatArray) -> FloatArray:

@@ -18,8 +18,10 @@ from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.path import ApproachPath, SampledPath
 from safe_inspect.rendezvous.planner.problem import mating_state, sampled_plan
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
-from safe_inspect.rendezvous.readings import Command, PoseFrame, Reading, Readings, StateReading
+from safe_inspect.rendezvous.readings import Command, Reading, Readings
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
+from safe_inspect.rendezvous.sensors.poses import PoseFrame
+from safe_inspect.rendezvous.sensors.state import StateReading
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 

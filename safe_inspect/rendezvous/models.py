@@ -20,22 +20,22 @@ from safe_inspect.units import (
     Length,
     NonNegativeAngularRate,
     NonNegativeDuration,
+    NonNegativeForce,
     NonNegativeSpeed,
+    NonNegativeTorque,
     PositiveAngularRate,
     PositiveDuration,
     PositiveForce,
     PositiveLength,
     PositiveMass,
+    PositiveMomentOfInertia,
     PositiveSpeed,
+    PositiveTorque,
     Speed,
     quantity,
 )
 
 PositiveAngle = quantity("rad", gt=0)
-NonNegativeForce = quantity("N", ge=0)
-PositiveTorque = quantity("N m", gt=0)
-NonNegativeTorque = quantity("N m", ge=0)
-PositiveMoment = quantity("kg m^2", gt=0)
 _Vector = tuple[Length, Length, Length]  # type: ignore[valid-type]
 _VelocityVector = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
 
@@ -108,7 +108,7 @@ class ChaserConfig(Model):
     """
 
     mass: PositiveMass = 9.583788668  # type: ignore[valid-type]
-    inertia: tuple[PositiveMoment, PositiveMoment, PositiveMoment] = (  # type: ignore[valid-type]
+    inertia: tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia] = (  # type: ignore[valid-type]
         0.153427995,
         0.14271405,
         0.162302759,

@@ -117,10 +117,19 @@ class Pilot:
         if self._coordinator.finished:
             return None
         self.followed = Followed(*self._follow())
-        force = self.followed.output.force
-        torque = self._point()
-        context.motion.advance(force / self._config.chaser.mass, self._config.mission.step)
-        return Command(force, torque)
+        command = Command(self._in_body(self.followed.output.force), self._point())
+        context.motion.advance(self.followed.output.force / self._config.chaser.mass, self._config.mission.step)
+        return command
+
+    def _in_body(self, force: FloatArray) -> FloatArray:
+        """Return a force of W along the axes of B in the middle of the step [N], shape (3,).
+
+        Thrusters have their limit along the axes of B: a force beyond it is shortened, and keeps its direction.
+        """
+        chaser, limit = self.context.estimate.chaser, self._config.chaser.limits.force
+        turn = quaternion.exp(0.5 * self._config.mission.step * chaser.angular_velocity)
+        acting = quaternion.rotate(quaternion.conjugate(quaternion.multiply(chaser.orientation, turn)), force)
+        return np.asarray(acting / max(1.0, float(np.abs(acting).max()) / limit))
 
     def _changed(self, before: Phase, guard: str, after: Phase) -> None:
         self._report_change(before, guard, after)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from safe_inspect.rendezvous.bound.query import EstimateErrors
-from safe_inspect.rendezvous.edges import Edge
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.sensors.imu import InertialSample
+from safe_inspect.rendezvous.sensors.state import StateReading
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
@@ -20,42 +19,12 @@ class Command(NamedTuple):
     """What the actuators are told.
 
     Attributes:
-        force: In W [N], shape (3,).
+        force: In B [N], shape (3,).
         torque: In B [N m], shape (3,).
     """
 
     force: FloatArray
     torque: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class PoseFrame(DepthFrame):
-    """A frame without points, with the relative poses that a simulated sensor has measured in its place.
-
-    Attributes:
-        number: Number of the frame, which its poses refer to.
-        poses: The poses, as a front end gives them.
-    """
-
-    number: int
-    poses: tuple[Edge, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class StateReading:
-    """The states of chaser and target, as a simulated sensor gives them.
-
-    Attributes:
-        chaser: The chaser.
-        target: The target; None where it was not measured in this step.
-        errors: How wrong they are.
-        correlation: Correlation of the errors of two measurements of the target that follow each other.
-    """
-
-    chaser: BodyState
-    target: BodyState | None
-    errors: EstimateErrors
-    correlation: float
 
 
 @dataclass(frozen=True, eq=False)

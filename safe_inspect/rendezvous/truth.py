@@ -6,16 +6,43 @@ from typing import NamedTuple
 
 import numpy as np
 
+from safe_inspect.dynamics.free_flyer import FreeFlyer
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.chaser import ChaserDynamics, ChaserState, last
 from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.readings import Command
+from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer
+from safe_inspect.simulators.resets.parameters import ConstantParameter
+from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
+from safe_inspect.simulators.simulation import Simulation
+from safe_inspect.tasks.rendezvous.actuators import Actuators
 from safe_inspect.types import FloatArray
 
 #: Change of the angular velocity by an impulse, as a share of its magnitude.
 _IMPULSE = 0.5
 #: Steps of control whose target attitudes are computed at a time.
 _BLOCK = 64
+#: Parameters of the initialiser; the state is written after a reset.
+_AT_ORIGIN = {name: ConstantParameter(value=0.0) for name in PositionVelocityInitializer.parameters}
+
+
+class ChaserTrace(NamedTuple):
+    """The chaser after each tick of a step of control.
+
+    Attributes:
+        position: In W [m], shape (ticks, 3).
+        velocity: In W [m/s], shape (ticks, 3).
+        orientation: Quaternion q_WB [x, y, z, w], shape (ticks, 4).
+        angular_velocity: In B [rad/s], shape (ticks, 3).
+        wrench: Force [N] and torque [N m] that act, in B, shape (ticks, 6).
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    orientation: FloatArray
+    angular_velocity: FloatArray
+    wrench: FloatArray
 
 
 class TruthStep(NamedTuple):
@@ -24,16 +51,77 @@ class TruthStep(NamedTuple):
     Attributes:
         chaser_before: The chaser before it.
         target_before: The target before it.
-        chaser: The chaser after each tick, one row, shape (1, ticks, ...).
+        chaser: The chaser after each tick.
         target: The target's attitude q_WT after each tick, shape (ticks, 4).
-        error: The uniform numbers that scaled the actuators' noise, shape (6,).
+        flown: Force [N] and torque [N m] in B that the actuators made of the command, without their lag, shape (6,).
     """
 
     chaser_before: BodyState
     target_before: BodyState
-    chaser: ChaserState
+    chaser: ChaserTrace
     target: FloatArray
-    error: FloatArray
+    flown: FloatArray
+
+
+class ChaserFlight:
+    """The chaser of an experiment as a simulation of one free flyer: a step is one of control, a tick one of physics.
+
+    Args:
+        config: The experiment.
+        start: The chaser at the start.
+        time: The time of the start, which counts on an orbit [s].
+        streams: The random streams of the mission, which the actuators' noise is drawn from; None for actuators
+            without limits and errors.
+    """
+
+    def __init__(
+        self, config: RendezvousConfig, start: BodyState, time: float = 0.0, streams: Streams | None = None
+    ) -> None:
+        chaser, own, mission = config.chaser, config.chaser.actuator, config.mission
+        actuators = Actuators(
+            force=chaser.limits.force,
+            torque=chaser.limits.torque,
+            scale_error=own.scale_error,
+            force_noise=own.force_noise,
+            torque_noise=own.torque_noise,
+        )
+        self._simulation = Simulation(
+            FreeFlyer(inertia=chaser.inertia, lag=own.lag, mean_motion=mission.mean_motion, keeps_trace=True),
+            () if streams is None else (actuators,),
+            masses={"chaser": chaser.mass},
+            groups=(),
+            reset=ResetPlan({}, {"chaser": BodyReset(PositionVelocityInitializer(), _AT_ORIGIN)}, {}),
+            step_size=mission.step,
+            decimation=mission.control_ticks,
+            num_envs=1,
+            seed=0 if streams is None else streams.seed,
+            first_slot=0 if streams is None else int(streams.slot[0]),
+        )
+        state = self._simulation.reset(np.zeros(1, np.int64))
+        for name, value in start._asdict().items():
+            state[name][0, 0] = value
+        state["orbit_angle"][...] = mission.mean_motion * time
+        self._simulation.state.put(np.zeros(1, np.int64), state)
+
+    @property
+    def state(self) -> BodyState:
+        """The chaser's state."""
+        return BodyState(*(self._simulation.state[name][0, 0].copy() for name in BodyState._fields))
+
+    def step(self, force: FloatArray, torque: FloatArray) -> tuple[ChaserTrace, FloatArray]:
+        """Hold a command for one step of control.
+
+        Args:
+            force: In B [N], shape (3,).
+            torque: In B [N m], shape (3,).
+
+        Returns:
+            The chaser after each tick, and what the actuators made of the command, shape (6,).
+        """
+        simulation = self._simulation
+        simulation.step(np.concatenate([force, torque])[None, None])
+        trace = ChaserTrace(*(simulation.trace[name][0, 0].copy() for name in ChaserTrace._fields))
+        return trace, simulation.flown[0, 0].copy()
 
 
 def target_motion(
@@ -66,57 +154,39 @@ class MissionTruth:
     """The truth of one mission. W has the target's centre of mass at its origin; its axes do not turn.
 
     Args:
-        dynamics: How the chaser moves.
+        config: The experiment.
         start: The chaser at the start.
         inertia: The target's principal moments, up to one factor, shape (3,).
         tumbling: The target's attitude q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,), at the start.
-        tick: Length of a tick [s].
-        ticks: Ticks of a step of control.
         streams: The random streams of the mission.
         impulses: When something strikes the target [s]; see `target_motion`.
     """
 
     def __init__(
         self,
-        dynamics: ChaserDynamics,
+        config: RendezvousConfig,
         start: BodyState,
         inertia: FloatArray,
         tumbling: tuple[FloatArray, FloatArray],
-        tick: float,
-        ticks: int,
         streams: Streams,
         impulses: tuple[float, ...] = (),
     ) -> None:
-        self._impulses = impulses
-        self._dynamics, self._inertia, self._tumbling = dynamics, inertia, tumbling
-        self._tick, self._ticks, self._streams = tick, ticks, streams
-        translation = np.concatenate([start.position, start.velocity])[None]
-        self._state = ChaserState(translation, start.orientation[None], start.angular_velocity[None], np.zeros((1, 6)))
+        self._flight = ChaserFlight(config, start, streams=streams)
+        self._impulses, self._inertia, self._tumbling = impulses, inertia, tumbling
+        self._tick, self._ticks = config.mission.tick, config.mission.control_ticks
         self._steps = 0
         self._block = -1
         self._attitudes = (np.empty((0, 4)), np.empty((0, 3)))
 
     @property
-    def step_number(self) -> int:
-        """How many steps of control have been made."""
-        return self._steps
-
-    @property
     def time(self) -> float:
         """The time [s]."""
-        return self._steps * self._ticks * self._tick
+        return float(self._steps * self._ticks * self._tick)
 
     @property
     def chaser(self) -> BodyState:
         """The chaser's true state."""
-        x, q, w, _ = self._state
-        return BodyState(x[0, :3], x[0, 3:], q[0], w[0])
-
-    @property
-    def wrench(self) -> FloatArray:
-        """Force in W [N] and torque in B [N m] that act, shape (6,)."""
-        wrench: FloatArray = self._state.wrench[0]
-        return wrench
+        return self._flight.state
 
     @property
     def target(self) -> BodyState:
@@ -125,21 +195,13 @@ class MissionTruth:
         zero = np.zeros(3)
         return BodyState(zero, zero, orientations[0], rates[0])
 
-    def advance(self, force: FloatArray, torque: FloatArray) -> TruthStep:
-        """Hold a command for one step of control.
-
-        Args:
-            force: In W [N], shape (3,).
-            torque: In B [N m], shape (3,).
-        """
+    def advance(self, command: Command) -> TruthStep:
+        """Hold a command for one step of control."""
         before, target = self.chaser, self.target
-        error = 2.0 * self._streams.uniform("actuator.noise", 6, self._steps) - 1.0
-        command = np.concatenate([force, torque])[None]
-        history = self._dynamics.advance(self._state, command, error, self._ticks, self.time)
+        trace, flown = self._flight.step(*command)
         orientations = self._target_ticks()[0][1:]
-        self._state = last(history)
         self._steps += 1
-        return TruthStep(before, target, history, orientations, error[0])
+        return TruthStep(before, target, trace, orientations, flown)
 
     def _target_ticks(self) -> tuple[FloatArray, FloatArray]:
         """Return the target's attitudes and rates at the ticks of this step, its start and its end included."""

@@ -61,6 +61,8 @@ class Simulation:
         reset_info: Statistics of the draws that began the current episodes, each of shape (N,).
         running: Environments whose episode runs, shape (N,); see `end`.
         flown: The control that was flown in the last step, from which the commanded one may differ, shape (N, D, C).
+        trace: The arrays of the bodies after each physics step of the last step, shape (N, B, decimation, ...), by
+            name; empty unless the dynamics are traced.
     """
 
     def __init__(
@@ -97,7 +99,12 @@ class Simulation:
         physics_step = step_size / decimation
         self._of_body = tuple(dynamics.arrays)
         self._initial, self._turns_thrust = dynamics.initial(), dynamics.turns_thrust
-        self._advance, self._parameters = advance_kernel(dynamics, physics_step), dynamics(physics_step)
+        self._advance = advance_kernel(dynamics, physics_step, traced=dynamics.traced)
+        self._parameters = dynamics(physics_step)
+        shape = (num_envs, len(bodies), decimation)
+        self.trace: Mapping[str, FloatArray] = {
+            name: np.zeros((*shape, *spec.shape)) for name, spec in dynamics.arrays.items() if dynamics.traced
+        }
         self._physics = (physics_step, decimation)
         self._remembering = [
             [(name, sensor) for name, sensor in group.sensors.items() if sensor.memory(self.world)]
@@ -226,7 +233,7 @@ class Simulation:
     def _bind(self, state: State) -> tuple[Any, tuple[Any, ...]]:
         """Return the arguments of what advances a state, before and behind the control."""
         found = state.bound["advance"] = (
-            (*self._parameters, *(state.arrays[name] for name in self._of_body)),
+            (*self._parameters, *(state.arrays[name] for name in self._of_body), *self.trace.values()),
             (self.world.masses, *self._physics, state.delta_v, state.time, state.step),
         )
         return found

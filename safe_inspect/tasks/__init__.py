@@ -9,10 +9,12 @@ from safe_inspect.tasks.inspection.points import InspectionPoints
 from safe_inspect.tasks.inspection.rotation import ChiefRotation
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
 from safe_inspect.tasks.inspection.sun import Sun
+from safe_inspect.tasks.rendezvous.actuators import Actuators
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
 
 __all__ = [
+    "Actuators",
     "BoundedDisturbance",
     "CWHSimulator",
     "ChiefRotation",

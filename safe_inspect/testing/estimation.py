@@ -11,8 +11,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
 from safe_inspect.rendezvous.poses import inverse, pose
-from safe_inspect.rendezvous.readings import PoseFrame
-from safe_inspect.rendezvous.sensors.poses import PoseSensor, PoseSensorRun
+from safe_inspect.rendezvous.sensors.poses import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.testing.report import Report

@@ -13,7 +13,6 @@ import numpy as np
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.bound.conformal import ConformalBound
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
-from safe_inspect.rendezvous.chaser import ChaserState
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.design import DesignRequest
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
@@ -34,8 +33,9 @@ from safe_inspect.rendezvous.plugins import (
     Tumble,
 )
 from safe_inspect.rendezvous.readings import Command
-from safe_inspect.rendezvous.sensors.suite import SensorSuite
+from safe_inspect.rendezvous.sensing import SensorSuite
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.rendezvous.truth import ChaserTrace
 from safe_inspect.testing.estimation import check_front_end
 from safe_inspect.testing.report import WRITES, Report
 from safe_inspect.testing.teams import SampleParts
@@ -67,11 +67,7 @@ def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: R
     camera = Fault(kind="camera", start=1.5, duration=10.0)
     mission, sensors = MissionConfig(faults=(camera,)), SensorsConfig()
     context = estimator_context(_target(), ChaserConfig(), mission, sensors, _streams())
-    ticks = (1, mission.control_ticks)
-    still = ChaserState(
-        np.tile(np.concatenate([chaser.position, chaser.velocity]), (*ticks, 1)),
-        np.tile(chaser.orientation, (*ticks, 1)), np.zeros((*ticks, 3)), np.zeros((*ticks, 6)),
-    )  # fmt: skip
+    still = ChaserTrace(*(np.tile(array, (mission.control_ticks, 1)) for array in (*chaser, np.zeros(6))))
 
     def estimates() -> list[AnyArray]:
         run = plugin(context)

@@ -1,4 +1,4 @@
-"""The planner and the tracker in `examples/rendezvous_package`, which the rendezvous knows nothing of."""
+"""The plugins in `examples/rendezvous_package`, which the rendezvous knows nothing of."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.mission import Mission
+from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.planner.problem import sampled_plan
 from safe_inspect.rendezvous.planner.query import Plan, PlanStatus
 from safe_inspect.rendezvous.plugins import ApproachPlanner
@@ -30,7 +30,7 @@ def package(monkeypatch):
     return importlib.import_module("safe_inspect_approach")
 
 
-@pytest.mark.parametrize("name", ["DirectPlanner", "ProportionalDerivativeTracker"])
+@pytest.mark.parametrize("name", ["DirectPlanner", "FixedGainEstimator", "ProportionalDerivativeTracker"])
 def test_the_plugins_keep_the_contract(package, name):
     check_plugin(getattr(package, name))
 
@@ -46,6 +46,17 @@ def test_its_planner_flies_to_the_mating_point(package, tracker):
     # It flew the plan, not another one.
     moves = result.log.arrays()["state"] == 6
     assert np.abs(result.log.arrays()["reference"][moves][0, :3] - plan.position[0]).max() < 1e-6
+
+
+@pytest.mark.parametrize("front_end", ["MeasuredPoses", pytest.param("ModelFrontEnd", marks=pytest.mark.slow)])
+def test_its_estimator_planner_and_tracker_fly_a_mission_together(package, front_end):
+    override = f"estimator.config.front_end={front_end}"
+    config = load_rendezvous(_EXPERIMENT.parents[1] / "filter" / "experiment.yml", [override]).config
+    assert type(config.estimator) is package.FixedGainEstimator
+    result = Mission(config).run()
+    assert result.summary["success"], result.summary
+    assert result.summary["mating_position_error"] < 0.02
+    assert result.summary["least_clearance"] > 0.05
 
 
 @pytest.mark.usefixtures("package")

@@ -13,9 +13,9 @@ from safe_inspect.evaluation.rollouts.recording import record_episode
 from safe_inspect.policies import RandomThrust
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.log import MissionLog
+from safe_inspect.rendezvous.missions.log import MissionLog
+from safe_inspect.rendezvous.missions.record import MissionRecord, read_mission
 from safe_inspect.rendezvous.planner.query import Plan, PlanStatus
-from safe_inspect.rendezvous.record import MissionRecord, read_mission
 
 
 @pytest.fixture(scope="session")
@@ -71,7 +71,7 @@ def mission_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             v=np.zeros(3),
             force=np.full(3, 0.01),
             torque=np.zeros(3),
-            actuator_error=np.zeros(6),
+            flown=np.zeros(6),
             clearance=1.0 - 0.02 * k,
             margin=0.1 if follows[k] else np.nan,
             tube=0.05 if follows[k] else np.nan,

@@ -9,9 +9,9 @@ import pytest
 from safe_inspect.cli.main import main
 from safe_inspect.errors import CheckpointError
 from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
-from safe_inspect.rendezvous.campaign.missions import read_missions, write_missions
-from safe_inspect.rendezvous.campaign.tables import rate_of_success
-from safe_inspect.rendezvous.record import read_mission
+from safe_inspect.rendezvous.missions.campaign import read_missions, write_missions
+from safe_inspect.rendezvous.missions.record import read_mission
+from safe_inspect.rendezvous.missions.tables import rate_of_success
 
 STEPS = 40
 

@@ -13,7 +13,7 @@ from safe_inspect.figures.rendezvous.solid import Solid, best_view
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import Camera
 from safe_inspect.rendezvous.coordination.coordinator import Phase
-from safe_inspect.rendezvous.record import MissionRecord
+from safe_inspect.rendezvous.missions.record import MissionRecord
 
 FIRST, STEPS = 15, 40  # the first step of the approach, and the number of steps
 

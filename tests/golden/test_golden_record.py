@@ -64,8 +64,8 @@ def test_a_single_bit_is_noticed(monkeypatch):
 
     advance_kernel = simulation.advance_kernel
 
-    def disturbed_kernel(*args):
-        advance = advance_kernel(*args)
+    def disturbed_kernel(*args, **named):
+        advance = advance_kernel(*args, **named)
 
         def disturbed(phi, gamma, position, *others):
             advance(phi, gamma, position, *others)

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from safe_inspect.errors import OutputError
-from safe_inspect.rendezvous.campaign import missions as campaign
-from safe_inspect.rendezvous.campaign.folder import CampaignFolder
-from safe_inspect.rendezvous.campaign.missions import LocalFlights, fly_missions
-from safe_inspect.rendezvous.campaign.tables import interval, missions_table, tumble_classes
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
+from safe_inspect.rendezvous.missions import campaign
+from safe_inspect.rendezvous.missions.campaign import LocalFlights, fly_missions
+from safe_inspect.rendezvous.missions.folder import CampaignFolder
+from safe_inspect.rendezvous.missions.tables import interval, missions_table, tumble_classes
 
 from .test_experiment import SHIPPED
 
@@ -137,7 +137,7 @@ def test_two_commands_do_not_fly_into_one_folder(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path\n"
         "from safe_inspect.errors import OutputError\n"
-        "from safe_inspect.rendezvous.campaign.folder import CampaignFolder\n"
+        "from safe_inspect.rendezvous.missions.folder import CampaignFolder\n"
         "from safe_inspect.rendezvous.experiment import load_rendezvous\n"
         "try:\n"
         "    with CampaignFolder.opened(Path(sys.argv[1]), load_rendezvous(sys.argv[2], sys.argv[3:])): pass\n"

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.campaign.missions import fly_missions, write_missions
-from safe_inspect.rendezvous.campaign.tables import mission_table, missions_table
 from safe_inspect.rendezvous.coordination import actions
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
-from safe_inspect.rendezvous.mission import Mission, MissionResult
+from safe_inspect.rendezvous.missions.campaign import fly_missions, write_missions
+from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
+from safe_inspect.rendezvous.missions.summary import summarise_mission
+from safe_inspect.rendezvous.missions.tables import mission_table, missions_table
 from safe_inspect.rendezvous.recording.replay import replay
-from safe_inspect.rendezvous.summary import summarise_mission
 
 from .test_experiment import SHIPPED
 

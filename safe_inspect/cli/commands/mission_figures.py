@@ -13,9 +13,9 @@ from safe_inspect.figures.rendezvous.mission_figure import mission_figure
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_page
 from safe_inspect.figures.rendezvous.mission_panels import outcome_of
-from safe_inspect.rendezvous.campaign.missions import read_missions
-from safe_inspect.rendezvous.campaign.tables import rate_of_success
-from safe_inspect.rendezvous.record import MissionRecord, read_mission
+from safe_inspect.rendezvous.missions.campaign import read_missions
+from safe_inspect.rendezvous.missions.record import MissionRecord, read_mission
+from safe_inspect.rendezvous.missions.tables import rate_of_success
 
 #: What the folder of a mission has, and that of many missions, beside the resolved experiment.
 _MISSION, _MISSIONS = ("events.jsonl", "log.npz"), "missions.parquet"

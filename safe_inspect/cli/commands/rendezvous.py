@@ -15,12 +15,12 @@ from safe_inspect.cli.arguments import add_output_folder, positive
 from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import ConfigError, OutputError, Problem, SafeInspectError
-from safe_inspect.rendezvous.campaign.missions import Flights, LocalFlights, fly_missions, write_missions
-from safe_inspect.rendezvous.campaign.tables import mission_table, missions_table
 from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
-from safe_inspect.rendezvous.mission import Mission
+from safe_inspect.rendezvous.missions.campaign import Flights, LocalFlights, fly_missions, write_missions
+from safe_inspect.rendezvous.missions.mission import Mission
+from safe_inspect.rendezvous.missions.tables import mission_table, missions_table
 from safe_inspect.rendezvous.scenario import check_scenario
 
 #: Time of a mission between two lines of progress [s], on a terminal and elsewhere.

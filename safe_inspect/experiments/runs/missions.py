@@ -10,7 +10,7 @@ from typing import Any
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.runs.cluster import ray_cluster, set_environment
 from safe_inspect.experiments.settings.translation import translate_ray
-from safe_inspect.rendezvous.campaign.missions import FlownMission, fly_mission
+from safe_inspect.rendezvous.missions.campaign import FlownMission, fly_mission
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.figures.drawing import style
 from safe_inspect.geometry.picture import BLACK, BLUE, GREY, VERMILION
-from safe_inspect.rendezvous.campaign.tables import rate_of_success
+from safe_inspect.rendezvous.missions.tables import rate_of_success
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -24,8 +24,8 @@ from safe_inspect.figures.rendezvous.mission_scene import (
 from safe_inspect.figures.rendezvous.polhode import draw_polhode
 from safe_inspect.figures.rendezvous.solid import best_view
 from safe_inspect.geometry.picture import BLACK, GREY, Camera
-from safe_inspect.rendezvous.record import MissionRecord
-from safe_inspect.rendezvous.summary import nominal_path
+from safe_inspect.rendezvous.missions.record import MissionRecord
+from safe_inspect.rendezvous.missions.summary import nominal_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

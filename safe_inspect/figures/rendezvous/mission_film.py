@@ -21,8 +21,8 @@ from safe_inspect.figures.rendezvous.mission_scene import (
 from safe_inspect.figures.rendezvous.solid import best_view
 from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
 from safe_inspect.rendezvous.coordination.coordinator import Phase
-from safe_inspect.rendezvous.record import MissionRecord
-from safe_inspect.rendezvous.summary import nominal_path
+from safe_inspect.rendezvous.missions.record import MissionRecord
+from safe_inspect.rendezvous.missions.summary import nominal_path
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 _DPI = 100

@@ -22,8 +22,8 @@ from safe_inspect.figures.rendezvous.mission_scene import (
 )
 from safe_inspect.figures.rendezvous.solid import Solid, best_view
 from safe_inspect.geometry.picture import BLACK, GREY
-from safe_inspect.rendezvous.record import MissionRecord
-from safe_inspect.rendezvous.summary import nominal_path
+from safe_inspect.rendezvous.missions.record import MissionRecord
+from safe_inspect.rendezvous.missions.summary import nominal_path
 from safe_inspect.types import AnyArray
 
 #: Most states that a page has; of longer missions it has every second, third, ...
@@ -112,7 +112,7 @@ def _charts(record: MissionRecord, rows: AnyArray) -> list[dict[str, Any]]:
     error, what = tracking_error(arrays)
     edges = [line(sign * tube, GREY, 4, dashes=_DASHES) for sign in (-1.0, 1.0)]
     limits = [line(sign * spare, GREY, 4, dashes=_DASHES) for sign in (-1.0, 1.0)]
-    axes = list(enumerate(AXIS_COLOURS))
+    axes, force = list(enumerate(AXIS_COLOURS)), record.force_in_inertial()
     return [
         chart(
             "clearance, and the margin of the tube (dashed) [m]",
@@ -126,7 +126,7 @@ def _charts(record: MissionRecord, rows: AnyArray) -> list[dict[str, Any]]:
         ),
         chart(
             "force, and its limit less the tube's share (dashed) [N]",
-            [*(line(arrays["force"][:, k], colour, 4, step=True) for k, colour in axes), *limits],
+            [*(line(force[:, k], colour, 4, step=True) for k, colour in axes), *limits],
             low=-limit,
             high=limit,
         ),

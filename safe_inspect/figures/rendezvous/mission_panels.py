@@ -9,8 +9,8 @@ import numpy as np
 from safe_inspect.figures.rendezvous.mission_scene import FLIGHT, PHASE_COLOURS, PLANNED
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION
 from safe_inspect.rendezvous.coordination.context import clearances
-from safe_inspect.rendezvous.record import FlownPlan, MissionRecord
-from safe_inspect.rendezvous.summary import nominal_path
+from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
+from safe_inspect.rendezvous.missions.summary import nominal_path
 from safe_inspect.types import AnyArray, FloatArray
 
 if TYPE_CHECKING:
@@ -114,9 +114,9 @@ def _draw_error(axes: Any, arrays: dict[str, AnyArray], rows: AnyArray) -> None:
 
 def _draw_force(axes: Any, record: MissionRecord, rows: AnyArray) -> None:
     arrays, limit = record.arrays, record.config.chaser.limits.force
-    time, spare = arrays["t"][rows], limit - arrays["tube_force"][rows]
+    time, spare, force = arrays["t"][rows], limit - arrays["tube_force"][rows], record.force_in_inertial()[rows]
     for axis, colour in enumerate(AXIS_COLOURS):
-        axes.step(time, arrays["force"][rows, axis], where="post", color=colour, linewidth=0.9, label="xyz"[axis])
+        axes.step(time, force[:, axis], where="post", color=colour, linewidth=0.9, label="xyz"[axis])
         for plan in record.plans:
             axes.plot(plan.times, plan.force[:, axis], color=colour, linewidth=0.8, linestyle="--")
     for sign in (-1.0, 1.0):

@@ -11,7 +11,7 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION, Camera
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.coordinator import Phase
-from safe_inspect.rendezvous.record import MissionRecord
+from safe_inspect.rendezvous.missions.record import MissionRecord
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 

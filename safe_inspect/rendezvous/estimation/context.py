@@ -8,8 +8,8 @@ import numpy as np
 
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig, SensorsConfig
+from safe_inspect.rendezvous.sensing import camera_mount
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.suite import camera_mount
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.dynamics.tumble import angular_acceleration
-from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.models import ChaserConfig
+from safe_inspect.rendezvous.readings import Command
 from safe_inspect.types import FloatArray
 
 #: Share of a force or torque that is uncertain whatever the actuators are, since the chaser turns within a step, and
@@ -46,26 +45,24 @@ class ActuatorResponse:
         self._left = float(np.exp(-step / lag)) if lag > 0.0 else 0.0
         self._mean = lag / step * (1.0 - self._left)
 
-    def step(self, chaser: BodyState, force: FloatArray, torque: FloatArray) -> ExpectedMotion:
+    def step(self, angular_velocity: FloatArray, command: Command) -> ExpectedMotion:
         """Return the motion that a command gives, which is held for a step.
 
         Args:
-            chaser: The chaser as it is estimated.
-            force: In W [N], shape (3,).
-            torque: In B [N m], shape (3,).
+            angular_velocity: Of the chaser before the step, as it is estimated, in B [rad/s], shape (3,).
+            command: The command.
         """
         config, own = self._config, self._config.actuator
         moments: FloatArray = np.array(config.inertia)
-        command = np.concatenate([force, torque])
-        difference = self._wrench - command
-        mean, self._wrench = command + self._mean * difference, command + self._left * difference
+        held = np.concatenate(command)
+        difference = self._wrench - held
+        mean, self._wrench = held + self._mean * difference, held + self._left * difference
         bent = _CURVATURE * (1.0 - self._left) * difference if own.lag > 0.0 else np.zeros(6)
         sizes = np.linalg.norm(np.reshape([mean, bent], (2, 2, 3)), axis=2)
         sigma = (_SHARE + abs(own.scale_error)) * sizes[0] + sizes[1]
         sigma = np.hypot(sigma, np.array([own.force_noise, own.torque_noise]) / np.sqrt(3.0))
-        free = angular_acceleration(moments, chaser.angular_velocity)
-        acceleration = rotate(conjugate(chaser.orientation), mean[:3]) / config.mass
+        free = angular_acceleration(moments, angular_velocity)
         return ExpectedMotion(
-            np.concatenate([acceleration, free + mean[3:] / moments]),
+            np.concatenate([mean[:3] / config.mass, free + mean[3:] / moments]),
             np.array([sigma[0] / config.mass, np.hypot(sigma[1] / moments.min(), _LEAST)]),
         )

@@ -38,7 +38,7 @@ class PipelineEstimatorRun:
         self.pipeline: EstimationPipeline | None = None
         self._response = ActuatorResponse(context.chaser, context.step)
         self._errors, self._renewed = UNKNOWN, -np.inf
-        self._before: BodyState | None = None
+        self._rate = np.zeros(3)
 
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
@@ -46,8 +46,8 @@ class PipelineEstimatorRun:
             assert readings.start is not None, "the first readings have the chaser's state"
             at_start = pose(to_matrix(readings.start.orientation), readings.start.position)
             self.pipeline = EstimationPipeline(self._parts, ChaserStart(at_start, readings.start.velocity))
-        if readings.command is not None and self._before is not None:
-            self._move(self.pipeline, self._response.step(self._before, *readings.command), readings.samples)
+        if readings.command is not None:
+            self._move(self.pipeline, self._response.step(self._rate, readings.command), readings.samples)
         if readings.frame is not None:
             self.pipeline.see(readings.frame)
         elif readings.start is not None:
@@ -56,7 +56,7 @@ class PipelineEstimatorRun:
         if is_due:
             self._renewed = readings.time
         estimate = self._estimate(self.pipeline, readings.time, renew=is_due)
-        self._before = estimate.chaser
+        self._rate = estimate.chaser.angular_velocity
         return estimate
 
     def _move(

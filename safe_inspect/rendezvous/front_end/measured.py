@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
-from safe_inspect.rendezvous.readings import PoseFrame
+from safe_inspect.rendezvous.sensors.poses import PoseFrame
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 

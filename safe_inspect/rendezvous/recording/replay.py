@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.rendezvous.chaser import ChaserState, last
 from safe_inspect.rendezvous.coordination.context import clearances
-from safe_inspect.rendezvous.mission import dynamics_of
-from safe_inspect.rendezvous.record import read_mission
-from safe_inspect.rendezvous.truth import target_motion
+from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.missions.record import read_mission
+from safe_inspect.rendezvous.truth import ChaserFlight, target_motion
 from safe_inspect.types import FloatArray
 
 
@@ -49,16 +48,11 @@ def replay(folder: str | os.PathLike[str]) -> Replay:
     config, target, logged = record.config, record.target, record.arrays
     mission = config.mission
     steps, ticks = len(logged["t"]), mission.control_ticks
-    dynamics = dynamics_of(config)
-    state = ChaserState(logged["x"][:1], logged["q"][:1], logged["w"][:1], np.zeros((1, 6)))
-    parts = []
-    for k in range(steps):
-        command = np.concatenate([logged["force"][k], logged["torque"][k]])[None]
-        history = dynamics.advance(state, command, logged["actuator_error"][k][None], ticks, k * mission.step)
-        parts.append(history)
-        state = last(history)
-    translation = np.concatenate([part.translation[0] for part in parts])
-    orientation = np.concatenate([part.orientation[0] for part in parts])
+    start = BodyState(logged["x"][0, :3], logged["x"][0, 3:], logged["q"][0], logged["w"][0])
+    flight = ChaserFlight(config, start)
+    parts = [flight.step(flown[:3], flown[3:])[0] for flown in logged["flown"]]
+    translation = np.concatenate([np.hstack((part.position, part.velocity)) for part in parts])
+    orientation = np.concatenate([part.orientation for part in parts])
     time = mission.tick * np.arange(1, steps * ticks + 1)
     at_start = (logged["target_q"][0], logged["target_w"][0])
     q, _ = target_motion(target.principal, at_start, mission.impulses, time)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.rendezvous.edges import MODEL
-from safe_inspect.rendezvous.log import json_value
+from safe_inspect.rendezvous.missions.log import json_value
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
 from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
 from safe_inspect.rendezvous.recording.reader import SensorLog

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
-from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
-from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.estimate import BodyState
-from safe_inspect.rendezvous.mission import dynamics_of
+from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.scenario import mission_streams
-from safe_inspect.rendezvous.sensors.suite import SensorSuite, pose_in_model
+from safe_inspect.rendezvous.plugins import MeasuredState
+from safe_inspect.rendezvous.sensing import pose_in_model
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
-from safe_inspect.rendezvous.truth import MissionTruth
 from safe_inspect.types import FloatArray
 
 
@@ -41,45 +37,26 @@ class WatchedFrame:
 
 
 def watch(config: RendezvousConfig, number: int, seconds: float) -> Iterator[WatchedFrame]:
-    """Yield the frames of a watch, the first at time 0; the chaser holds its place by its true state.
+    """Yield the frames of a mission that does nothing but watch, the first at time 0.
 
     Args:
-        config: The experiment; what fails in it works here.
+        config: The experiment; its estimator is not asked, and what fails in it works here.
         number: Number of the mission, whose tumble and noise are drawn.
         seconds: How long it lasts.
     """
-    streams = mission_streams(config, number)
-    mission, chaser, target = config.mission, config.chaser, config.target()
-    position = np.array(chaser.position)
-    level = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
-    pointing, controller = CameraPointing(level), AttitudeController(np.array(chaser.inertia), chaser.limits.torque)
-    hold = LQRTrackerRun(Axis(chaser.mass, mission.step), chaser.limits.force)
-    start = BodyState(position, np.array(chaser.velocity), level, np.zeros(3))
-    truth = MissionTruth(
-        dynamics_of(config),
-        start,
-        target.principal,
-        config.tumble(streams),
-        mission.tick,
-        mission.control_ticks,
-        streams,
-    )
-    working = mission.model_copy(update={"faults": ()})
-    suite = SensorSuite(config.sensors, chaser, working, target, streams, ("frames", "inertial"))
-    reference = TrackedReference(position[None], np.zeros((1, 3)))
-    count, history = 0, None
+    endless = dict.fromkeys(("observe", "observe_limit", "time_limit"), math.inf)
+    mission = config.mission.model_copy(update={"faults": (), **endless})
+    watching = config.model_copy(update={"mission": mission, "estimator": MeasuredState()})
+    target, count = config.target(), 0
     samples: list[FloatArray] = []
-    for _ in range(round(seconds / mission.step) + 1):
-        now, body = truth.chaser, truth.target
-        readings = suite.read(truth.time, now, body, history)
+    for readings, chaser, body in Mission(watching, number, reads=("frames", "inertial")).steps():
+        if readings.time > seconds + 1e-6:
+            return
         for _, acceleration, rate in readings.samples:
             count += 1
             time = count * config.sensors.imu_ticks * mission.tick
             samples.append(np.concatenate([[time], acceleration, rate]))
         if readings.frame is not None:
             rows = np.array(samples).reshape(-1, 7)
-            yield WatchedFrame(readings.frame, rows, now, body, pose_in_model(target, now, body))
+            yield WatchedFrame(readings.frame, rows, chaser, body, pose_in_model(target, chaser, body))
             samples = []
-        force = hold.step(np.concatenate([now.position, now.velocity]), reference, 0).force
-        command = pointing.step(now.position, np.zeros(3), mission.step)
-        history = truth.advance(force, controller(now.orientation, now.angular_velocity, command)).chaser

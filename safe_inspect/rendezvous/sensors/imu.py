@@ -78,7 +78,7 @@ class InertialSample(NamedTuple):
 class Imu:
     """The unit of one mission; only the biases are remembered.
 
-    ``a = R_WB^T p'' + b_a + n_a`` (free fall has no gravity) and ``w = omega + b_g + n_g``.
+    ``a = p'' + b_a + n_a``, in B (free fall has no gravity) and ``w = omega + b_g + n_g``.
 
     Args:
         noise: Its errors.
@@ -91,12 +91,11 @@ class Imu:
         self._bias = streams.normal("imu.bias", 6)[0] * np.repeat([noise.acceleration_bias, noise.rate_bias], 3)
         self._count = 0
 
-    def sample(self, rotation: FloatArray, acceleration: FloatArray, angular_velocity: FloatArray) -> ImuSample:
+    def sample(self, acceleration: FloatArray, angular_velocity: FloatArray) -> ImuSample:
         """Return the next sample.
 
         Args:
-            rotation: R_WB, takes coordinates in B to W, shape (3, 3).
-            acceleration: Acceleration of the centre of mass in W, without gravity [m/s^2], shape (3,).
+            acceleration: Acceleration of the centre of mass in B, without gravity [m/s^2], shape (3,).
             angular_velocity: In B [rad/s], shape (3,).
         """
         noise = self._noise
@@ -107,7 +106,7 @@ class Imu:
         self._bias = self._bias + walk * drawn[6:]
         self._count += 1
         return ImuSample(
-            rotation.T @ acceleration + bias[:3] + error[:3],
+            acceleration + bias[:3] + error[:3],
             angular_velocity + bias[3:] + error[3:],
             bias[:3],
             bias[3:],

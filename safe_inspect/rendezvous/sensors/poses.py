@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from safe_inspect.config.models.experiment import Model
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.poses import inverse, perturbed
+from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 from safe_inspect.units import quantity
 
@@ -46,6 +48,19 @@ class PoseSensor(Model):
     model_translation: _Length = 0.005  # type: ignore[valid-type]
     keyframe: _Angle = 0.2094395102393195  # type: ignore[valid-type]
     skips: int = Field(default=3, ge=1)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFrame(DepthFrame):
+    """A frame without points, with the relative poses that a simulated sensor has measured in its place.
+
+    Attributes:
+        number: Number of the frame, which its poses refer to.
+        poses: The poses, as a front end gives them.
+    """
+
+    number: int
+    poses: tuple[Edge, ...]
 
 
 class PoseSensorRun:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from pydantic import Field
 
@@ -10,7 +12,6 @@ from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.bound.query import EstimateErrors
 from safe_inspect.rendezvous.estimate import BodyState
-from safe_inspect.rendezvous.readings import StateReading
 from safe_inspect.units import NonNegativeAngle, NonNegativeAngularRate
 
 
@@ -29,6 +30,23 @@ class StateSensor(Model):
     attitude_sigma: NonNegativeAngle = 0.0  # type: ignore[valid-type]
     rate_sigma: NonNegativeAngularRate = 0.0  # type: ignore[valid-type]
     correlation: float = Field(default=0.9, ge=0.0, lt=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class StateReading:
+    """The states of chaser and target, as a simulated sensor gives them.
+
+    Attributes:
+        chaser: The chaser.
+        target: The target; None where it was not measured in this step.
+        errors: How wrong they are.
+        correlation: Correlation of the errors of two measurements of the target that follow each other.
+    """
+
+    chaser: BodyState
+    target: BodyState | None
+    errors: EstimateErrors
+    correlation: float
 
 
 class StateSensorRun:

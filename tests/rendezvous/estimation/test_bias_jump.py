@@ -10,10 +10,10 @@ import pytest
 from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.back_end.inertial import BiasJump, ImuBuffer
 from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
-from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
 from safe_inspect.rendezvous.estimation.response import ActuatorResponse, ExpectedMotion
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
+from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 
 _STEP, _TICK = 0.2, 0.008
@@ -87,14 +87,13 @@ def test_the_expected_motion_is_that_of_the_actuators(lag: float):
     """A force and a torque that are reversed are followed by the lag, and the uncertainty covers the scale error."""
     config = ChaserConfig(actuator=ActuatorConfig(lag=lag, scale_error=0.05))
     response, acts, moments = ActuatorResponse(config, _STEP), np.zeros(6), np.array(config.inertia)
-    at_rest = BodyState(np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))
     for sign in (1.0, 1.0, -1.0, -1.0):
         command = sign * np.repeat([0.1, 0.02], 3)
         times = (np.arange(1000) + 0.5) / 1000.0 * _STEP
         left = np.exp(-times / lag)[:, None] if lag else np.zeros((1000, 1))
         true = 1.05 * (command + left * (acts - command)).mean(axis=0)
         acts = command + (np.exp(-_STEP / lag) * (acts - command) if lag else 0.0)
-        expected = response.step(at_rest, command[:3], command[3:])
+        expected = response.step(np.zeros(3), Command(command[:3], command[3:]))
         error = expected.mean - true / np.concatenate([np.full(3, config.mass), moments])
         assert np.linalg.norm(error[:3]) < expected.sigma[0]
         assert np.linalg.norm(error[3:]) < expected.sigma[1]

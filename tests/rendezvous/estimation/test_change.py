@@ -13,7 +13,6 @@ from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.characterise.history import TargetEstimate
-from safe_inspect.rendezvous.chaser import ChaserState
 from safe_inspect.rendezvous.control.attitude import CameraPointing
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.change import departs
@@ -22,8 +21,8 @@ from safe_inspect.rendezvous.estimation.context import estimator_context
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.scenario import checked_target
-from safe_inspect.rendezvous.sensors.suite import SensorSuite
-from safe_inspect.rendezvous.truth import target_motion
+from safe_inspect.rendezvous.sensing import SensorSuite
+from safe_inspect.rendezvous.truth import ChaserTrace, target_motion
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"
 _CHANGE, _END = 30.0, 56.0
@@ -60,14 +59,10 @@ def _watched() -> Iterator[_Seen]:
     q, w = target_motion(target.principal, config.tumble(streams), (_CHANGE,), times)
     still, place = np.zeros(3), np.array([0.0, -1.5, 0.0])
     chaser = BodyState(place, still, CameraPointing(_LEVEL).step(place, still, 1.0).orientation, still)
-    ticks = (1, mission.control_ticks)
-    history = ChaserState(
-        np.tile(np.concatenate([place, still]), (*ticks, 1)), np.tile(chaser.orientation, (*ticks, 1)),
-        np.zeros((*ticks, 3)), np.zeros((*ticks, 6)),
-    )  # fmt: skip
+    trace = ChaserTrace(*(np.tile(array, (mission.control_ticks, 1)) for array in (*chaser, np.zeros(6))))
     for k, time in enumerate(times):
         body = BodyState(still, still, q[k], w[k])
-        held = (history, Command(still, still)) if k else ()
+        held = (trace, Command(still, still)) if k else ()
         estimate = run.update(sensors.read(float(time), chaser, body, *held))
         if k % 5 == 0:
             yield _Seen(float(time), estimate, chaser, body)

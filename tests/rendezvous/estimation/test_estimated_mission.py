@@ -17,12 +17,12 @@ from safe_inspect.rendezvous.estimation.consistency import attitude_error, norma
 from safe_inspect.rendezvous.estimation.context import EstimatorContext
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.measured import MeasuredPosesRun
-from safe_inspect.rendezvous.mission import Mission, MissionResult
+from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
 from safe_inspect.rendezvous.plugins import StateEstimator, Tumble
-from safe_inspect.rendezvous.readings import PoseFrame, Reading, Readings
+from safe_inspect.rendezvous.readings import Reading, Readings
 from safe_inspect.rendezvous.recording.replay import replay
-from safe_inspect.rendezvous.sensors.poses import PoseSensor, PoseSensorRun
-from safe_inspect.rendezvous.sensors.suite import SensorSuite
+from safe_inspect.rendezvous.sensing import SensorSuite
+from safe_inspect.rendezvous.sensors.poses import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import no_frame
 from safe_inspect.rendezvous.truth import MissionTruth, target_motion
 

@@ -10,7 +10,7 @@ from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.dynamics.tumble import classify
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.estimation.consistency import relative_error
-from safe_inspect.rendezvous.log import MissionLog
+from safe_inspect.rendezvous.missions.log import MissionLog
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import AnyArray, FloatArray
@@ -35,7 +35,7 @@ def summarise_mission(
         ``success``: it has stayed there in truth, touched nothing, and never left the keep-in box; ``cause``,
         ``time`` [s], ``time_on_approach`` [s], ``least_clearance`` between the chaser's sphere
         and the target's boxes at all ticks [m], ``mating_position_error`` [m] and ``mating_speed_error`` [m/s] at the
-        end, ``delta_v`` [m/s], ``largest_force`` along an axis [N], ``largest_gauge``: the distance from the true
+        end, ``delta_v`` [m/s], ``largest_force`` along an axis of B [N], ``largest_gauge``: the distance from the true
         reference along an axis relative to the tube's half width, ``plans`` that were made, ``planning_time`` [s],
         ``worst_status`` of the tracker, ``attitude_error`` of the target as the chaser sees it [rad] and
         ``nees`` of its attitude and rate (squared error over covariance, 6 expected), both when its motion is first

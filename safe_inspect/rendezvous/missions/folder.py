@@ -15,7 +15,7 @@ import yaml
 from safe_inspect.errors import OutputError
 from safe_inspect.outputs import LOCK, cannot_write, exclusive, new_file
 from safe_inspect.rendezvous.experiment import Rendezvous
-from safe_inspect.rendezvous.log import CONFIG, SUMMARY
+from safe_inspect.rendezvous.missions.log import CONFIG, SUMMARY
 
 #: What each mission of a campaign is known by: the first key of its summary.
 MISSION_NUMBER = "mission"

@@ -9,16 +9,16 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.chaser import ChaserState
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig, SensorsConfig
 from safe_inspect.rendezvous.poses import pose
-from safe_inspect.rendezvous.readings import Command, PoseFrame, Reading, Readings
+from safe_inspect.rendezvous.readings import Command, Reading, Readings
 from safe_inspect.rendezvous.sensors.imu import Imu, InertialSample
-from safe_inspect.rendezvous.sensors.poses import PoseSensorRun
+from safe_inspect.rendezvous.sensors.poses import PoseFrame, PoseSensorRun
 from safe_inspect.rendezvous.sensors.state import StateSensorRun
 from safe_inspect.rendezvous.sensors.tof import DepthFrame, no_frame
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.rendezvous.truth import ChaserTrace
 from safe_inspect.types import FloatArray
 
 #: Step of the inertial unit's bias where it fails [m/s^2, rad/s].
@@ -75,7 +75,7 @@ class SensorSuite:
         time: float,
         chaser: BodyState,
         target: BodyState,
-        history: ChaserState | None = None,
+        trace: ChaserTrace | None = None,
         command: Command | None = None,
     ) -> Readings:
         """Return what the sensors give; called once for each step of control.
@@ -84,12 +84,12 @@ class SensorSuite:
             time: The time [s].
             chaser: The chaser's true state.
             target: The target's true state.
-            history: The chaser after each tick since the last step, one row, shape (1, ticks, ...); None at the first.
+            trace: The chaser after each tick since the last step; None at the first.
             command: What was commanded for that time.
         """
         fails, reads = self._mission.fails, self._reads
         is_blind = fails("camera", time)
-        samples = () if history is None or "inertial" not in reads else self._samples(history)
+        samples = () if trace is None or "inertial" not in reads else self._samples(trace)
         self._is_imu_silent, self._biases = fails("imu", time), fails("imu_bias", time)
         is_due = self._calls % self._frame_steps == 0
         start = None if self._calls else chaser
@@ -100,17 +100,15 @@ class SensorSuite:
         silent = frozenset(name for name, is_silent in flags.items() if is_silent)
         return Readings(time, start, frame, samples, command, state, silent)
 
-    def _samples(self, history: ChaserState) -> tuple[InertialSample, ...]:
+    def _samples(self, trace: ChaserTrace) -> tuple[InertialSample, ...]:
         """Return the samples of the inertial unit over a step; it may have been silent."""
         bias = np.repeat(_BIAS_STEP if self._biases else (0.0, 0.0), 3)
         measured = []
-        for tick in range(history.translation.shape[1]):
+        for tick, (wrench, rate) in enumerate(zip(trace.wrench, trace.angular_velocity, strict=True)):
             self._ticks += 1
             if self._ticks % self._config.imu_ticks:
                 continue
-            rotation = to_matrix(history.orientation[0, tick])
-            acceleration = history.wrench[0, tick, :3] / self._chaser.mass
-            sample = self._imu.sample(rotation, acceleration, history.angular_velocity[0, tick])
+            sample = self._imu.sample(wrench[:3] / self._chaser.mass, rate)
             time = (tick + 1) * self._mission.tick
             measured.append(InertialSample(time, sample.acceleration + bias[:3], sample.rate + bias[3:]))
         return () if self._is_imu_silent else tuple(measured)

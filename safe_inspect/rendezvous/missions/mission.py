@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from safe_inspect.dynamics import quaternion
-from safe_inspect.rendezvous.chaser import Actuator, ChaserDynamics
 from safe_inspect.rendezvous.control.attitude import CameraPointing
 from safe_inspect.rendezvous.coordination.context import MissionContext, PilotConfig, clearances
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.consistency import normalised_error
 from safe_inspect.rendezvous.estimation.context import estimator_context
-from safe_inspect.rendezvous.log import MissionLog
+from safe_inspect.rendezvous.missions.log import MissionLog
+from safe_inspect.rendezvous.missions.summary import summarise_mission
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.pilot import Pilot
-from safe_inspect.rendezvous.readings import Command
+from safe_inspect.rendezvous.readings import Command, Reading, Readings
 from safe_inspect.rendezvous.scenario import check_start, checked_target, mission_streams
-from safe_inspect.rendezvous.sensors.suite import SensorSuite
-from safe_inspect.rendezvous.summary import summarise_mission
+from safe_inspect.rendezvous.sensing import SensorSuite
 from safe_inspect.rendezvous.truth import MissionTruth, TruthStep
-from safe_inspect.types import FloatArray
 
 #: Called at every change of state with the time [s], the state before, the guard and the state after.
 _Progress = Callable[[float, Phase, str, Phase], None]
@@ -36,7 +33,7 @@ class MissionResult:
     """How a mission ended.
 
     Attributes:
-        summary: Success, cause of failure, clearance, errors, effort; see `safe_inspect.rendezvous.summary`.
+        summary: Success, cause of failure, clearance, errors, effort; see `summarise_mission`.
         log: Everything that happened.
     """
 
@@ -44,20 +41,18 @@ class MissionResult:
     log: MissionLog
 
 
-def dynamics_of(config: RendezvousConfig) -> ChaserDynamics:
-    """Return how the chaser moves."""
-    chaser, own = config.chaser, config.chaser.actuator
-    actuator = Actuator(
-        force=chaser.limits.force,
-        torque=chaser.limits.torque,
-        scale_error=own.scale_error,
-        lag=own.lag,
-        force_noise=own.force_noise,
-        torque_noise=own.torque_noise,
-    )
-    return ChaserDynamics(
-        chaser.mass, np.array(chaser.inertia), actuator, config.mission.tick, config.mission.mean_motion
-    )
+class MissionStep(NamedTuple):
+    """What is at the beginning of a step of control.
+
+    Attributes:
+        readings: What the sensors have given.
+        chaser: The chaser's true state.
+        target: The target's true state, in its principal axes T.
+    """
+
+    readings: Readings
+    chaser: BodyState
+    target: BodyState
 
 
 class Mission:
@@ -68,6 +63,7 @@ class Mission:
         number: Number of the mission; it draws its own tumble and noise.
         progress: Called at every change of state.
         watch: Called at every step of control, with the pilot's memory as it is then; it must not change it.
+        reads: What is measured beside what the estimator reads.
 
     Attributes:
         pilot: What flies it.
@@ -79,6 +75,7 @@ class Mission:
         number: int = 0,
         progress: _Progress | None = None,
         watch: Callable[[MissionContext], None] | None = None,
+        reads: tuple[Reading, ...] = (),
     ) -> None:
         if not isinstance(config, RendezvousConfig):
             raise TypeError(
@@ -97,11 +94,9 @@ class Mission:
         position = np.array(chaser.position)
         orientation = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
         start = BodyState(position, np.array(chaser.velocity), orientation, np.zeros(3))
-        self._truth = MissionTruth(
-            dynamics_of(config), start, target.principal, tumbling, mission.tick, mission.control_ticks,
-            self._streams, mission.impulses,
-        )  # fmt: skip
-        self._sensors = SensorSuite(config.sensors, chaser, mission, target, self._streams, config.estimator.reads)
+        self._truth = MissionTruth(config, start, target.principal, tumbling, self._streams, mission.impulses)
+        reads = (*config.estimator.reads, *reads)
+        self._sensors = SensorSuite(config.sensors, chaser, mission, target, self._streams, reads)
         estimator = config.estimator(estimator_context(target, chaser, mission, config.sensors, self._streams))
         self.pilot = Pilot(PilotConfig.of(config), target, estimator, self._streams, self._event, self._changed)
 
@@ -111,33 +106,30 @@ class Mission:
         The linear algebra has one thread meanwhile: its matrices are small, and threads would only wait for each other.
         """
         with threadpool_limits(limits=1, user_api="blas"):
-            return self._run()
-
-    def _run(self) -> MissionResult:
-        truth, pilot = self._truth, self.pilot
-        readings = self._sensors.read(0.0, truth.chaser, truth.target)
-        while (command := pilot.act(readings)) is not None:
-            if self._watch is not None:
-                self._watch(pilot.context)
-            acting = Command(self._in_inertial(command.force), command.torque)
-            done = truth.advance(*acting)
-            self._record(acting, done)
-            readings = self._sensors.read(truth.time, truth.chaser, truth.target, done.chaser, command)
-        summary = summarise_mission(self._config, self._target, self._log, pilot.arrived, pilot.context.cause)
+            for _ in self.steps():
+                pass
+        summary = summarise_mission(self._config, self._target, self._log, self.pilot.arrived, self.pilot.context.cause)
         return MissionResult(summary, self._log)
 
-    def _in_inertial(self, force: FloatArray) -> FloatArray:
-        """Return a force of the estimated frame W as it acts: thrusters are fixed in B [N], shape (3,)."""
-        estimated, true = self.pilot.context.estimate.chaser.orientation, self._truth.chaser.orientation
-        if np.array_equal(estimated, true):
-            return force
-        return quaternion.rotate(true, quaternion.rotate(quaternion.conjugate(estimated), force))
+    def steps(self) -> Iterator[MissionStep]:
+        """Fly the mission, and yield each step of control before the pilot acts; the last one ends the mission."""
+        truth, pilot = self._truth, self.pilot
+        readings = self._sensors.read(0.0, truth.chaser, truth.target)
+        while True:
+            yield MissionStep(readings, truth.chaser, truth.target)
+            command = pilot.act(readings)
+            if command is None:
+                return
+            if self._watch is not None:
+                self._watch(pilot.context)
+            done = truth.advance(command)
+            self._record(command, done)
+            readings = self._sensors.read(truth.time, truth.chaser, truth.target, done.chaser, command)
 
     def _record(self, command: Command, done: TruthStep) -> None:
         context, target = self.pilot.context, self._target
         output, reference = self.pilot.followed
-        history = done.chaser
-        distances = clearances(target, history.translation[0, :, :3], done.target, context.limits.radius)
+        distances = clearances(target, done.chaser.position, done.target, context.limits.radius)
         design, plan = context.design, context.plan
         tube = margin = tube_force = np.nan
         if context.following is not None and design is not None and plan is not None:
@@ -166,8 +158,8 @@ class Mission:
             v=output.nominal_force,
             force=command.force,
             torque=command.torque,
-            actuator_error=done.error,
-            wrench=history.wrench[0, -1],
+            flown=done.flown,
+            wrench=done.chaser.wrench[-1],
             status=[int(status) for status in output.status],
             clearance=distances.min(),
             margin=margin,

@@ -16,7 +16,7 @@ from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.log import ARRAYS, CONFIG, EVENTS, SUMMARY
+from safe_inspect.rendezvous.missions.log import ARRAYS, CONFIG, EVENTS, SUMMARY
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import AnyArray, FloatArray
@@ -25,7 +25,7 @@ from safe_inspect.types import AnyArray, FloatArray
 _STEP_SHAPES = {
     "t": (), "state": (), "x": (6,), "q": (4,), "w": (3,), "target_q": (4,), "target_w": (3,),
     "estimated_target_q": (4,), "reference": (6,), "z": (3, 2), "v": (3,), "force": (3,), "torque": (3,),
-    "actuator_error": (6,), "clearance": (), "margin": (), "tube": (), "tube_force": (), "pointing_error": (),
+    "flown": (6,), "clearance": (), "margin": (), "tube": (), "tube_force": (), "pointing_error": (),
 }  # fmt: skip
 _DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
 
@@ -106,6 +106,10 @@ class MissionRecord:
     def position_in_target(self) -> FloatArray:
         """Return the chaser's position in T [m], shape (K, 3)."""
         return rotate(conjugate(self.arrays["target_q"]), self.arrays["x"][:, :3])
+
+    def force_in_inertial(self) -> FloatArray:
+        """Return the commanded force in W [N], shape (K, 3)."""
+        return rotate(self.arrays["q"], self.arrays["force"])
 
     def mating_distance(self) -> FloatArray:
         """Return the distance of the chaser from the mating point [m], shape (K,)."""

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.outputs import new_file, new_folder
-from safe_inspect.rendezvous.campaign.folder import MISSION_NUMBER, CampaignFolder
 from safe_inspect.rendezvous.experiment import Rendezvous, build_rendezvous
-from safe_inspect.rendezvous.log import MissionLog, json_value
-from safe_inspect.rendezvous.mission import Mission
+from safe_inspect.rendezvous.missions.folder import MISSION_NUMBER, CampaignFolder
+from safe_inspect.rendezvous.missions.log import MissionLog, json_value
+from safe_inspect.rendezvous.missions.mission import Mission
 
 
 class FlownMission(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.rendezvous.campaign.folder import MISSION_NUMBER
+from safe_inspect.rendezvous.missions.folder import MISSION_NUMBER
 
 #: Label, key, factor and unit of the numbers in tables.
 _FIGURES = (
@@ -40,12 +40,10 @@ def interval(successes: int, count: int, level: float = 0.95) -> tuple[float, fl
         count: Number of trials.
         level: Least probability that the interval holds the true value.
     """
-    from scipy.stats import beta  # slow to import
+    from scipy.stats import binomtest  # slow to import
 
-    tail = 0.5 * (1.0 - level)
-    low = 0.0 if successes == 0 else float(beta.ppf(tail, successes, count - successes + 1))
-    high = 1.0 if successes == count else float(beta.ppf(1.0 - tail, successes + 1, count - successes))
-    return low, high
+    found = binomtest(successes, count).proportion_ci(level, "exact")
+    return float(found.low), float(found.high)
 
 
 def rate_of_success(summaries: Sequence[dict[str, Any]]) -> str:

@@ -1,0 +1,141 @@
+"""`FreeFlyer`: a rigid body with thrusters that are fixed in it, in axes that do not turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+from safe_inspect.compiling import Kernel, njit
+from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.cwh_row import cwh_row
+from safe_inspect.dynamics.rigid_body import rotation_row
+from safe_inspect.dynamics.rotation_row import rotated
+from safe_inspect.types import ArraySpec, FloatArray
+from safe_inspect.units import NonNegativeAngularRate, NonNegativeDuration, PositiveMomentOfInertia
+
+
+class FreeFlight(NamedTuple):
+    """What a step needs.
+
+    Attributes:
+        phi: Transition matrix of the step in Hill's frame, shape (6, 6).
+        gamma: Input matrix of 1 kg, shape (6, 3).
+        inertia: Principal moments of inertia [kg m^2].
+        share: Share of the difference to the control that the actuators make up in the step.
+        mean_motion: Mean motion of the orbit [rad/s].
+        step_size: The step [s].
+    """
+
+    phi: FloatArray
+    gamma: FloatArray
+    inertia: tuple[float, float, float]
+    share: float
+    mean_motion: float
+    step_size: float
+
+
+@njit(error_model="numpy")
+def free_flyer_row(
+    flight: FreeFlight,
+    position: FloatArray,
+    velocity: FloatArray,
+    orientation: FloatArray,
+    angular_velocity: FloatArray,
+    wrench: FloatArray,
+    orbit_angle: FloatArray,
+    control: FloatArray,
+    mass: float,
+) -> float:
+    """Advance one body; see `Dynamics`. The force acts along the mean of the axes before and after the step."""
+    for i in range(6):
+        wrench[i] += flight.share * (control[i] - wrench[i])
+    q, w = orientation, angular_velocity
+    before = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
+    after = rotation_row(flight.inertia, before, (wrench[3], wrench[4], wrench[5]), flight.step_size)
+    first = rotated((before[0], before[1], before[2], before[3]), wrench[0], wrench[1], wrench[2])
+    second = rotated((after[0], after[1], after[2], after[3]), wrench[0], wrench[1], wrench[2])
+    half = 0.5 / mass
+    ax, ay, az = half * (first[0] + second[0]), half * (first[1] + second[1]), half * (first[2] + second[2])
+    # Into Hill's frame, and back: x turns with the orbit.
+    n, angle, turn = flight.mean_motion, orbit_angle[0], flight.mean_motion * flight.step_size
+    c, s = math.cos(angle), math.sin(angle)
+    p, v = position, velocity
+    x, y = c * p[0] + s * p[1], c * p[1] - s * p[0]
+    vx, vy = c * v[0] + s * v[1] + n * y, c * v[1] - s * v[0] - n * x
+    cm, sm = math.cos(angle + 0.5 * turn), math.sin(angle + 0.5 * turn)
+    hill = cwh_row(flight.phi, flight.gamma, (x, y, p[2], vx, vy, v[2]), cm * ax + sm * ay, cm * ay - sm * ax, az)
+    c, s = math.cos(angle + turn), math.sin(angle + turn)
+    vx, vy = hill[3] - n * hill[1], hill[4] + n * hill[0]
+    p[0], p[1], p[2] = c * hill[0] - s * hill[1], s * hill[0] + c * hill[1], hill[2]
+    v[0], v[1], v[2] = c * vx - s * vy, s * vx + c * vy, hill[5]
+    orbit_angle[0] = angle + turn
+    for i in range(4):
+        orientation[i] = after[i]
+    for i in range(3):
+        angular_velocity[i] = after[4 + i]
+    rate: float = (abs(wrench[0]) + abs(wrench[1]) + abs(wrench[2])) / mass
+    return rate
+
+
+class FreeFlyer(Dynamics):
+    """A rigid body under forces and torques along its own axes, in axes W that do not turn, about a point in free fall.
+
+    ``p'' = R(q) F / m + tide``, ``q' = q [w, 0] / 2``, ``J w' = M - w x J w``, with q = q_WB and w in body axes. The
+    control is F in newtons, then M in newton metres, along the body's axes; ``wrench`` is what acts of it, which
+    follows with the lag T: ``wrench' = (control - wrench) / T``. On an orbit W agrees with Hill's frame at time zero
+    (x radially outwards, y along the orbit), ``orbit_angle`` is how far Hill's frame has turned since, and the tide
+    is ``n^2 (3 (e . p) e - p)`` with e radially outwards: the motion of Clohessy and Wiltshire, in inertial axes.
+    Translation is exact for a held force, rotation a step of the classical Runge-Kutta method. It offers no
+    ``mean_motion``, so safety filters for Clohessy-Wiltshire dynamics are refused. Source: Clohessy and Wiltshire,
+    "Terminal guidance system for satellite rendezvous", 1960; Markley and Crassidis, "Fundamentals of Spacecraft
+    Attitude Determination and Control", Springer 2014, chapter 3.
+
+    Attributes:
+        inertia: Principal moments of inertia J along the body's axes [kg m^2].
+        lag: Time constant of the actuators [s]; 0 follows at once.
+        mean_motion: Mean motion n of the orbit of the origin [rad/s]; 0 for free space.
+        keeps_trace: Whether the simulation keeps the arrays after every physics step, for sensors that measure in
+            between the steps of the agents.
+    """
+
+    row: ClassVar[Kernel[..., float]] = free_flyer_row
+    arrays: ClassVar[Mapping[str, ArraySpec]] = {
+        **Dynamics.arrays,
+        "orientation": ArraySpec((4,)),
+        "angular_velocity": ArraySpec((3,)),
+        "wrench": ArraySpec((6,)),
+        "orbit_angle": ArraySpec((1,)),
+    }
+    control_size: ClassVar[int] = 6
+    control_unit: ClassVar[str] = "N and N m"
+
+    inertia: tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia] = (
+        0.153427995,
+        0.14271405,
+        0.162302759,
+    )
+    lag: NonNegativeDuration = 0.0
+    mean_motion: NonNegativeAngularRate = 0.0
+    keeps_trace: bool = False
+
+    @property
+    def traced(self) -> bool:
+        """Whether the trace is kept."""
+        return self.keeps_trace
+
+    @property
+    def turns_thrust(self) -> bool:
+        """Whether thrust turns with the body."""
+        return True
+
+    def __call__(self, step_size: float) -> tuple[Any, ...]:
+        """Return what a step needs."""
+        phi, gamma = transition(self.mean_motion, 1.0, step_size)
+        share = 1.0 if self.lag == 0.0 else -math.expm1(-step_size / self.lag)
+        return (FreeFlight(phi, gamma, self.inertia, share, self.mean_motion, step_size),)
+
+    def initial(self) -> Mapping[str, Sequence[float]]:
+        """Return the attitude of a body along the axes of W."""
+        return {"orientation": (0.0, 0.0, 0.0, 1.0)}

@@ -1,0 +1,1 @@
+"""One mission, what it leaves behind, and many of them."""
