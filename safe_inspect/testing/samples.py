@@ -16,7 +16,7 @@ from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyW
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import clohessy_wiltshire_row
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.rigid_body import rotation_row
+from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.glues.controller_glue import ControllerGlue

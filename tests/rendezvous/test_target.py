@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from safe_inspect.dynamics.inertia import principal_axes
+from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.dynamics.quaternion import exp, rotate
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.coordination.context import MissionContext

@@ -13,7 +13,7 @@ import math
 from typing import NamedTuple
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.rigid_body import RotationState, Vector, moved_rotation, rotation_rates
+from safe_inspect.dynamics.attitude.rigid_body import RotationState, Vector, moved_rotation, rotation_rates
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import FloatArray
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
-from safe_inspect.dynamics.inertia import principal_axes
+from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.errors import ConfigError, MissingLibraryError
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.libraries import require

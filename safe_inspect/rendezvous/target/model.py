@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from safe_inspect.dynamics.inertia import principal_axes
+from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.types import FloatArray, IntArray
