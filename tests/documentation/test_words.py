@@ -22,4 +22,5 @@ def test_words_are_found_in_text_and_not_in_code(tmp_path: Path) -> None:
     page.write_text("It is `told anew`.\n\n    told\n\n```\nbeside\n```\nBeside it.\n")
     module.write_text('"""Begin."""\ntold = 1  # drawn anew\n')
     assert [place.removeprefix(f"{page}:").split(";")[0] for place in words.found(page)] == ["8: 'Beside'"]
-    assert all(place.startswith(f"{module}:2:") for place in words.found(module)) and list(words.found(module))
+    assert all(place.startswith(f"{module}:2:") for place in words.found(module))
+    assert list(words.found(module))
