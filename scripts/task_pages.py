@@ -20,8 +20,9 @@ PAGE = _DOCS / "task-reference.md"
 _HEAD = """\
 # Task reference
 
-This page is generated from the configurations: `python scripts/task_pages.py`. [Tasks](tasks.md) explains the tasks, and
-[Simulation](simulation.md) the physics. The agents of a team have equal observations and actions; the table shows those of one agent.
+This page is generated from the configurations: `python scripts/task_pages.py`. [Tasks](tasks.md)
+explains the tasks, and [Simulation](simulation.md) the physics. The agents of a team have equal observations
+and actions; the table shows those of one agent.
 """
 #: Picture of a task, where there is one.
 _PICTURES = {

@@ -3,8 +3,8 @@
 python scripts/words.py            # the files of CLEAN
 python scripts/words.py FILE ...   # other files
 
-Exits with 1 when there are any. Code, in backticks or fenced blocks of Markdown, is not text. In Python files the docstrings,
-comments and strings are text.
+Exits with 1 when there are any. Code, in backticks or fenced blocks of Markdown, is not text. In Python files the
+docstrings, comments and strings are text.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ import importlib.util
 from pathlib import Path
 
 _SPEC = importlib.util.spec_from_file_location("words", Path(__file__).parents[2] / "scripts" / "words.py")
-assert _SPEC and _SPEC.loader
+assert _SPEC
+assert _SPEC.loader
 words = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(words)
 
