@@ -7,7 +7,7 @@ from safe_inspect.rta import TeamSafety
 from safe_inspect.rta.team import TeamFiltered
 from safe_inspect.units import PositiveLength
 
-#: Distance [m] that stands for that of a deputy without another.
+#: Distance [m] used for a deputy without another.
 _ALONE = 1e9
 
 
