@@ -13,10 +13,10 @@ from safe_inspect.compiling import Kernel, njit
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneFunction
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
+from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import clohessy_wiltshire_row
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.glues.controller_glue import ControllerGlue

@@ -1,8 +1,8 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from safe_inspect.dynamics.quaternion import conjugate, log, multiply, normalise
 from safe_inspect.dynamics.attitude.rigid_body import rotate_bodies
+from safe_inspect.dynamics.quaternion import conjugate, log, multiply, normalise
 
 ASTROBEE = np.array([0.153427995, 0.14271405, 0.162302759])
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from safe_inspect.dynamics.quaternion import conjugate, log, multiply, normalise, rotate
 from safe_inspect.dynamics.attitude.rigid_body import rotate_bodies
+from safe_inspect.dynamics.quaternion import conjugate, log, multiply, normalise, rotate
 from safe_inspect.dynamics.tumble import angular_acceleration, classify, largest_rate, tumble
 
 

@@ -9,8 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from safe_inspect.dynamics import quaternion
-from safe_inspect.dynamics.double_integrator import double_integrator_row
 from safe_inspect.dynamics.attitude.inertia import principal_axes
+from safe_inspect.dynamics.double_integrator import double_integrator_row
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.environments import BatchedEnvironment, load_spec

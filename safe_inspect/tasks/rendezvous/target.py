@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field, field_validator
 
-from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.dynamics.attitude.inertia import principal_axes
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.errors import InitialStateError
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
