@@ -40,3 +40,11 @@ def test_a_filter_of_the_team_and_one_of_an_agent_are_refused() -> None:
 @pytest.mark.parametrize(("team", "own"), [(True, False), (False, True), (False, False)])
 def test_one_filter_or_none_is_accepted(team: bool, own: bool) -> None:
     assert _problems(f"{_TEAM}={team}", f"{_OWN}={own}") == []
+
+
+def test_two_shared_dones_of_one_name_are_refused_where_the_second_is() -> None:
+    shared = "config.config.env_config.dones.shared"
+    done = "{functor: SetAllDoneFunction, name: everything}"
+    ((key, message),) = _problems(f"{shared}=[{done}, {done}]")
+    assert key == f"{shared}[1]"
+    assert "two shared dones are named 'everything'; give one of them a `name` of its own" in message

@@ -234,3 +234,31 @@ def test_episodes_are_paired_one_for_one():
 def test_without_trials_nothing_is_known_of_a_rate():
     found = wilson(0, 0)
     assert np.isnan((found.low, found.high)).all()
+
+
+def _edited(**columns):
+    evaluation = Evaluation.of("mine", episodes(), RECORD)
+    return {**evaluation.columns(), **columns}, evaluation.units
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"agent": np.array([], dtype=str), "episode": np.array([], dtype=np.int64)},
+        {"episode": np.arange(2 * COUNT)},
+        {"episode": np.arange(COUNT).repeat(2)[::-1]},
+        {"agent": np.array(["red"] * COUNT + ["blue"] * COUNT)},
+        {"agent": np.array(["red", "blue"] * (COUNT - 1) + ["blue", "red"])},
+    ],
+)
+def test_rows_that_are_not_one_for_each_episode_and_agent_are_refused(columns):
+    table, units = _edited(**columns)
+    with pytest.raises(ValueError, match="not one for each episode and agent"):
+        Evaluation.of_columns("mine", table, units, RECORD)
+
+
+def test_a_folder_without_an_evaluation_says_what_to_give(tmp_path):
+    with pytest.raises(EvaluationError, match="this is no evaluation; give a folder that"):
+        read_evaluation(tmp_path)
+    with pytest.raises(EvaluationError, match="this is no evaluation; give a folder that"):
+        read_evaluation(tmp_path / "missing")

@@ -10,7 +10,7 @@ from safe_inspect.rta.constraints import constraint_set
 from safe_inspect.rta.constraints.certified import CERTIFIED, NAMES, PSM
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.rows import Margins, node
-from safe_inspect.rta.filters.backup.sequences import SAFE, broken_at, slack_of
+from safe_inspect.rta.filters.backup.sequences import SAFE, bits_of, broken_at, slack_of
 from safe_inspect.rta.filters.probes import probe_states
 
 PARAMETERS = ConstraintParameters()
@@ -59,3 +59,11 @@ def test_each_constraint_but_passive_safety_certifies_closed_motions():
         by_nodes = kernels.closed_broken is not None and kernels.closed_uncertain is not None
         assert by_nodes != (kernels.amplitude is not None), NAMES[code]
     assert CERTIFIED[PSM].kernels is None
+
+
+@pytest.mark.parametrize("question", ["gap", "turn", "allowed_speed"])
+def test_the_bits_of_a_question_are_those_of_the_constraints_that_answer_it(question: str) -> None:
+    answering = {code for code, each in enumerate(CERTIFIED) if getattr(each.kernels, question, None) is not None}
+    assert answering
+    assert {code for code in range(len(CERTIFIED)) if bits_of(question) & (1 << code)} == answering
+    assert bits_of(question) < 1 << len(CERTIFIED)
