@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-from safe_inspect.config.models.learning import check_learning, flight_note, placed
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.errors import ConfigError, Problem
+from safe_inspect.config.learning import flight_note, learning_problems, placed
+from safe_inspect.errors import Problem
 
 ONE, SEED = (configs_root() / "translational-inspection" / f"experiment{end}.yml" for end in ("", "-seed"))
 TEAM = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
@@ -20,24 +19,8 @@ _MIXED = "glues.0={functor: DiscreteControllerGlue, config: {controller: X Thrus
 
 
 def problems(experiment, found=()):
-    """Return the mistakes that are told when the translation finds some, and the settings where there are none."""
-    settings = SimpleNamespace(problems=list(found))
-    try:
-        assert check_learning(experiment, lambda *_: settings) is settings
-    except ConfigError as error:
-        return list(error.problems)
-    return []
-
-
-def test_the_translation_is_given_the_three_mappings_and_the_policies():
-    experiment = load_experiment(ONE, ["tune_config={stop: {training_iteration: 3}}", "ray_config={num_cpus: 2}"])
-    given = []
-    check_learning(experiment, lambda *mappings: given.append(mappings) or SimpleNamespace(problems=[]))
-    ((rllib, tune, ray, policies),) = given
-    assert rllib == {"algorithm": "PPO", **experiment.rllib}
-    assert tune == {"stop": {"training_iteration": 3}}
-    assert ray == {"num_cpus": 2}
-    assert policies == tuple(experiment.policies.values())
+    """Return mistakes of the translation and those of the experiment, each with its place."""
+    return placed(experiment, [*found, *learning_problems(experiment)])
 
 
 @pytest.mark.parametrize(
