@@ -39,7 +39,7 @@ def drawn(rows, seed=0, rate=0.03):
 
 def reference(state, control, dynamics):
     """Integrate one row by DOP853 from event to event: an axis that reaches its limit is held there from then on."""
-    inertia, n = np.array(dynamics.attitude.inertia), dynamics.mean_motion
+    inertia, n = np.array(dynamics.inertia), dynamics.mean_motion
     turn = n if dynamics.rate_against == "inertial" else 0.0
     limit = dynamics.rate_limit or np.inf
     most = dynamics.acceleration_limit or np.inf

@@ -1,10 +1,25 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from safe_inspect.dynamics.attitude.rigid_body import rotate_bodies
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply, normalise
 
 ASTROBEE = np.array([0.153427995, 0.14271405, 0.162302759])
+
+
+@njit
+def rotate_bodies(inertia, orientation, angular_velocity, torque, dt, steps):
+    """Advance the attitude and the angular velocity of each row by some steps, in place."""
+    for row in range(orientation.shape[0]):
+        q, w, u, j = orientation[row], angular_velocity[row], torque[row], inertia[row]
+        x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
+        for _ in range(steps):
+            x = rotation_row((j[0], j[1], j[2]), x, (u[0], u[1], u[2]), dt)
+        for i in range(4):
+            q[i] = x[i]
+        for i in range(3):
+            w[i] = x[4 + i]
 
 
 def _reference(inertia, q, w, torque, seconds):
@@ -18,7 +33,7 @@ def _reference(inertia, q, w, torque, seconds):
 
 def _rotated(q, w, torque, dt, steps):
     q, w = q.copy(), w.copy()
-    rotate_bodies(np.tile(ASTROBEE, (len(q), 1)), q, w, torque, dt, steps, q, w)
+    rotate_bodies(np.tile(ASTROBEE, (len(q), 1)), q, w, torque, dt, steps)
     return q, w
 
 

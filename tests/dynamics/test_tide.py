@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.tide import hill_rotation, inertial_transition, largest_tide, tidal_acceleration, to_hill
+from safe_inspect.dynamics.tide import hill_rotation, largest_tide, tidal_acceleration, to_hill
 
 N, RADIUS = 0.00113, 6.78e6
 STATES = np.random.default_rng(3).normal(size=(6, 6)) * [80.0, 80.0, 80.0, 0.1, 0.1, 0.1]
@@ -43,25 +41,3 @@ def test_hills_frame_turns_with_the_orbit(time):
     expected = np.concatenate((position, velocity - np.cross([0.0, 0.0, N], position)), axis=1)
     np.testing.assert_allclose(to_hill(N, time, STATES), expected, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(STATES @ hill_rotation(N, time).T, np.concatenate((position, velocity), axis=1))
-
-
-def test_a_step_is_that_of_the_equations_of_motion():
-    mass, step, force = 12.0, 40.0, np.array([0.02, -0.01, 0.03])
-    phi, gamma = inertial_transition(N, mass, step)
-
-    def rate(t, x):
-        pushed = Rotation.from_rotvec([0.0, 0.0, N * t]).apply(force)  # held in Hill's frame
-        return np.concatenate((x[3:], tidal_acceleration(N, np.array(t), x[:3]) + pushed / mass))
-
-    for start in STATES:
-        whole = solve_ivp(rate, (0.0, step), start, rtol=1e-12, atol=1e-12).y[:, -1]
-        np.testing.assert_allclose(phi @ start + gamma @ force, whole, rtol=1e-8, atol=1e-9)
-
-
-def test_it_is_the_motion_in_hills_frame():
-    phi, gamma = transition(N, 12.0, 40.0)
-    force = np.array([0.02, -0.01, 0.03])
-    inertial, push = inertial_transition(N, 12.0, 40.0)
-    for start in STATES:
-        there = phi @ to_hill(N, 0.0, start) + gamma @ force
-        np.testing.assert_allclose(to_hill(N, 40.0, inertial @ start + push @ force), there, rtol=1e-9, atol=1e-10)

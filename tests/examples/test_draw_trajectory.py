@@ -11,7 +11,7 @@ def test_the_picture_of_the_readme_can_be_drawn_again(tmp_path):
     task = ["--cfg", "safe_inspect/MultiagentTranslationalInspectionSeed-v0", "--seed", "4", "--until", "2500"]
     command = [sys.executable, str(SCRIPT), *task, "--out", str(tmp_path / "a.png")]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "success rate 100.0 %" in done.stdout
+    assert "success 100.0 %" in done.stdout
     assert 20_000 < (tmp_path / "a.png").stat().st_size < 400_000
 
 

@@ -175,7 +175,7 @@ def test_the_documented_step_carries_the_state(exported):
     exec(next(part for part in text.split("```python\n")[1:] if "def step(" in part).partition("```")[0], names)
     file = exported["separate"][1]
     session, policy = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"]), load_onnx(file)
-    state = names["begin"](session.get_modelmeta().custom_metadata_map, 4)
+    state = names["initial_state"](session.get_modelmeta().custom_metadata_map, 4)
     for observation in np.random.default_rng(0).normal(size=(5, 4, 11)).astype(np.float32):
         thrust, state = names["step"](session, observation, state)
         np.testing.assert_allclose(thrust, policy(observation), atol=1e-5)

@@ -191,7 +191,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "U11": (
         "a read-only installation is a traceback",
-        ("ground/test_compiled.py::test_a_kernel_is_compiled_where_no_cache_can_be_kept",),
+        ("ground/test_machine_code.py::test_a_kernel_is_compiled_where_no_machine_code_can_be_kept",),
     ),
     "U12": (
         "the message of a short override misleads",

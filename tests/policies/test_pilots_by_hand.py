@@ -73,9 +73,7 @@ def test_the_autopilot_points_the_velocity_at_the_origin(share: float, low: floa
     "controller",
     [
         DockingController(),
-        DockingController(
-            frequency=0.2, damping=0.7, standoff=1.6, corridor=0.9, lead=0.3, approach_speed=0.05
-        ),
+        DockingController(frequency=0.2, lead=0.3),
     ],
 )  # fmt: skip
 def test_the_controller_follows_the_reference_that_turns_with_the_target(controller, limit) -> None:
@@ -83,7 +81,8 @@ def test_the_controller_follows_the_reference_that_turns_with_the_target(control
     scattered(environment, 1.0, 0.1)
     view = environment.view(0)
     found = controller(view, ThrustLimits(np.full(3, -limit), np.full(3, limit)))
-    wn, zeta, near = controller.frequency, controller.damping, 0
+    standoff, corridor, approach_speed = 1.35, 0.6, 0.1  # the documented ones
+    wn, zeta, near = controller.frequency, 1.0, 0
     for row in range(ROWS):
         mating, position, velocity = (
             array[row].copy() for array in (view.mating_point_position, view.position, view.velocity)
@@ -93,15 +92,15 @@ def test_the_controller_follows_the_reference_that_turns_with_the_target(control
             np.linalg.norm(mating),
             math.acos(mating @ position / np.linalg.norm(mating) / np.linalg.norm(position)),
         )
-        if angle < controller.corridor:
-            reference = mating / reach * (reach + (controller.standoff - reach) * angle / controller.corridor)
+        if angle < corridor:
+            reference = mating / reach * (reach + (standoff - reach) * angle / corridor)
             near += 1
         else:
             axis = np.cross(position, mating)
             turned = Rotation.from_rotvec(min(angle, controller.lead) * axis / np.linalg.norm(axis)).apply(position)
-            reference = controller.standoff * turned / np.linalg.norm(position)
+            reference = standoff * turned / np.linalg.norm(position)
         pull = wn / (2.0 * zeta) * (reference - position)
-        pull *= min(1.0, controller.approach_speed / np.linalg.norm(pull))
+        pull *= min(1.0, approach_speed / np.linalg.norm(pull))
         moves = np.cross(turn, reference)
         wanted = np.cross(turn, moves) + 2.0 * zeta * wn * (pull + moves - velocity)
         thrust = np.broadcast_to(view.mass, ROWS)[row] * wanted

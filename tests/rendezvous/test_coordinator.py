@@ -132,7 +132,7 @@ def test_a_chaser_watches_again_only_where_it_sees_the_target(monkeypatch, guard
     context = SimpleNamespace(
         config=SimpleNamespace(mission=SimpleNamespace(update_period=1.0, time_limit=900.0)), time=100.0,
         estimate=SimpleNamespace(updated=seen), has_retreated=False, has_resumed=False, awaits_poses=True,
-        fails=lambda kind: False, poses=poses, limits=limits,
+        readings=SimpleNamespace(silent=frozenset()), poses=poses, limits=limits,
     )  # fmt: skip
     assert guard(context) is returns
 

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.linalg import expm
 
-from safe_inspect.rta.audit.disturbances import DisturbanceAdversary, unit
+from safe_inspect.rta.audit.disturbances import DisturbanceAdversary, normalised_rows
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
@@ -227,8 +227,8 @@ def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> Re
     n, top = run.parameters.n, (run.limit("v0", "rel_vel") if "rel_vel" in run.names else 2.0)
     near, far = run.limit("collision_radius", "chief_collision", "PSM"), run.limit("r_max", "r_max")
     fastest = run.limit("vel_limit", "x_vel", "y_vel", "z_vel")
-    out, along = (unit(rng.normal(size=(rows, 3))) for _ in range(2))
-    fast = unit(np.cross(out, [0.0, 1.0, 0.0])) * top * rng.uniform(0.3, 1.0, (rows, 1))
+    out, along = (normalised_rows(rng.normal(size=(rows, 3))) for _ in range(2))
+    fast = normalised_rows(np.cross(out, [0.0, 1.0, 0.0])) * top * rng.uniform(0.3, 1.0, (rows, 1))
     phase, sun = rng.uniform(0.0, 2.0 * np.pi, (2, rows))
     passing = near * rng.uniform(1.01, 3.0, rows)
     radius = rng.uniform(near, far, rows)

@@ -31,7 +31,7 @@ class DisturbanceAdversary:
         self._bounds, self._rng = bounds, rng
         self.push: IntArray = rng.integers(0, len(PUSHES), rows)
         self._trick = rng.integers(0, 3, rows)[:, None]
-        self._one_way = unit(rng.normal(size=(rows, 3)))
+        self._one_way = normalised_rows(rng.normal(size=(rows, 3)))
         self._steps = 0
         self.direction: FloatArray = self._one_way
 
@@ -45,7 +45,7 @@ class DisturbanceAdversary:
         self.direction = self._choose(state, phi)
         bounds, errors = self._bounds, []
         for bound in (bounds.position_error, bounds.velocity_error):
-            noise = unit(self._rng.normal(size=state.position.shape))
+            noise = normalised_rows(self._rng.normal(size=state.position.shape))
             errors.append(
                 bound * np.select([self._trick == 0, self._trick == 1], [-self.direction, self.direction], noise)
             )
@@ -56,7 +56,7 @@ class DisturbanceAdversary:
         size = np.linalg.norm(control, axis=1, keepdims=True)
         along = control / np.maximum(size, 1e-300)
         part = (along * self.direction).sum(axis=1, keepdims=True)
-        across = unit(self.direction - part * along)
+        across = normalised_rows(self.direction - part * along)
         angle = self._bounds.thrust_direction
         gain = 1.0 + np.where(part > 0.0, 1.0, -1.0) * self._bounds.thrust_gain
         return np.asarray(gain * size * (np.cos(angle) * along + np.sin(angle) * across))
@@ -68,12 +68,12 @@ class DisturbanceAdversary:
 
     def _choose(self, state: RelativeState, phi: dict[str, FloatArray]) -> FloatArray:
         self._steps += 1
-        inward, along = -unit(state.position), unit(state.velocity)
+        inward, along = -normalised_rows(state.position), normalised_rows(state.velocity)
         away = np.stack((-np.cos(state.sun_angle), np.sin(state.sun_angle), np.zeros(len(state))), axis=1)
         ways = {
-            _RANDOM: unit(self._rng.normal(size=state.position.shape)), _STEADY: self._one_way,
+            _RANDOM: normalised_rows(self._rng.normal(size=state.position.shape)), _STEADY: self._one_way,
             _INWARD: inward, _OUTWARD: -inward, _ALONG: along, _AGAINST: -along,
-            _SUN: unit(away * np.linalg.norm(state.position, axis=1, keepdims=True) - state.position),
+            _SUN: normalised_rows(away * np.linalg.norm(state.position, axis=1, keepdims=True) - state.position),
             _TO_AND_FRO: self._one_way if self._steps % 4 < 2 else -self._one_way,
         }  # fmt: skip
         names = ["PSM", *phi]  # which is not among those of every step, and is never the nearest of them
@@ -88,6 +88,6 @@ class DisturbanceAdversary:
 _SCALES = {"chief_collision": 10.0, "r_max": 10.0, "sun": 0.2}
 
 
-def unit(v: FloatArray) -> FloatArray:
+def normalised_rows(v: FloatArray) -> FloatArray:
     """Return vectors shortened or stretched to length 1, shape (R, 3); zeros stay zeros."""
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300))
