@@ -1,25 +1,10 @@
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
-from safe_inspect.compiling import njit
-from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply, normalise
 
 ASTROBEE = np.array([0.153427995, 0.14271405, 0.162302759])
-
-
-@njit
-def rotate_bodies(inertia, orientation, angular_velocity, torque, dt, steps):
-    """Advance the attitude and the angular velocity of each row by some steps, in place."""
-    for row in range(orientation.shape[0]):
-        q, w, u, j = orientation[row], angular_velocity[row], torque[row], inertia[row]
-        x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
-        for _ in range(steps):
-            x = rotation_row((j[0], j[1], j[2]), x, (u[0], u[1], u[2]), dt)
-        for i in range(4):
-            q[i] = x[i]
-        for i in range(3):
-            w[i] = x[4 + i]
 
 
 def _reference(inertia, q, w, torque, seconds):
@@ -31,10 +16,14 @@ def _reference(inertia, q, w, torque, seconds):
     return solve_ivp(rates, (0.0, seconds), np.concatenate((q, w)), "DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
 
 
-def _rotated(q, w, torque, dt, steps):
-    q, w = q.copy(), w.copy()
-    rotate_bodies(np.tile(ASTROBEE, (len(q), 1)), q, w, torque, dt, steps)
-    return q, w
+@pytest.fixture
+def rotated(rotate_bodies):
+    def rotate(q, w, torque, dt, steps):
+        q, w = q.copy(), w.copy()
+        rotate_bodies(np.tile(ASTROBEE, (len(q), 1)), q, w, torque, dt, steps)
+        return q, w
+
+    return rotate
 
 
 def _bodies(n):
@@ -43,9 +32,9 @@ def _bodies(n):
     return q, w, generator.uniform(-0.025, 0.025, (n, 3)) * 0.3
 
 
-def test_sixteen_seconds_under_torque_agree_with_a_reference():
+def test_sixteen_seconds_under_torque_agree_with_a_reference(rotated):
     q, w, torque = _bodies(5)
-    after_q, after_w = _rotated(q, w, torque, 0.008, 2000)
+    after_q, after_w = rotated(q, w, torque, 0.008, 2000)
     for row in range(5):
         expected = _reference(ASTROBEE, q[row], w[row], torque[row], 16.0)
         error = log(multiply(conjugate(normalise(expected[:4])), after_q[row]))
@@ -53,17 +42,17 @@ def test_sixteen_seconds_under_torque_agree_with_a_reference():
         assert np.allclose(after_w[row], expected[4:], rtol=0.0, atol=1e-11)
 
 
-def test_the_error_goes_with_the_fourth_power_of_the_step():
+def test_the_error_goes_with_the_fourth_power_of_the_step(rotated):
     q, w, torque = _bodies(20)
-    exact, _ = _rotated(q, w, torque, 0.01, 1600)
-    coarse, fine = (_rotated(q, w, torque, 16.0 / n, n)[0] for n in (50, 100))
+    exact, _ = rotated(q, w, torque, 0.01, 1600)
+    coarse, fine = (rotated(q, w, torque, 16.0 / n, n)[0] for n in (50, 100))
     errors = [np.linalg.norm(log(multiply(conjugate(exact), other)), axis=1).max() for other in (coarse, fine)]
     assert 12.0 < errors[0] / errors[1] < 22.0
 
 
-def test_a_row_gives_the_same_bits_in_a_batch_of_any_size():
+def test_a_row_gives_the_same_bits_in_a_batch_of_any_size(rotated):
     q, w, torque = _bodies(7)
-    together = _rotated(q, w, torque, 0.1, 10)
-    alone = [_rotated(q[i : i + 1], w[i : i + 1], torque[i : i + 1], 0.1, 10) for i in range(7)]
+    together = rotated(q, w, torque, 0.1, 10)
+    alone = [rotated(q[i : i + 1], w[i : i + 1], torque[i : i + 1], 0.1, 10) for i in range(7)]
     assert (together[0] == np.concatenate([one[0] for one in alone])).all()
     assert (together[1] == np.concatenate([one[1] for one in alone])).all()

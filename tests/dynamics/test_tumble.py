@@ -2,24 +2,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from safe_inspect.compiling import njit
-from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply, normalise, rotate
 from safe_inspect.dynamics.tumble import angular_acceleration, classify, largest_rate, tumble
-
-
-@njit
-def rotate_bodies(inertia, orientation, angular_velocity, torque, dt, steps):
-    """Advance the attitude and the angular velocity of each row by some steps, in place."""
-    for row in range(orientation.shape[0]):
-        q, w, u, j = orientation[row], angular_velocity[row], torque[row], inertia[row]
-        x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
-        for _ in range(steps):
-            x = rotation_row((j[0], j[1], j[2]), x, (u[0], u[1], u[2]), dt)
-        for i in range(4):
-            q[i] = x[i]
-        for i in range(3):
-            w[i] = x[4 + i]
 
 
 def _bodies(n, seed=0):
@@ -166,7 +150,7 @@ def test_moments_of_no_body_are_rejected(inertia):
 
 
 @pytest.mark.slow
-def test_ten_thousand_bodies_agree_with_the_runge_kutta_rows():
+def test_ten_thousand_bodies_agree_with_the_runge_kutta_rows(rotate_bodies):
     inertia, q, w = _bodies(10_000, seed=11)
     q_t, w_t = tumble(inertia, q, w, np.array([60.0]))
     rotate_bodies(inertia, q, w, np.zeros((10_000, 3)), 0.01, 6000)

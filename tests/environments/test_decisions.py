@@ -249,7 +249,7 @@ def test_the_coast_is_one_of_a_few_choices_beside_levels():
         (
             "RTAGlueCWHInspection1v1.wrapped=[{functor: CoastGlue}, "
             "{functor: ControllerGlue, config: {controller: X Thrust}}]",
-            "stands before the glue of a controller",
+            "is before the glue of a controller",
         ),
     ],
 )

@@ -44,7 +44,7 @@ def check_glues(
             }
     leaves = [leaf for glue in glues if isinstance(glue, ActionGlue) for leaf in glue.leaves()]
     if any(isinstance(leaf, CoastGlue) for leaf in leaves[:-1]):
-        report(where, "CoastGlue stands before the glue of a controller; move it behind the last of them")
+        report(where, "CoastGlue is before the glue of a controller; move it after the last of them")
     if len(discrete) > 1:
         report(where, "some action glues choose among levels and others give real numbers; use one kind for all")
     for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
