@@ -150,6 +150,19 @@ def test_recorded_episodes_come_back_from_their_file(tmp_path):
                 assert mine == theirs, field.name
 
 
+def test_damaged_recorded_episodes_are_one_message(tmp_path):
+    from pyarrow import parquet
+
+    table = trajectory_table([flight(4, 7, camera=((0.0, 0.6, 0.8), 0.3))])
+    for damaged in (table.drop_columns(table.column_names[0]), table.replace_schema_metadata({})):
+        parquet.write_table(damaged, tmp_path / "trajectories.parquet")
+        with pytest.raises(EvaluationError, match="the recorded episodes are damaged"):
+            read_trajectories(tmp_path)
+    (tmp_path / "trajectories.parquet").write_bytes(b"PAR1 damaged")
+    with pytest.raises(EvaluationError, match="the recorded episodes are damaged"):
+        read_trajectories(tmp_path)
+
+
 def test_the_columns_of_recorded_episodes_are_those_that_are_documented():
     one = flight(7, 4)
     steps = len(one.control)

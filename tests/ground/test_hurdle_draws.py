@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.random.action_draws import DrawRows
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.action_draws import Categorical, DrawRows, Gaussian
+from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 
 ROWS = 20_000
 
@@ -63,3 +63,22 @@ def test_a_draw_is_a_function_of_its_row():
     one, other = drawn(hurdle, inputs)[0], drawn(hurdle, inputs[:20])[0]
     np.testing.assert_array_equal(one[:20], other)
     assert (drawn(hurdle, inputs, seed=2)[0] != one).any()
+
+
+def test_choices_are_drawn_and_numbers_are_means():
+    """A rollout that draws the choices alone: the numbers are the means where there is a burn."""
+    hurdle, rows = Hurdle(2, 3), 4000
+    line = np.concatenate(([np.log(0.9 / 0.1)], [4.0, -3.0], np.log([0.5, 0.5]), np.log([1, 2, 5])))
+    actions = draw_choices(hurdle, np.tile(line, (rows, 1)).astype(np.float32), 3)
+    burns = actions[:, 0] != 0.0
+    assert abs(burns.mean() - 0.9) < 4.5 * np.sqrt(0.09 / rows)
+    np.testing.assert_allclose(actions[burns, :2], np.tile([4.0, -3.0], (burns.sum(), 1)), rtol=1e-6)
+    np.testing.assert_allclose(np.bincount(actions[:, 2].astype(int)) / rows, np.array([1, 2, 5]) / 8, atol=0.03)
+
+
+def test_only_choices_are_drawn():
+    gaussian = Gaussian(2)
+    line = np.array([4.0, -3.0, 0.0, 0.0], np.float32)
+    np.testing.assert_array_equal(draw_choices(gaussian, np.tile(line, (5, 1)), 3), np.tile(line[:2], (5, 1)))
+    choices = draw_choices(Categorical((2, 2)), np.zeros((4000, 4), np.float32), 3)
+    np.testing.assert_allclose(choices.mean(axis=0), 0.5, atol=0.04)

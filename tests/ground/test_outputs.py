@@ -146,6 +146,17 @@ def test_what_exists_is_no_new_folder(tmp_path, monkeypatch):
     assert content(tmp_path) == before
 
 
+def test_a_finished_folder_is_replaced_by_force_alone(tmp_path):
+    with new_folder(tmp_path / "own", "record") as work:
+        (work / "a").write_text("first")
+    with pytest.raises(OutputError, match="the folder exists already"), new_folder(tmp_path / "own", "record"):
+        pytest.fail("there is something already")
+    assert (tmp_path / "own" / "a").read_text() == "first"
+    with new_folder(tmp_path / "own", "record", force=True) as work:
+        (work / "b").write_text("second")
+    assert not (tmp_path / "own" / "a").exists()
+
+
 FOREIGN = {
     "a file": lambda folder: (folder / "thesis.tex").write_text("mine"),
     "a file in a folder": lambda folder: (folder / "deep" / "thesis.tex").write_text("mine"),

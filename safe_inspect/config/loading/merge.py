@@ -64,7 +64,6 @@ def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
                 hint = did_you_mean(str(key), merged)
                 raise ConfigError(Problem("there is no such key to remove", str(key), marks.get(key), hint))
             del merged[key]
-            merged.marks.pop(key, None)
             continue
         merged[key] = _over(merged.get(key), value)
         merged.marks.pop(key, None)  # the newest comes last

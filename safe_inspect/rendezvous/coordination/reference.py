@@ -13,7 +13,7 @@ from safe_inspect.types import FloatArray
 
 
 def reference_of(
-    plan: Plan, estimate: StateEstimate, mating_point: FloatArray, tail: int, step: float, mean_motion: float = 0.0
+    plan: Plan, estimate: StateEstimate, mating_point: FloatArray, tail: int, step: float, mean_motion: float
 ) -> TrackedReference:
     """Return what to follow: the plan's path in the target's frame, moved as the target is estimated to move.
 
