@@ -61,5 +61,5 @@ def test_plans_are_those_on_record(name: str) -> None:
         record = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
         RECORD.write_text(json.dumps(record | {name: [float(f"{v:.10g}") for v in found]}, indent=0) + "\n", "utf-8")
     expected = json.loads(RECORD.read_text(encoding="utf-8"))[name]
-    # Another processor may round otherwise, which changes what an annealer accepts; a changed plan is still no close one.
+    # Another processor may round otherwise, but a plan that has changed is not that close to the former one.
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
