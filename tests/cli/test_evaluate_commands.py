@@ -267,7 +267,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     ],
 )
 def test_mistakes_are_told_before_an_episode_is_flown(typed, here, monkeypatch, words, told):
-    module = importlib.import_module("safe_inspect.cli.commands.evaluate")
+    module = importlib.import_module("safe_inspect.experiments.modules.sources")
     monkeypatch.setattr(module, "rollout", lambda *_, **__: pytest.fail("an episode was flown"))
     (here / "file.txt").write_text("text")
     (here / "folder").mkdir()

@@ -29,7 +29,7 @@ def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episode", type=natural, default=0, metavar="N", help="fly episode N of an evaluation (default: 0)"
     )
-    parser.add_argument("--missions", help=argparse.SUPPRESS)
+    parser.add_argument("--missions", metavar="N", help=argparse.SUPPRESS)
     add_output_folder(parser, "the log")
     parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment, and fly nothing")
 
