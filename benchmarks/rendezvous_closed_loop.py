@@ -19,6 +19,7 @@ import argparse
 import json
 import os
 import time
+from dataclasses import astuple
 from typing import Any
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -30,6 +31,7 @@ from rendezvous_tube import PlainMPC  # noqa: E402
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
 from safe_inspect.dynamics.tumble import tumble  # noqa: E402
+from safe_inspect.metrics.statistics import wilson  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
 from safe_inspect.rendezvous.bound.conformal import Bound  # noqa: E402
 from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates  # noqa: E402
@@ -43,7 +45,6 @@ from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E40
 from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
 from safe_inspect.rendezvous.estimate import BodyState  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
-from safe_inspect.rendezvous.missions.tables import interval  # noqa: E402
 from safe_inspect.rendezvous.models import RendezvousConfig  # noqa: E402
 from safe_inspect.rendezvous.pilot import limits_of  # noqa: E402
 from safe_inspect.rendezvous.planner.certificate import certify  # noqa: E402
@@ -192,7 +193,7 @@ def report(flights: list[dict[str, Any]]) -> dict[str, Any]:
     ends = np.array([flight["end_error"] for flight in flights])
     share = np.array([flight["share"] for flight in flights])
     seconds = 1e3 * np.concatenate([flight["seconds"] for flight in flights])
-    low, high = (100.0 * value for value in interval(int((clearance < 0.0).sum()), count))
+    low, high = (100.0 * value for value in astuple(wilson(int((clearance < 0.0).sum()), count)))
     return {
         "flights": count,
         "contacts": int((clearance < 0.0).sum()),

@@ -15,6 +15,7 @@ import argparse
 import json
 import os
 import time
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +27,9 @@ import pyarrow.parquet as pq  # noqa: E402
 
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.dynamics.quaternion import rotate  # noqa: E402
+from safe_inspect.metrics.statistics import wilson  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
 from safe_inspect.rendezvous.missions.mission import Mission  # noqa: E402
-from safe_inspect.rendezvous.missions.tables import interval  # noqa: E402
 
 _MATING_POINT = np.array([0.0, 0.45, 0.0])
 _SETTINGS = (
@@ -91,9 +92,9 @@ def report(name: str, flights: list[dict[str, Any]]) -> dict[str, Any]:
     figures: dict[str, Any] = {
         "flights": count,
         "docked": len(docked),
-        "docked, interval [%]": [round(100.0 * value, 1) for value in interval(len(docked), count)],
+        "docked, interval [%]": [round(100.0 * value, 1) for value in astuple(wilson(len(docked), count))],
         "contacts": contacts,
-        "contacts, interval [%]": [round(100.0 * value, 2) for value in interval(contacts, count)],
+        "contacts, interval [%]": [round(100.0 * value, 2) for value in astuple(wilson(contacts, count))],
     }
     for key in ("time", "time of the approach", "delta_v"):
         values = np.array([flight[key] for flight in docked if key in flight])

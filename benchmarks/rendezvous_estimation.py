@@ -21,6 +21,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +30,13 @@ from scipy.stats import bootstrap, chi2
 
 from safe_inspect.dynamics.quaternion import conjugate, from_matrix, log, multiply
 from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.metrics.statistics import wilson
 from safe_inspect.rendezvous.back_end.graph import PoseGraph
 from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.consistency import attitude_error, normalised_error
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.tables import interval
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.target.model import Target
 
@@ -148,7 +149,10 @@ def _print_consistency(rows: list[dict[str, Any]]) -> None:
         values = values[np.isfinite(values)]
         most = float(chi2.ppf(0.95, freedom))
         count = int((values > most).sum())
-        mean, share = f"mean {values.mean():.2f}", ", ".join(f"{bound:.3f}" for bound in interval(count, len(values)))
+        mean, share = (
+            f"mean {values.mean():.2f}",
+            ", ".join(f"{bound:.3f}" for bound in astuple(wilson(count, len(values)))),
+        )
         if len(values) > 2:
             low, high = bootstrap((values,), np.mean, rng=np.random.default_rng(0)).confidence_interval
             mean += f" [{low:.2f}, {high:.2f}]"

@@ -16,14 +16,15 @@ import json
 import tempfile
 import time
 from collections.abc import Iterable
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from scipy.stats import binomtest
 
 from safe_inspect.config.data import configs_root
+from safe_inspect.metrics.statistics import wilson
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
 
@@ -82,10 +83,10 @@ def fly(seed: int, number: int, fault: dict[str, Any], settings: Iterable[str]) 
 
 
 def share(label: str, count: int, of: int) -> str:
-    """Return a count with the 95 % interval of Clopper and Pearson."""
+    """Return a count with Wilson's 95 % interval."""
     if not of:
         return f"  {label:<34}   0 of   0"
-    low, high = binomtest(count, of).proportion_ci()
+    low, high = astuple(wilson(count, of))
     return f"  {label:<34}{count:>4} of {of:>3}  [{100 * low:.1f} %, {100 * high:.1f} %]"
 
 

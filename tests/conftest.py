@@ -31,7 +31,7 @@ _FIRST = ("tests/contract/test_every_plugin.py", "tests/experiments/")
 _RAY = (
     "tests/experiments/",
     "tests/examples/test_beacon_package.py",
-    "tests/rendezvous/test_campaign.py",
+    "tests/evaluation/test_missions.py",
     "tests/documentation/test_tutorials.py",
 )
 

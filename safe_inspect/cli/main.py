@@ -89,7 +89,7 @@ _COMMANDS = {
     ),
     "rendezvous": _Command(
         "rendezvous", "fly to a point on a tumbling target",
-        "Prints the course of the mission and its result; --missions flies many.",
+        "Prints the course of the mission and its result; `evaluate` flies many.",
         "safe-inspect rendezvous configs/tumbling-rendezvous/experiment-truth.yml --output output/mission",
     ),
     "record-log": _Command(

@@ -104,6 +104,7 @@ class Episodes(_Informed):
         labels: Label and unit of what components say, by its name.
         initial_states: ``position`` [m] and ``velocity`` [m/s] of each deputy at the reset, Hill frame, shape
             (E, D, 3), and the arrays that components record, such as ``sun_angle`` [rad], shape (E,).
+        causes: Why each episode was lost, empty for one that was not, shape (E,); None where nothing says it.
     """
 
     seed: int
@@ -120,6 +121,7 @@ class Episodes(_Informed):
     units: Mapping[str, str] = field(default_factory=dict)
     labels: Labels = field(default_factory=dict)
     initial_states: Mapping[str, FloatArray] = field(default_factory=dict)
+    causes: AnyArray | None = None
 
     @classmethod
     def of(cls, agents: Mapping[str, AgentEpisodes], **others: Any) -> Episodes:

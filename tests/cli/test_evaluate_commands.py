@@ -229,7 +229,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("safe_inspect.cli.commands.evaluate.rollout", fail)
+    monkeypatch.setattr("safe_inspect.experiments.modules.sources.rollout", fail)
     code, out, err = typed("evaluate", "zero-thrust", *SHORT, "--output", "out")
     told = "nothing is kept, as the first batch of 4 episodes was not complete"
     assert (code, out, err) == (130, "", f"interrupted; {told}\n")
@@ -267,7 +267,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     ],
 )
 def test_mistakes_are_told_before_an_episode_is_flown(typed, here, monkeypatch, words, told):
-    module = importlib.import_module("safe_inspect.cli.commands.evaluate")
+    module = importlib.import_module("safe_inspect.experiments.modules.sources")
     monkeypatch.setattr(module, "rollout", lambda *_, **__: pytest.fail("an episode was flown"))
     (here / "file.txt").write_text("text")
     (here / "folder").mkdir()

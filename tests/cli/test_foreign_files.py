@@ -29,7 +29,7 @@ FOLDERS = {
     ("record-log", "output"): ["record-log", MISSION, "--seconds", "2"],
     ("characterise", "output"): ["characterise", "log"],
     ("rendezvous", "output"): ["rendezvous", MISSION, "mission.time_limit=0.8 s"],
-    ("rendezvous", "output", "many"): ["rendezvous", MISSION, "mission.time_limit=0.8 s", "--missions", "2"],
+    ("evaluate", "output", "missions"): ["evaluate", "--cfg", MISSION, "mission.time_limit=0.8 s", "--episodes", "2"],
 }
 FILES = {
     ("evaluate", "json"): ["evaluate", "random", "--episodes", "2", "horizon=5"],
@@ -111,7 +111,7 @@ def test_every_output_of_every_command_is_tried():
 #: What a refusal says.
 REASONS = (
     "the folder exists already", "this is a file or a link", "the working directory is in this folder",
-    "is not replaced", "holds something else than a campaign", "is a folder", "the folder cannot be written",
+    "is not replaced", "is a folder", "the folder cannot be written",
     "no file of", "the name of the", "only a file that ends in",
 )  # fmt: skip
 
@@ -120,7 +120,7 @@ def refused(words, told):
     """Check that a call without and with --force is refused for its output, and that nothing has changed."""
     before = content("..")
     takes_force = "--force" in parsers()[words[0]]._option_string_actions
-    takes_force = takes_force and "--output" in words and "--missions" not in words
+    takes_force = takes_force and "--output" in words
     for call in [words, [*words, "--force"]] if takes_force else [words]:
         assert run(*call) == 2
         lines = told.readouterr().err.splitlines()

@@ -90,7 +90,7 @@ def test_one_line_says_what_to_do(typed, here, words, told):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--workers", "3"], "--workers flies several missions; give --missions N"),
+        (["--missions", "3"], "--missions has been removed; fly many by `safe-inspect evaluate"),
         (["--dry-run", "chaser.position=[0, 0, 0]"], "the chaser would overlap the target"),
         (["--dry-run", "target={functor: MeshTarget, config: {path: none.stl, mating_point: [0 m, 0 m, 1 m]}}"],
          "none.stl: the mesh cannot be read"),

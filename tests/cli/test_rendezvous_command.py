@@ -7,6 +7,9 @@ import pytest
 
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
+from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.missions.log import json_value
+from safe_inspect.rendezvous.missions.mission import Mission
 
 _FILE = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
 _QUICK = ["mission.observe=1 s", "mission.checkout=0.4 s", "mission.wait_limit=0 s"]
@@ -43,29 +46,17 @@ def test_one_mission_leaves_its_files_and_a_failed_one_another_exit_code(
     assert capsys.readouterr().out.startswith("failed: given up in OBSERVE\n")
 
 
-def test_missions_in_two_processes_are_those_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import pyarrow.parquet as pq
+def test_an_episode_of_an_evaluation_is_flown_alone(tmp_path: Path) -> None:
+    short = [_FILE, "tumble={functor: RandomTumble}", "mission.time_limit=0.8 s"]
+    assert main(["rendezvous", *short, "--episode", "3", "--output", str(tmp_path / "run")]) == 1
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    expected = Mission(load_rendezvous(short[0], short[1:]).config, 3).run().summary
+    assert summary == json.loads(json.dumps(json_value(expected)))
 
-    tables = []
-    for workers in ("1", "2"):
-        folder = tmp_path / workers
-        limited = [*_QUICK, "mission.time_limit=10 s"]
-        code = main(["rendezvous", _FILE, *limited, "--missions", "2", "--workers", workers, "--output", str(folder)])
-        assert code == 1
-        assert "0 of 2 missions succeeded" in capsys.readouterr().out
-        tables.append(pq.read_table(folder / "missions.parquet").drop_columns(["planning_time"]))
-        assert (folder / "mission_0001" / "log.npz").is_file()
-        # The same command finds its missions there; another experiment is refused.
-        again = ["rendezvous", _FILE, *limited, "--missions", "2", "--output", str(folder)]
-        assert main(again) == 1
-        assert "0 of 2 missions succeeded" in capsys.readouterr().out
-        assert main([*again, "seed=1"]) == 2
-        assert "holds missions of another experiment (seed: 0 there, 1 here)" in capsys.readouterr().err
-        assert main(["rendezvous", _FILE, *limited, "--output", str(folder)]) == 2
-        assert "the folder exists already" in capsys.readouterr().err
-        assert main(["rendezvous", _FILE, *limited, "--output", str(folder), "--force"]) == 2
-        assert "nothing in this folder says that `rendezvous` wrote it" in capsys.readouterr().err
-    assert tables[0].equals(tables[1])
+
+def test_many_missions_are_flown_by_evaluate(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rendezvous", _FILE, "--missions", "20"]) == 2
+    assert f"`safe-inspect evaluate --cfg {_FILE} --episodes 20`" in capsys.readouterr().err
 
 
 def test_a_mission_says_how_it_stands_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:

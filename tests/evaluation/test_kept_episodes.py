@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_inspect.cli.commands import evaluate as command
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
@@ -21,6 +20,7 @@ from safe_inspect.evaluation import baseline, rollout
 from safe_inspect.evaluation.rollouts import rollout as rollouts
 from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, batch_file
 from safe_inspect.evaluation.task import default_metrics
+from safe_inspect.experiments.modules import sources
 
 CONFIGS = configs_root()
 SHORT = ("--episodes", "6", "--num-envs", "2", "horizon=12")
@@ -184,13 +184,13 @@ def test_a_leaderboard_continues_within_a_row(capsys, flown):
 
 
 def test_an_error_of_a_plugin_keeps_nothing(monkeypatch, flown):
-    whole = command.rollout
+    whole = sources.rollout
 
     def fail(*given, **named):
         whole(*given, **named)
         raise ZeroDivisionError
 
-    monkeypatch.setattr(command, "rollout", fail)
+    monkeypatch.setattr(sources, "rollout", fail)
     with pytest.raises(ZeroDivisionError):
         main(["evaluate", "random", *SHORT, "--output", "out"])
     assert [path.name for path in Path().iterdir()] == ["boards.yml"]

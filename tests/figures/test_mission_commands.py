@@ -1,17 +1,22 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from safe_inspect.cli.main import main
+from safe_inspect.config.data import configs_root
 from safe_inspect.errors import CheckpointError
+from safe_inspect.evaluation.episodes import join
+from safe_inspect.evaluation.results.folder import write_evaluation
+from safe_inspect.evaluation.results.results import Evaluation
+from safe_inspect.evaluation.rollouts.missions import mission_episode, mission_task
 from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
-from safe_inspect.rendezvous.missions.campaign import read_missions, write_missions
+from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.record import read_mission
-from safe_inspect.rendezvous.missions.tables import rate_of_success
 
 STEPS = 40
 
@@ -102,56 +107,49 @@ def test_a_damaged_mission_is_one_message(
     assert not (tmp_path / "a.png").exists()
 
 
-def _summaries(count: int, failures: int) -> list[dict[str, object]]:
-    return [
-        {
-            "mission": k, "success": k >= failures, "cause": "" if k >= failures else "camera silent",
-            "least_clearance": 0.1 + 0.01 * k, "mating_position_error": 1.0 if k < failures else 0.001 * (k + 1),
-            "mating_speed_error": 0.001, "delta_v": 0.1, "largest_gauge": None, "time": 240.0,
-        }
-        for k in range(count)
-    ]  # fmt: skip
+@pytest.fixture
+def missions() -> Callable[[int, int], Evaluation]:
+    """Return an evaluation of some missions, of which the first few have failed."""
+    config = load_rendezvous(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml").config
+
+    def evaluation(count: int, failures: int) -> Evaluation:
+        episodes = [
+            mission_episode(config, k, {
+                "success": k >= failures, "cause": "" if k >= failures else "camera silent",
+                "least_clearance": 0.1 + 0.01 * k, "mating_position_error": 1.0 if k < failures else 0.001 * (k + 1),
+                "mating_speed_error": 0.001, "delta_v": 0.1, "largest_gauge": None, "time": 240.0,
+            })
+            for k in range(count)
+        ]  # fmt: skip
+        record = {"seed": 0, "episodes": count, "task": mission_task(config)}
+        return Evaluation.of("pilot", join(episodes), record)
+
+    return evaluation
 
 
-def test_the_distributions_of_many_missions_are_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    summaries = _summaries(10, 2)
-    write_missions(tmp_path / "missions.parquet", summaries)
-    assert read_missions(tmp_path / "missions.parquet") == summaries
-    assert main(["draw", str(tmp_path), "--output", str(tmp_path / "a.png")]) == 0
-    assert "a.png: 8 of 10 missions succeeded: 80.0 % (95 % interval 44.4 to 97.5 %)" in capsys.readouterr().out
-    assert main(["draw", str(tmp_path), "--until", "3", "--output", str(tmp_path / "b.png")]) == 2
+def test_the_distributions_of_many_missions_are_drawn(
+    tmp_path: Path, missions: Callable[[int, int], Evaluation], capsys: pytest.CaptureFixture[str]
+) -> None:
+    evaluation = missions(10, 2)
+    write_evaluation(evaluation, tmp_path / "many")
+    assert main(["draw", str(tmp_path / "many"), "--output", str(tmp_path / "a.png")]) == 0
+    outcome = "10 missions, success 80.0 % (95 % interval 49.0 to 94.3 %; win 8, lose 2)"
+    assert f"a.png: {outcome}\n" in capsys.readouterr().out
+    assert main(["draw", str(tmp_path / "many"), "--until", "3", "--output", str(tmp_path / "b.png")]) == 2
     assert "--until cuts one mission" in capsys.readouterr().err
-    figure = campaign_figure(summaries)
+    for command, ending in (("film", "gif"), ("view", "html")):
+        assert main([command, str(tmp_path / "many"), "--output", str(tmp_path / f"a.{ending}")]) == 2
+        assert "fly one of them by `rendezvous --episode N" in capsys.readouterr().err
+    figure = campaign_figure(evaluation)
     clearance, error, _, _, gauge, _ = figure.axes
     curve = clearance.lines[0]
     np.testing.assert_allclose(curve.get_xdata(), [12, *range(12, 20)])
     np.testing.assert_allclose(curve.get_ydata(), 12.5 * np.arange(9))
     assert error.get_xscale() == "log"  # two failed a metre away
     assert not gauge.lines
-    assert [text.get_text() for text in figure.texts] == [rate_of_success(summaries), "2 failed: camera silent"]
+    assert [text.get_text() for text in figure.texts] == [outcome, "2 failed: camera silent"]
 
 
-def test_all_missions_may_fail_or_succeed() -> None:
-    assert campaign_figure(_summaries(3, 3)).texts[0].get_text().startswith("0 of 3 missions succeeded")
-    assert campaign_figure(_summaries(1, 0)).texts[1].get_text() == ""
-
-
-def test_the_folder_of_many_missions_is_neither_filmed_nor_damaged(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    table = tmp_path / "missions.parquet"
-    write_missions(table, _summaries(2, 0))
-    assert main(["film", str(tmp_path), "--output", str(tmp_path / "a.gif")]) == 2
-    assert "the folder of many missions; no mission has failed" in capsys.readouterr().err
-    (tmp_path / "mission_0003").mkdir()
-    assert main(["view", str(tmp_path)]) == 2
-    assert "such as" in capsys.readouterr().err
-    for damage in (b"", b"PAR1" + bytes(100), table.read_bytes()[:-30]):
-        table.write_bytes(damage)
-        assert main(["draw", str(tmp_path), "--output", str(tmp_path / "a.png")]) == 2
-        error = capsys.readouterr().err
-        assert "missions.parquet: the file cannot be read" in error
-        assert len(error.strip().splitlines()) == 1
-    write_missions(table, [{"name": 1}])
-    assert main(["draw", str(tmp_path), "--output", str(tmp_path / "a.png")]) == 2
-    assert "no table of missions" in capsys.readouterr().err
+def test_all_missions_may_fail_or_succeed(missions: Callable[[int, int], Evaluation]) -> None:
+    assert campaign_figure(missions(3, 3)).texts[0].get_text().startswith("3 missions, success 0.0 %")
+    assert campaign_figure(missions(1, 0)).texts[1].get_text() == ""

@@ -24,6 +24,9 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation.acceptance import acceptance
+from safe_inspect.evaluation.episodes import join
+from safe_inspect.evaluation.results.results import Evaluation
+from safe_inspect.evaluation.rollouts.missions import mission_episode
 from safe_inspect.evaluation.rollouts.recording import record_episode
 from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures import curves_figure, learning_curve_figure, trajectory_figure
@@ -143,12 +146,18 @@ def estimated():
 
 SUMMARIES = [
     {
-        "mission": k, "success": k >= 2, "cause": ("", "camera silent", "no plan")[k] if k in (1, 2) else "no fuel",
+        "success": k >= 2, "cause": ("", "camera silent", "no plan")[k] if k in (1, 2) else "no fuel",
         "least_clearance": 0.1 + 0.01 * k, "mating_position_error": 0.3 if k < 2 else 0.001 * (k + 1),
         "mating_speed_error": 0.001 * k, "delta_v": 0.1 * k, "largest_gauge": 0.1 * k if k else None, "time": 200.0 + k,
     }
     for k in range(9)
 ]  # fmt: skip
+
+
+def _missions() -> Evaluation:
+    config = load_rendezvous(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml").config
+    return Evaluation.of("pilot", join([mission_episode(config, k, summary) for k, summary in enumerate(SUMMARIES)]))
+
 
 PICTURES: dict[str, Callable[[Callable[[str], Any]], list[Any]]] = {
     "episode": lambda get: entries(trajectory_figure(get("inspected"))),
@@ -164,7 +173,7 @@ PICTURES: dict[str, Callable[[Callable[[str], Any]], list[Any]]] = {
     "mission cut short": lambda get: entries(mission_figure(get("record").until(4.0))),
     "film of a mission": lambda get: _frames(MissionFilm(get("record"), frames=3, width=320, turn=40.0)),
     "page of a mission": lambda get: _data(mission_data(get("record"))),
-    "campaign": lambda get: entries(campaign_figure(SUMMARIES)),
+    "campaign": lambda get: entries(campaign_figure(_missions())),
     "estimate": lambda get: entries(estimate_figure(*get("estimated"))),
     "estimate without truth": lambda get: entries(
         estimate_figure(

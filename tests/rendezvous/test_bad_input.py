@@ -80,25 +80,6 @@ class _Without:
 
 
 @pytest.mark.parametrize(
-    ("file", "text", "message"),
-    [
-        ("config.resolved.yml", "a: [", "config.resolved.yml: the file is damaged"),
-        ("missions.jsonl", "garbage\n", "missions.jsonl:1: the line is damaged; remove it"),
-    ],
-)
-def test_a_damaged_campaign_is_one_message(
-    file: str, text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command = ["rendezvous", str(SHIPPED), "mission.checkout=0.4 s", "mission.time_limit=1 s", "--missions", "1"]
-    command += ["--output", str(tmp_path / "campaign")]
-    assert main(command) == 1
-    (tmp_path / "campaign" / file).write_text(text)
-    capsys.readouterr()
-    assert main(command) == 2
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
     ("override", "message"),
     [
         ("chaser.mass=1e30 kg", "chaser.mass: 0.3 N move 1e+30 kg by"),

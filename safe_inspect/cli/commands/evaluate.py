@@ -12,9 +12,10 @@ from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from safe_inspect.cli.arguments import add_output_folder, positive, seed
+from safe_inspect.cli.commands.pilot_candidate import NUM_ENVS, PilotCandidate, open_pilot
 from safe_inspect.cli.common import equals_hint, is_override
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import OutputError, SafeInspectError
@@ -30,16 +31,17 @@ from safe_inspect.evaluation.results.reference import read_reference
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import evaluation_table, pooled_table
 from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, kept_episodes
-from safe_inspect.evaluation.rollouts.measuring import check_metrics
-from safe_inspect.evaluation.rollouts.rollout import rollout
-from safe_inspect.evaluation.task import default_metrics, price_of, read_metrics, task_of
+from safe_inspect.evaluation.task import read_metrics
 from safe_inspect.experiments.files.run_folder import git_commit
 from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
 from safe_inspect.metrics import BaseMetric
 from safe_inspect.outputs import check_new_folder, check_writable, new_folder
 from safe_inspect.plugins.functor import describe
+from safe_inspect.rendezvous.experiment import is_rendezvous
 from safe_inspect.types import FloatArray
 from safe_inspect.version import __version__
+
+_Candidate: TypeAlias = Candidate | PilotCandidate
 
 #: What may differ between an evaluation that was stopped and the one that continues it.
 _VOLATILE = {"date", "command"}
@@ -49,7 +51,8 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the evaluation."""
     parser.add_argument(
         "words", nargs="*", metavar="SOURCE", help="folder of a checkpoint or a training run, ONNX file, or name of a "
-        "policy (see `safe-inspect list policies`); KEY=VALUE replaces a value of the configuration",
+        "policy (see `safe-inspect list policies`); none for a rendezvous, which its pilot flies; KEY=VALUE replaces a "
+        "value of the configuration",
     )  # fmt: skip
     parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
     _add_flight_arguments(parser)
@@ -74,12 +77,23 @@ def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cfg",
         metavar="FILE",
-        help="experiment file, or id of a task (default: the task in which each policy was trained)",
+        help="experiment file or id of a task (default: the task in which each policy was trained)",
     )
     parser.add_argument("--episodes", type=positive, metavar="N", help="number of episodes (default: 100)")
     parser.add_argument("--seed", type=seed, metavar="N", help="seed of the episodes (default: 0)")
     parser.add_argument(
-        "--num-envs", type=positive, default=512, metavar="N", help="number of episodes run at a time (default: 512)"
+        "--num-envs",
+        type=positive,
+        default=NUM_ENVS,
+        metavar="N",
+        help="number of episodes run at a time (default: 512)",
+    )
+    parser.add_argument(
+        "--workers",
+        type=positive,
+        metavar="N",
+        help="number of missions of a rendezvous flown at a time, each in a process (default: 1); by Ray with "
+        "address=auto (or HOST:PORT, or local)",
     )
     drawn = parser.add_mutually_exclusive_group()
     drawn.add_argument(
@@ -110,14 +124,14 @@ def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
 def run_evaluate(arguments: argparse.Namespace) -> int:
     """Fly every source and print its table."""
     sources = _sources(arguments)
-    if not sources:
+    if not sources and not (arguments.cfg is not None and is_rendezvous(arguments.cfg)):
         raise SafeInspectError(
             "nothing to evaluate: give a checkpoint's folder, an ONNX file, the name of a baseline such as inspector, "
             "or --policy NAME"
         )
     if arguments.record and arguments.output is None:
         raise OutputError("--record writes trajectories into the folder of the results; give it with --output")
-    arguments.episodes, arguments.seed = arguments.episodes or 100, arguments.seed or 0
+    arguments.episodes = arguments.episodes or 100
     if (arguments.record or 0) > arguments.episodes:
         raise OutputError(f"--record {arguments.record}: there are only {arguments.episodes} episodes; give --episodes")
     if arguments.json is not None:
@@ -155,7 +169,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
     given = first.record if first is not None else {}
     _check_unused(arguments, sources, found)
     arguments.episodes = arguments.episodes or given.get("episodes", 100)
-    arguments.seed = given.get("seed", 0) if arguments.seed is None else arguments.seed
+    arguments.seed = given.get("seed") if arguments.seed is None else arguments.seed
     flown = [text for text in sources if text not in found]
     if flown:
         prepared = _prepared(arguments, flown, first)
@@ -201,26 +215,28 @@ def _sources(arguments: argparse.Namespace) -> list[str]:
 
 def _prepared(
     arguments: argparse.Namespace, sources: Sequence[str], model: Evaluation | None
-) -> tuple[list[Candidate], list[BaseMetric], FloatArray | None]:
+) -> tuple[Sequence[_Candidate], list[BaseMetric], FloatArray | None]:
     """Check all that can be wrong before an episode is flown; return who flies, what is measured, and the reference."""
+    metrics = read_metrics(arguments.metric)
+    pilot = open_pilot(arguments, sources, model)
+    if pilot is not None:
+        return [pilot], pilot.measured(metrics), None
+    arguments.seed = arguments.seed or 0
     wanted = Wanted(arguments.cfg, arguments.overrides, arguments.compute_platform, arguments.sampled, arguments.seed)
     if model is not None and arguments.cfg is None:
         wanted = replace(wanted, usual=wanted.build(model.record["configuration"], model.label))
     candidates = open_candidates(sources, wanted)
-    metrics = read_metrics(arguments.metric)
-    own = {metric.label for metric in metrics}
     for candidate in candidates:
-        check_metrics(candidate.spec, [*metrics, *(m for m in default_metrics(candidate.spec) if m.label not in own)])
+        candidate.measured(metrics)
     reference = None
     for candidate in candidates if arguments.reference is not None else ():
-        task = task_of(candidate.experiment.spec)
-        reference = read_reference(arguments.reference, arguments.seed, arguments.episodes, task)
+        reference = read_reference(arguments.reference, arguments.seed, arguments.episodes, candidate.task)
     return candidates, metrics, reference
 
 
 def fly_candidates(
     arguments: argparse.Namespace,
-    candidates: Sequence[Candidate],
+    candidates: Sequence[_Candidate],
     metrics: Sequence[BaseMetric],
     reference: FloatArray | None,
     show: Callable[[Sequence[Evaluation]], None] | None = None,
@@ -239,11 +255,9 @@ def fly_candidates(
     output = arguments.output
     if output is not None:
         check_new_folder(output, arguments.command, force=arguments.force)
-    own = {metric.label for metric in metrics}
-    flights: dict[str, tuple[Candidate, list[BaseMetric], Mapping[str, Any]]] = {}
+    flights: dict[str, tuple[_Candidate, list[BaseMetric], Mapping[str, Any]]] = {}
     for candidate in candidates:
-        usual = default_metrics(candidate.experiment.spec)
-        measured = [*metrics, *(metric for metric in usual if metric.label not in own)]
+        measured = candidate.measured(metrics)
         flights[_new_name(candidate.label, flights)] = candidate, measured, _record(arguments, candidate, measured)
     count = arguments.episodes * len(flights)
     found: list[Evaluation] = []
@@ -260,9 +274,7 @@ def fly_candidates(
         for (candidate, measured, record), own_kept in zip(flights.values(), kept, strict=True):
             bar = EpisodeBar(candidate.label, sys.stderr)
             try:
-                episodes = rollout(
-                    candidate.spec,
-                    candidate.policies,
+                episodes = candidate.fly(
                     arguments.episodes,
                     arguments.seed,
                     arguments.num_envs,
@@ -294,7 +306,7 @@ def _new_name(label: str, taken: Collection[str]) -> str:
     return next(text for text in (name, *(f"{name}-{k}" for k in range(2, len(taken) + 3))) if text not in taken)
 
 
-def _record(arguments: argparse.Namespace, candidate: Candidate, metrics: Sequence[BaseMetric]) -> Mapping[str, Any]:
+def _record(arguments: argparse.Namespace, candidate: _Candidate, metrics: Sequence[BaseMetric]) -> Mapping[str, Any]:
     """Return what an evaluation is."""
     reference = arguments.reference
     return {
@@ -309,8 +321,8 @@ def _record(arguments: argparse.Namespace, candidate: Candidate, metrics: Sequen
         "recorded": arguments.record or 0,
         "metrics": [describe(metric) for metric in metrics],
         "reference": None if reference is None else {"path": str(reference), "sha256": sha256(reference)},
-        "price": price_of(candidate.experiment.spec),
-        "task": task_of(candidate.experiment.spec),
+        "price": candidate.price,
+        "task": candidate.task,
         "configuration_file": candidate.experiment.source,
         "overrides": list(arguments.overrides),
         "configuration": candidate.experiment.resolved,

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.results.folder import is_evaluation, read_evaluation, read_evaluation_record
+from safe_inspect.evaluation.results.tables import ends
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.page import save_page
 from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
@@ -13,12 +15,10 @@ from safe_inspect.figures.rendezvous.mission_figure import mission_figure
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_page
 from safe_inspect.figures.rendezvous.mission_panels import outcome_of
-from safe_inspect.rendezvous.missions.campaign import read_missions
 from safe_inspect.rendezvous.missions.record import MissionRecord, read_mission
-from safe_inspect.rendezvous.missions.tables import rate_of_success
 
-#: What the folder of a mission has, and that of many missions, beside the resolved experiment.
-_MISSION, _MISSIONS = ("events.jsonl", "log.npz"), "missions.parquet"
+#: What the folder of a mission has beside the resolved experiment.
+_MISSION = ("events.jsonl", "log.npz")
 
 
 def is_mission_source(arguments: argparse.Namespace) -> bool:
@@ -29,11 +29,13 @@ def is_mission_source(arguments: argparse.Namespace) -> bool:
             does not have.
     """
     folder = Path(arguments.source).expanduser()
-    if (folder / _MISSIONS).is_file() and arguments.command != "draw":
-        failed = sorted(path.name for path in folder.glob("mission_*") if path.is_dir())
-        hint = f"give one of those that failed, such as {folder / failed[0]}" if failed else "no mission has failed"
-        raise SafeInspectError(f"{folder}: the folder of many missions; {hint}, or fly one with `rendezvous --output`")
-    if not any((folder / name).is_file() for name in (*_MISSION, _MISSIONS)):
+    if _is_evaluation(folder):
+        if arguments.command != "draw":
+            raise SafeInspectError(
+                f"{folder}: the evaluation of a rendezvous has the figures of its missions only; fly one of them by "
+                "`rendezvous --episode N --output FOLDER`"
+            )
+    elif not any((folder / name).is_file() for name in _MISSION):
         return False
     for given, option in (
         (arguments.cfg, "--cfg"), (arguments.overrides, "KEY=VALUE"), (arguments.seed, "--seed"),
@@ -46,20 +48,25 @@ def is_mission_source(arguments: argparse.Namespace) -> bool:
 
 def draw_mission(arguments: argparse.Namespace) -> int:
     """Draw a mission, or the distributions of many."""
-    table = Path(arguments.source).expanduser() / _MISSIONS
-    if table.is_file():
-        return _draw_missions(arguments, table)
+    folder = Path(arguments.source).expanduser()
+    if _is_evaluation(folder):
+        return _draw_missions(arguments, folder)
     record = _record(arguments)
     save(mission_figure(record), arguments.output)
     return print_mission(arguments, record)
 
 
-def _draw_missions(arguments: argparse.Namespace, table: Path) -> int:
+def _is_evaluation(folder: Path) -> bool:
+    """Return whether a folder is that of the evaluation of a rendezvous."""
+    return is_evaluation(folder) and "rendezvous" in read_evaluation_record(folder)["task"]
+
+
+def _draw_missions(arguments: argparse.Namespace, folder: Path) -> int:
     if arguments.until is not None:
-        raise SafeInspectError(f"{table.parent}: --until cuts one mission, not many; leave it out")
-    summaries = read_missions(table)
-    save(campaign_figure(summaries), arguments.output)
-    print(f"{arguments.output}: {rate_of_success(summaries)}")
+        raise SafeInspectError(f"{folder}: --until cuts one mission, not many; leave it out")
+    evaluation = read_evaluation(folder)
+    save(campaign_figure(evaluation), arguments.output)
+    print(f"{arguments.output}: {len(evaluation)} missions, {ends(evaluation.team)}")
     return 0
 
 

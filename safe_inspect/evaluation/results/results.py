@@ -19,6 +19,8 @@ from safe_inspect.types import AnyArray, FloatArray
 
 #: Begins the names of the columns that concern the whole episode, and the state in which it began.
 EPISODE, BEGIN = "episode/", "begin/"
+#: The column with why an episode was lost.
+_CAUSE = f"{EPISODE}cause"
 _AXES = ("x", "y", "z")
 
 
@@ -72,6 +74,7 @@ class Evaluation:
         initial_states: State in which each episode began, by column such as ``blue0/x``, each of shape (E,).
         record: What the evaluation is, see `safe_inspect.evaluation.results.folder`.
         trajectories: The recorded episodes.
+        causes: Why each episode was lost, empty for one that was not, shape (E,); None where nothing says it.
     """
 
     label: str
@@ -81,6 +84,7 @@ class Evaluation:
     initial_states: Mapping[str, FloatArray]
     record: Mapping[str, Any] = field(default_factory=dict)
     trajectories: Sequence[Trajectory] = ()
+    causes: AnyArray | None = None
 
     def __len__(self) -> int:
         return len(self.team.status)
@@ -120,6 +124,7 @@ class Evaluation:
             _initial_states(episodes),
             record,
             episodes.trajectories,
+            episodes.causes,
         )
 
     @cached_property
@@ -160,6 +165,8 @@ class Evaluation:
         for name in dict.fromkeys(name for agent in agents for name in agent.figures):
             table[name] = own([agent.figures.get(name, missing) for agent in agents])
         table[f"{EPISODE}status"] = each(self.team.status)
+        if self.causes is not None:
+            table[_CAUSE] = each(self.causes.astype(object))
         table |= {f"{EPISODE}{name}": each(values) for name, values in self.team.figures.items()}
         table |= {f"{BEGIN}{name}": each(values) for name, values in self.initial_states.items()}
         return table
@@ -198,8 +205,8 @@ class Evaluation:
             return {name.removeprefix(start): table[name][first] for name in table if name.startswith(start)}
 
         team = starting(EPISODE)
-        status = team.pop("status")
-        return cls(label, Block(status, team), agents, units, starting(BEGIN), record)
+        status, causes = team.pop("status"), team.pop(_CAUSE.removeprefix(EPISODE), None)
+        return cls(label, Block(status, team), agents, units, starting(BEGIN), record, causes=causes)
 
 
 def _terms(terms: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

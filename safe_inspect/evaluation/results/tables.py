@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,9 @@ Row = Sequence[str]
 
 #: The columns that are left out where there is no room, the first of them first; files have them all.
 _OPTIONAL = ("max", "min", "std", "higher in", "lower in", "95 % interval of the IQM", "95 % interval")
+
+#: How many episodes of a cause are named.
+_MOST_NUMBERS = 10
 
 
 def evaluation_table(evaluation: Evaluation) -> str:
@@ -34,7 +38,17 @@ def evaluation_table(evaluation: Evaluation) -> str:
     lines += next(tables)
     for (name, block), table in zip(list(blocks.items())[1:], tables, strict=True):
         lines += [f"{name}: {ends(block)}", *table[1:]]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_causes(evaluation)])
+
+
+def _causes(evaluation: Evaluation) -> list[str]:
+    """Return a line for each cause of a loss, the most frequent first, with the numbers of its first episodes."""
+    causes = np.array([] if evaluation.causes is None else evaluation.causes, dtype=object)
+    lines = []
+    for cause, times in Counter(causes[causes != ""].tolist()).most_common():
+        numbers = ", ".join(str(number) for number in np.flatnonzero(causes == cause)[:_MOST_NUMBERS])
+        lines.append(f"  {times} lost: {cause} (episodes {numbers}{', ...' if times > _MOST_NUMBERS else ''})")
+    return lines
 
 
 def ends(block: Block) -> str:

@@ -19,13 +19,18 @@ from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
+from safe_inspect.evaluation.episodes import Episodes
 from safe_inspect.evaluation.policies import BASELINES, baseline
 from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.results.hashes import sha256
 from safe_inspect.evaluation.rollouts.dispatch import Policies
+from safe_inspect.evaluation.rollouts.measuring import check_metrics
+from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.task import default_metrics, price_of, task_of
 from safe_inspect.experiments.files.checkpoint_folders import configuration_of, newest_checkpoint
 from safe_inspect.experiments.files.checkpoints import read_checkpoint
 from safe_inspect.experiments.modules.checkpoint_source import checkpoint_hash, checkpoint_policies
+from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
 from safe_inspect.task_ids import ALL_TASKS
@@ -53,6 +58,31 @@ class Candidate:
     experiment: Experiment
     spec: EnvironmentSpec
     policies: Policies
+
+    @property
+    def task(self) -> dict[str, Any]:
+        """What evaluations must have in common to be compared, see `task_of`."""
+        return task_of(self.experiment.spec)
+
+    @property
+    def price(self) -> str:
+        """A hash of what decides on rewards, see `price_of`."""
+        return price_of(self.experiment.spec)
+
+    def measured(self, metrics: Sequence[BaseMetric]) -> list[BaseMetric]:
+        """Return what is measured: some metrics, and the usual ones with other labels.
+
+        Raises:
+            SafeInspectError: One names something that the task does not have.
+        """
+        own = {metric.label for metric in metrics}
+        found = [*metrics, *(metric for metric in default_metrics(self.experiment.spec) if metric.label not in own)]
+        check_metrics(self.spec, found)
+        return found
+
+    def fly(self, episodes: int, seed: int, num_envs: int, **options: Any) -> Episodes:
+        """Fly episodes; see `rollout`."""
+        return rollout(self.spec, self.policies, episodes, seed, num_envs, **options)
 
 
 @dataclass(frozen=True)

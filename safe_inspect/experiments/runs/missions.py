@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.evaluation.rollouts.missions import fly_mission
 from safe_inspect.experiments.runs.cluster import ray_cluster, set_environment
 from safe_inspect.experiments.settings.translation import translate_ray
-from safe_inspect.rendezvous.missions.campaign import FlownMission, fly_mission
 
 
 @dataclass(frozen=True)
@@ -22,16 +20,14 @@ class RayFlights:
     Attributes:
         address: ``auto`` or the address of a cluster that runs, which is joined; ``local`` starts one here.
         workers: How many missions are flown at a time.
-        folder: The campaign's folder, which gets the logs of a Ray that has failed; None for none.
     """
 
     address: str
     workers: int
-    folder: Path | None = None
 
     def __call__(
         self, tree: dict[str, Any], source: str, numbers: Sequence[int]
-    ) -> Generator[FlownMission, None, None]:
+    ) -> Generator[tuple[int, dict[str, Any]], None, None]:
         """Fly missions and give each as it ends.
 
         Raises:
@@ -41,8 +37,7 @@ class RayFlights:
         import ray  # slow to import
 
         settings = translate_ray({"address": self.address, "num_cpus": self.workers}).settings
-        folder = None if self.folder is None else RunFolder(self.folder.expanduser())
-        with ray_cluster(settings, 1.0, folder):
+        with ray_cluster(settings, 1.0, None):
             fly = ray.remote(num_cpus=1)(fly_mission)
             shared = ray.put(tree)
             missing = list(reversed(numbers))
@@ -58,11 +53,11 @@ class RayFlights:
                     ray.cancel(task, force=True)
 
 
-def _result(task: Any) -> FlownMission:
+def _result(task: Any) -> tuple[int, dict[str, Any]]:
     import ray
 
     try:
-        flown: FlownMission = ray.get(task)
+        flown: tuple[int, dict[str, Any]] = ray.get(task)
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None  # without the traceback of the worker
     return flown

@@ -3,41 +3,43 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from safe_inspect.evaluation.results.results import Evaluation
+from safe_inspect.evaluation.results.tables import ends
 from safe_inspect.figures.drawing import style
 from safe_inspect.geometry.picture import BLACK, BLUE, GREY, VERMILION
-from safe_inspect.rendezvous.missions.tables import rate_of_success
+from safe_inspect.rendezvous.missions.tables import MISSION_FIGURES
+from safe_inspect.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Label, key and factor of the panels, in rows of three.
+#: Label, figure and factor of the panels, in rows of three.
 _PANELS = (
-    ("least clearance [cm]", "least_clearance", 100.0),
-    ("position error at the mating point [cm]", "mating_position_error", 100.0),
-    ("velocity error at the mating point [mm/s]", "mating_speed_error", 1000.0),
-    ("delta-v [m/s]", "delta_v", 1.0),
-    ("largest share of the tube's half width", "largest_gauge", 1.0),
-    ("time [s]", "time", 1.0),
+    ("least clearance [cm]", MISSION_FIGURES["least_clearance"][0], 100.0),
+    ("position error at the mating point [cm]", MISSION_FIGURES["mating_position_error"][0], 100.0),
+    ("velocity error at the mating point [mm/s]", MISSION_FIGURES["mating_speed_error"][0], 1000.0),
+    ("delta-v [m/s]", "delta-v", 1.0),
+    ("largest share of the tube's half width", MISSION_FIGURES["largest_gauge"][0], 1.0),
+    ("time [s]", MISSION_FIGURES["time"][0], 1.0),
 )
 #: Ratio of largest to median value above which a panel's scale is logarithmic.
 _SPREAD = 20.0
 _MOST_CAUSES = 3
 
 
-def campaign_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
+def campaign_figure(evaluation: Evaluation) -> Figure:
     """Draw the missions of one experiment.
 
     Each panel has the share of the missions, in per cent, whose value is at most that below: the successful ones as a
-    curve, the failed ones as marks on the axis. Above are the rate of success with its interval of Clopper and Pearson
-    and the causes of failure.
+    curve, the failed ones as marks on the axis. Above are the rate of success with its interval and the causes of
+    failure.
 
     Args:
-        summaries: The summaries of the missions.
+        evaluation: An evaluation of a rendezvous.
 
     Raises:
         SafeInspectError: Matplotlib is not installed.
@@ -48,31 +50,30 @@ def campaign_figure(summaries: Sequence[dict[str, Any]]) -> Figure:
         figure = Figure(figsize=(10.0, 5.4), facecolor="white")
         panels = figure.subplots(2, 3, sharey=True)
         figure.subplots_adjust(left=0.065, right=0.985, top=0.84, bottom=0.1, hspace=0.38, wspace=0.1)
-        for axes, (label, key, factor) in zip(panels.flat, _PANELS, strict=True):
-            _draw_distribution(axes, summaries, key, factor)
+        won = evaluation.team.status == "win"
+        for axes, (label, name, factor) in zip(panels.flat, _PANELS, strict=True):
+            _draw_distribution(axes, factor * evaluation.team.figures[name], won)
             axes.set_xlabel(label)
         for axes in panels[:, 0]:
             axes.set(ylabel="missions [%]", ylim=(0.0, 102.0), yticks=(0, 25, 50, 75, 100))
-        figure.text(0.065, 0.965, rate_of_success(summaries), fontsize=11, color=BLACK, va="top")
-        figure.text(0.065, 0.91, _causes(summaries), fontsize=9, color=VERMILION, va="top")
+        figure.text(
+            0.065, 0.965, f"{len(evaluation)} missions, {ends(evaluation.team)}", fontsize=11, color=BLACK, va="top"
+        )
+        figure.text(0.065, 0.91, _causes(evaluation), fontsize=9, color=VERMILION, va="top")
     return figure
 
 
-def _causes(summaries: Sequence[dict[str, Any]]) -> str:
-    causes = Counter(str(summary["cause"]) for summary in summaries if not summary["success"]).most_common()
+def _causes(evaluation: Evaluation) -> str:
+    texts = [] if evaluation.causes is None else evaluation.causes.tolist()
+    causes = Counter(cause for cause in texts if cause).most_common()
     named = [f"{times} failed: {cause}" for cause, times in causes[:_MOST_CAUSES]]
     rest = sum(times for _, times in causes[_MOST_CAUSES:])
     return "; ".join([*named, f"{rest} for other causes"] if rest else named)
 
 
-def _draw_distribution(axes: Any, summaries: Sequence[dict[str, Any]], key: str, factor: float) -> None:
-    values, succeeded = [], []
-    for summary in summaries:
-        value = summary.get(key)
-        if value is not None and np.isfinite(value):
-            values.append(factor * value)
-            succeeded.append(bool(summary["success"]))
-    found, good = np.array(values), np.array(succeeded, dtype=bool)
+def _draw_distribution(axes: Any, values: FloatArray, won: BoolArray) -> None:
+    known = np.isfinite(values)
+    found, good = values[known], won[known]
     own = np.sort(found[good])
     if len(own):
         share = 100.0 * np.arange(len(own) + 1) / len(own)
