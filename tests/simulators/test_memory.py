@@ -26,9 +26,9 @@ from safe_inspect.simulators.row_terms.inputs import (
     own_estimate,
     place_of,
 )
-from safe_inspect.simulators.row_terms.loops import RowTerm, place_term
+from safe_inspect.simulators.row_terms.loops import RowTerm, _check, place_term
 from safe_inspect.simulators.state import State, base_specs
-from safe_inspect.simulators.view import Group, View
+from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import ArraySpec
 
@@ -88,6 +88,7 @@ def test_owned_and_remembered_arrays_have_names_of_their_own() -> None:
     state = filled()
     assert state.points["chief"].inspector is state["points/chief/inspector"]
     assert state.wide is state["wide"]
+    assert vars(state)["points"] is state.owned["points"]  # found at once, in every step
     remembered = state.memory["some", "sensor", "seen"]
     np.testing.assert_array_equal(remembered, state["memory/some/sensor/seen"].reshape(2 * ENVS, 3))
     shown = state.read_only
@@ -229,16 +230,29 @@ def test_inputs_that_no_kernel_can_read_are_refused() -> None:
             place_term(RowTerm(None, (AgentParameter(values),)), where, float, 8)  # type: ignore[arg-type]
 
 
+def test_an_axis_of_one_element_may_have_any_stride() -> None:
+    where = scene()
+    given = np.arange(6.0)[::6]
+    assert given.strides == (48,)
+    _check(given, place_of(given, where), where)
+    own = OwnArray("position")
+    _check(own, place_of(own, where)._replace(shape=(1, 1, 3)), where)
+    for change in ({"shape": (4, 2, 3)}, {"shape": (5, 3, 3)}, {"strides": (96, 24, 16)}):
+        with pytest.raises(ValueError, match="a row kernel cannot read OwnArray"):
+            _check(own, place_of(own, where)._replace(**change), where)
+
+
 def test_offered_names_stand_once_and_give_rows() -> None:
     world = scene().world
     giving = SimpleNamespace(
         of_world=lambda: {"rate": 1}, of_view=lambda: {"wide": OfView("wide"), "spent": OwnOfView("delta_v")},
-        of_team=lambda: {"wide": OfTeam("wide")}, of_step=dict,
+        of_team=lambda: {"wide": OfTeam("wide")},
+        of_step=lambda: {"gain": lambda step: step.after.time - step.before.time},
     )  # fmt: skip
     offers = Offers()
     offers.add(giving)
     assert offers.components == [giving]
-    for kind in ("of_world", "of_view", "of_team"):
+    for kind in ("of_world", "of_view", "of_team", "of_step"):
         other = SimpleNamespace(of_world=dict, of_view=dict, of_team=dict, of_step=dict)
         setattr(other, kind, getattr(giving, kind))
         with pytest.raises(ValueError, match=r"two components offer '.*'; rename one, or remove one of the components"):
@@ -248,6 +262,10 @@ def test_offered_names_stand_once_and_give_rows() -> None:
     view = View(state, World(world.platforms, world.bodies, world.masses, 10.0, offers), Group("some", 1, 2, {}))
     np.testing.assert_array_equal(view.wide, state.wide.repeat(2, axis=0))
     np.testing.assert_array_equal(view.spent, state.delta_v[:, 1:3].ravel())
+    later = View(filled(first=9), view.world, view.group)
+    step = Step(view, later, *np.zeros((3, 2 * ENVS, 3)), np.zeros(2 * ENVS, np.bool_), 10.0)
+    np.testing.assert_array_equal(step.gain, later.time - view.time)
+    assert view.range_to(None) is view.range_to(None)  # computed once
     assert OfTeam("wide")(SimpleNamespace(state=state)) is state.wide
     assert own_estimate("position", view.world) == OwnArray("position")
     view.world.offers.view["estimated_position"] = OfView("wide")
