@@ -32,6 +32,7 @@ from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.coordination.departure import departure_velocity
 from safe_inspect.rendezvous.coordination.escape import find_escape, remains_clear, safe_radius
 from safe_inspect.rendezvous.coordination.reference import reference_of
+from safe_inspect.rendezvous.coordination.table import TABLE
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
@@ -259,8 +260,12 @@ def _attitudes() -> Any:
     return found
 
 
+def _table() -> Any:
+    return [[row.state.value, row.guard.__name__, row.action.__name__, row.next.value] for row in TABLE]
+
+
 PIECES: Pieces = {
     "bounds": _bounds, "designs": _designs, "trackers": _trackers, "problems of references": _problems,
     "escapes": _escapes, "departures": _departures, "demands": _demands, "references": _references,
-    "attitudes": _attitudes,
+    "attitudes": _attitudes, "table": _table,
 }  # fmt: skip
