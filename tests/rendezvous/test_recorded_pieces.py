@@ -12,11 +12,12 @@ from pathlib import Path
 import pytest
 
 from .pieces_of_control import PIECES as CONTROL
+from .pieces_of_files import PIECES as FILES
 from .pieces_of_planning import PIECES as PLANNING
 from .record import check
 
 RECORD = Path(__file__).with_name("pieces.json")
-PIECES = CONTROL | PLANNING
+PIECES = CONTROL | FILES | PLANNING
 
 
 @pytest.mark.parametrize("name", PIECES)
