@@ -44,7 +44,7 @@ def _arrays(**changes: Any) -> dict[str, np.ndarray]:
         **{name: random.normal(size=(_STEPS, 6)) for name in ("x", "reference", "flown")},
         **{name: _units(random) for name in ("q", "target_q", "estimated_q", "estimated_target_q")},
         "w": random.normal(size=(_STEPS, 3)), "target_w": 0.05 * random.normal(size=(_STEPS, 3)),
-        "z": 0.01 * random.normal(size=(_STEPS, 3, 2)), 
+        "z": 0.01 * random.normal(size=(_STEPS, 3, 2)),
         "status": np.array([[3, 0, 0], [0, 1, 0], [0, 0, 2], [1, 0, 0], [1, 0, 0], [1, 0, 0]]),
         "clearance": np.array([0.5, 0.4, 0.3, 0.2, 0.25, 0.21]), "nees": np.array([np.nan, 4.0, 5.0, 6.0, 7.0, 8.0]),
         **{name: np.full(_STEPS, 0.02) for name in ("margin", "tube_force", "pointing_error")},
@@ -251,7 +251,7 @@ _NOT_FINITE = np.full((_STEPS, 4), np.nan)
         (lambda folder: (folder / "log.npz").write_bytes(b"none"), "log.npz: the file cannot be read ("),
         (lambda folder: (folder / "log.npz").write_bytes(b""), "log.npz: the file cannot be read (No data"),
         (lambda folder: (folder / "events.jsonl").write_text("{}\n{"), "events.jsonl: the file cannot be read (Exp"),
-        (lambda folder: (folder / "summary.json").write_text("[1]"), "summary.json: the file cannot be read (no mapping"),
+        (lambda folder: (folder / "summary.json").write_text("[1]"), "summary.json: the file cannot be read (no map"),
     ],
 )  # fmt: skip
 def test_a_damaged_mission_is_refused_with_its_file(folder: Path, damage: Callable[[Path], None], message: str) -> None:
