@@ -6,10 +6,29 @@ import re
 from pathlib import Path
 from typing import Any
 
+from annotated_types import BaseMetadata
+from pydantic import BaseModel
+
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous import models, plugins
+from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
+from safe_inspect.rendezvous.bound.conformal import ConformalBound
+from safe_inspect.rendezvous.bound.query import EstimateErrors, Updates
+from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
+from safe_inspect.rendezvous.control.design import DesignOptions
+from safe_inspect.rendezvous.control.gains import TrackingWeights
+from safe_inspect.rendezvous.control.tightening import TrackingLimits
 from safe_inspect.rendezvous.experiment import is_rendezvous, load_rendezvous
+from safe_inspect.rendezvous.pilot import limits_of
+from safe_inspect.rendezvous.planner.query import Limits
+from safe_inspect.rendezvous.recording.format import CameraDescription, StartDescription
 from safe_inspect.rendezvous.scenario import check_scenario
+from safe_inspect.rendezvous.sensors.imu import ImuNoise
+from safe_inspect.rendezvous.sensors.poses import PoseSensor
+from safe_inspect.rendezvous.sensors.state import StateSensor
+from safe_inspect.rendezvous.sensors.tof import PROFILES, NoiseProfile, TimeOfFlightCamera
+from safe_inspect.rendezvous.target.box import Box
 
 from .pieces_of_control import Pieces
 
@@ -86,4 +105,32 @@ def _files() -> Any:
     return [kinds, is_rendezvous(other), is_rendezvous(_FOLDER / "nothing.yml"), said]
 
 
-PIECES: Pieces = {"experiments": _experiments, "files": _files}
+def _fields(model: type[BaseModel]) -> Any:
+    """Return default and limits of each field."""
+    return {
+        name: [repr(info.default), *(repr(limit) for limit in info.metadata if isinstance(limit, BaseMetadata))]
+        for name, info in model.model_fields.items()
+    }
+
+
+def _options() -> Any:
+    kinds = [getattr(plugins, name) for name in plugins.__all__]
+    shared = [
+        models.ActuatorConfig, models.LimitsConfig, models.ChaserConfig, models.Fault, models.MissionConfig,
+        models.SensorsConfig, models.RendezvousConfig, PoseSensor, StateSensor, TimeOfFlightCamera, ConformalBound,
+        ISAM2BackEnd, PolhodeCharacteriser, Box, CameraDescription, StartDescription,
+    ]  # fmt: skip
+    return {model.__name__: _fields(model) for model in (*kinds, *shared)} | {
+        "dataclasses": [
+            repr(one) for one in (
+                ImuNoise(), NoiseProfile(1.0, 2.0), *PROFILES.values(), TrackingWeights(),
+                TrackingWeights.of_force(0.6), TrackingLimits(), DesignOptions(gains=()), Updates(),
+                EstimateErrors(0.1, 0.2),
+            )
+        ],
+        "limits": [*vars(Limits()).values()],
+        "longer": [*vars(limits_of(models.ChaserConfig(radius=0.3), 2.0)).values()],
+    }  # fmt: skip
+
+
+PIECES: Pieces = {"experiments": _experiments, "files": _files, "options": _options}
