@@ -33,6 +33,7 @@ def _limited(**limits: Any) -> PlanQuery:
     return query(limits=replace(_FREE, **limits))
 
 
+_X = np.eye(3)[0]
 _FORCE, _SPEED = float(np.abs(plan().force).max()), float(np.abs(plan().velocity).max())
 _REACH = np.abs(plan().position).max(axis=0)
 
@@ -46,7 +47,7 @@ _REACH = np.abs(plan().position).max(axis=0)
         (lambda by: (_asked(mating_point=query().mating_point + by * np.eye(3)[1]), plan()), 9e-4, 1.1e-3,
          "it ends 0.0011 m from the mating point"),
         (lambda by: (_asked(length=3.0, state=query().state + by * np.eye(6)[0]), plan()), 2.9e-3, 3.1e-3, "it starts"),
-        (lambda by: (_asked(), replace(plan(), velocity_target=plan().velocity_target + [by, 0, 0])), 9e-4, 1.1e-3,
+        (lambda by: (_asked(), replace(plan(), velocity_target=plan().velocity_target + by * _X)), 9e-4, 1.1e-3,
          "it ends 0.0011 m/s off the mating point's velocity"),
         (lambda by: (_asked(), replace(plan(), times=plan().times + by)), 8e-7, 1.3e-6, "samples are not 0.2 s apart"),
         (lambda by: (_asked(), replace(plan(), position=plan().position + by)), 9e-7, 1.2e-6, "of the position"),

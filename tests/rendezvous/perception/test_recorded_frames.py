@@ -192,10 +192,26 @@ def _submaps() -> Any:
     return [_edges(steps), [[number, at, points] for number, at, points in run.keyframes]]
 
 
+def _loops() -> Any:
+    """Return the loops of a view that several earlier keyframes are near to."""
+    run = GicpSubmapFrontEnd(submap=3)(FrontEndContext(CAMERA.geometry, T_BC, None, STREAMS))
+    truth = spin(16, period=1.4)
+    clouds = [prepared_cloud(Cleaning(CAMERA.geometry)(_shot(at, 0, "clean"), T_BC).points) for at in truth]
+    for k, (at, cloud) in enumerate(zip(truth, clouds, strict=True)):
+        run._add(k, inverse(truth[0]) @ at, cloud)
+    found = [run._loops(20 + k, inverse(truth[0]) @ truth[k], clouds[k]) for k in (1, 3, 9, 12)]
+    back = [run._relocalise(clouds[k]) for k in (14, 2)]
+    return [
+        _edges(found),
+        _edges([run._skips(30, inverse(truth[0]) @ truth[15], clouds[14])]),
+        [None if one is None else [one.pose, one.inliers] for one in back],
+    ]
+
+
 PIECES: dict[str, Callable[[], Any]] = {
     "frames": _frames, "clouds": _clouds, "registrations": _registrations, "searches": _searches, "pairs": _pairs,
     "motions": _motions, "known shape": lambda: _flown(ModelFrontEnd(), TARGET),
-    "unknown shape": lambda: _flown(GicpSubmapFrontEnd(), None), "submaps": _submaps,
+    "unknown shape": lambda: _flown(GicpSubmapFrontEnd(), None), "submaps": _submaps, "loops": _loops,
 }  # fmt: skip
 
 
