@@ -32,30 +32,31 @@ MISSIONS: dict[str, tuple[str, tuple[str, ...], int]] = {
     "a solver that fails on the way": (
         "experiment-truth.yml",
         (*_QUICK, *_ERRORS, "mission.durations=[45 s, 60 s]",
-         "mission.faults=[{kind: planner, start: 1 s, duration: 1.5 s}, {kind: solver, start: 20 s, duration: 0.6 s}]"),
+         "mission.faults=[{kind: planner, start: 1 s, duration: 1.5 s}, {kind: solver, start: 14 s, duration: 0.6 s}]"),
         2,
     ),
     "a camera that fails on the way": (
         "experiment-truth.yml",
-        (*_QUICK, *_ERRORS, _ACTUATOR, "mission.faults=[{kind: camera, start: 25 s, duration: 900 s}]"),
+        (*_QUICK, *_ERRORS, _ACTUATOR, "mission.departure_limit=8 s",
+         "mission.faults=[{kind: camera, start: 15 s, duration: 900 s}]"),
         2,
     ),
     "a camera that fails for a while": (
         "experiment-truth.yml",
-        (*_QUICK, *_ERRORS, "mission.durations=[45 s, 60 s]", "mission.time_limit=140 s",
-         "mission.faults=[{kind: camera, start: 20 s, duration: 8 s}]"),
+        (*_QUICK, *_ERRORS, "mission.durations=[45 s, 60 s]", "mission.time_limit=50 s",
+         "mission.faults=[{kind: camera, start: 10 s, duration: 8 s}]"),
         2,
     ),
-    "an orbit": ("experiment-orbit.yml", (*_QUICK, "mission.time_limit=80 s"), 1),
+    "an orbit": ("experiment-orbit.yml", (*_QUICK, "mission.time_limit=30 s"), 1),
     "other plugins": (
         "experiment-truth.yml",
         (*_QUICK, "tracker={functor: LQRTracker}", "tumble={functor: RandomTumble}", "chaser.limits.cone=60 deg",
-         "mission.time_limit=60 s"),
+         "mission.time_limit=25 s"),
         3,
     ),
     "a target that is struck": (
         "experiment.yml",
-        (*_POSES, "mission.time_limit=75 s", "mission.faults=[{kind: tumble, start: 50 s, duration: 1 s}]"),
+        (*_POSES, "mission.time_limit=62 s", "mission.faults=[{kind: tumble, start: 40 s, duration: 1 s}]"),
         1,
     ),
     "sensors that fail": (
