@@ -195,11 +195,11 @@ def _submaps() -> Any:
 def _loops() -> Any:
     """Return the loops of a view that several earlier keyframes are near to."""
     run = GicpSubmapFrontEnd(submap=3)(FrontEndContext(CAMERA.geometry, T_BC, None, STREAMS))
-    truth = spin(16, period=1.4)
+    truth = spin(16, period=0.7)
     clouds = [prepared_cloud(Cleaning(CAMERA.geometry)(_shot(at, 0, "clean"), T_BC).points) for at in truth]
     for k, (at, cloud) in enumerate(zip(truth, clouds, strict=True)):
         run._add(k, inverse(truth[0]) @ at, cloud)
-    found = [run._loops(20 + k, inverse(truth[0]) @ truth[k], clouds[k]) for k in (1, 3, 9, 12)]
+    found = [run._loops(20 + k, inverse(truth[0]) @ truth[k], clouds[k]) for k in (1, 2, 3, 4, 9, 14)]
     back = [run._relocalise(clouds[k]) for k in (14, 2)]
     return [
         _edges(found),
