@@ -21,7 +21,7 @@ from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord, Ph
 from safe_inspect.rendezvous.missions.summary import nominal_path, summarise_mission
 from safe_inspect.rendezvous.missions.tables import mission_table
 
-from .pieces_of_control import plan
+from .pieces.control import plan
 
 _EXPERIMENT = load_rendezvous(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
 _CONFIG = _EXPERIMENT.config

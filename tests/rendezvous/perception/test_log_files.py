@@ -171,7 +171,7 @@ def test_a_folder_that_is_no_log_is_named(tmp_path: Path) -> None:
 
 
 def test_a_target_is_read_of_a_mesh_or_of_a_key(tmp_path: Path) -> None:
-    bracket = Path(__file__).parents[1] / "bracket.obj"
+    bracket = Path(__file__).parents[1] / "pieces" / "bracket.obj"
     (tmp_path / "BRACKET.OBJ").write_bytes(bracket.read_bytes())
     (tmp_path / "list.yml").write_text("- 3\n")
     (tmp_path / "target.yml").write_text("seed: -3\ntarget: {functor: BoxTarget}\n")

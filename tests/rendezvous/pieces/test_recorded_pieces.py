@@ -2,7 +2,7 @@
 
 A change that is meant to change them has to update the record:
 
-    RECORD_RENDEZVOUS=1 python -m pytest -n 0 tests/rendezvous/test_recorded_pieces.py
+    RECORD_RENDEZVOUS=1 python -m pytest -n 0 tests/rendezvous/pieces/test_recorded_pieces.py
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from .pieces_of_control import PIECES as CONTROL
-from .pieces_of_files import PIECES as FILES
-from .pieces_of_planning import PIECES as PLANNING
-from .record import check
+from ..record import check
+from .control import PIECES as CONTROL
+from .files import PIECES as FILES
+from .planning import PIECES as PLANNING
 
 RECORD = Path(__file__).with_name("pieces.json")
 PIECES = CONTROL | FILES | PLANNING

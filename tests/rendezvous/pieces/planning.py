@@ -32,7 +32,7 @@ from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.rendezvous.target.tumble import RandomTumble, TriAxialTumble
 from safe_inspect.rendezvous.truth import ChaserTrace, target_motion
 
-from .pieces_of_control import STREAMS, Pieces, query
+from .control import STREAMS, Pieces, query
 
 #: A bus with one long array.
 _BOXES = OrientedBoxes(

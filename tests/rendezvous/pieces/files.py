@@ -30,7 +30,7 @@ from safe_inspect.rendezvous.sensors.state import StateSensor
 from safe_inspect.rendezvous.sensors.tof import PROFILES, NoiseProfile, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.box import Box
 
-from .pieces_of_control import Pieces
+from .control import Pieces
 
 _FOLDER = configs_root() / "tumbling-rendezvous"
 _ROOM = "chaser.limits.keep_in=[9 m, 9 m, 9 m]"

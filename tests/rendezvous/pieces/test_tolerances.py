@@ -19,7 +19,7 @@ from safe_inspect.rendezvous.planner.path import SampledPath
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
 from safe_inspect.rendezvous.planner.spline import spline_basis
 
-from .pieces_of_control import AXIS, bound, plan, query
+from .control import AXIS, bound, plan, query
 
 #: Limits within which the plan keeps far more than is asked for.
 _FREE = replace(query().limits, keep_in=None, speed=9.0, planned_force=9.0)
