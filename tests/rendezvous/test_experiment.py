@@ -198,6 +198,13 @@ def test_a_library_that_is_not_installed_is_named_with_the_extra() -> None:
         require("no_such_library")
 
 
+def test_a_library_that_lacks_one_of_its_own_is_not_taken_for_missing(tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "half_a_library.py").write_text("import no_such_library\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError, match="No module named 'no_such_library'"):
+        require("half_a_library")
+
+
 def test_a_file_of_another_kind_is_named() -> None:
     with pytest.raises(ConfigError, match="no rendezvous experiment: it has the keys"):
         load_rendezvous(SHIPPED.with_name("chaser.yml"))

@@ -119,6 +119,48 @@ def test_what_is_implausible_is_one_warning(changes: dict[str, Change], message:
     assert re.search(message, str(doubt)), doubt
 
 
+@pytest.mark.parametrize(
+    ("change", "below", "beyond"),
+    [
+        (lambda gap: {"imu": _without(3.99, 3.97 + gap)}, 0.19, 0.23),
+        (lambda rate: {"imu": _shifted(5, rate)}, 0.95, 1.05),
+        (lambda force: {"imu": _shifted(2, -force)}, 0.95, 1.05),
+        (lambda factor: {"imu": _scaled(slice(4, 7), factor)}, 9.0, 11.0),
+        (lambda factor: {"imu": _scaled(slice(1, 4), factor)}, 10.0, 12.0),
+        (lambda late: {"truth": _shifted(0, late)}, 9e-4, 1.1e-3),
+        (lambda length: {"truth": _scaled(slice(4, 8), length)}, 1.0009, 1.0011),
+        (lambda length: {"truth": _scaled(slice(8, 12), length)}, 0.9991, 0.9989),
+    ],
+)
+def test_a_doubt_begins_at_its_limit(
+    change: Callable[[float], dict[str, Change]], below: float, beyond: float, tmp_path: Path
+) -> None:
+    assert check_log(read_sensor_log(_log(tmp_path / "below", **change(below)))) == []
+    assert len(check_log(read_sensor_log(_log(tmp_path / "beyond", **change(beyond))))) == 1
+
+
+def test_samples_before_and_after_the_frames_are_not_looked_at(tmp_path: Path) -> None:
+    def more(rows: FloatArray) -> FloatArray:
+        fast = rows + np.array([0.0, 9.0, 0.0, 0.0, 9.0, 0.0, 0.0])
+        shifts = (-20.02, -10.01, 0.0, 10.01, 20.02)
+        return np.concatenate([(rows if not by else fast) + by * np.eye(7)[0] for by in shifts])
+
+    assert check_log(read_sensor_log(_log(tmp_path / "log", imu=more))) == []
+
+
+def test_a_log_without_truth_is_not_doubted_for_it(tmp_path: Path) -> None:
+    folder = _log(tmp_path / "log")
+    (folder / "truth.csv").unlink()
+    assert check_log(read_sensor_log(folder)) == []
+
+
+@pytest.mark.parametrize(("period", "is_doubted"), [(59.9, False), (60.1, True)])
+def test_frames_are_a_minute_apart_at_most(period: float, is_doubted: bool, tmp_path: Path) -> None:
+    slow = {"times": lambda time: period * time, "imu": _scaled(slice(0, 1), period)}
+    doubts = check_log(read_sensor_log(_log(tmp_path / "log", **slow)))
+    assert any("the frames are" in str(doubt) for doubt in doubts) is is_doubted
+
+
 def test_times_in_milliseconds_are_named(tmp_path: Path) -> None:
     thousandfold = {"times": lambda time: 1e3 * time * 61.0, "imu": _scaled(slice(0, 1), 61e3)}
     doubts = check_log(read_sensor_log(_log(tmp_path / "log", **thousandfold)))
