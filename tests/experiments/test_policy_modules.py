@@ -171,8 +171,8 @@ def test_decisions_that_last_have_the_hurdle_distribution_and_thrust_may() -> No
     with pytest.raises(ConfigError) as caught:
         policy_spec({"hurdle": True}, "PPO", texts("gaussian", [], 0.5))
     assert str(caught.value) == (
-        "agent_config: a hurdle policy coasts by actions of 0, for which X gives 0.5 N; give the controller limits that "
-        "are equal about 0"
+        "agent_config: a hurdle policy coasts by actions of 0, for which X gives 0.5 N; give the controller limits "
+        "that are equal about 0"
     )
 
 
