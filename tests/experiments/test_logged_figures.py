@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from safe_inspect.config.keys.run_keys import COMPILING
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.experiments.sampling.episode_reports import episode_reports
 from safe_inspect.experiments.sampling.rollout import Rollout
@@ -197,3 +199,59 @@ def test_the_environments_get_experiment_seed_and_threads(seed: dict[str, Any], 
     }  # fmt: skip
     assert experiment_in(found) == experiment
     assert experiment_in({"experiment": experiment}) is experiment
+
+
+@pytest.mark.parametrize("checkpoint", [None, "there", "gone"])
+def test_a_run_begins_with_its_threads_and_its_checkpoint(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, checkpoint: str | None
+) -> None:
+    import torch
+
+    from safe_inspect.experiments.sampling import callbacks
+
+    threads: list[int] = []
+    monkeypatch.setattr(torch, "set_num_threads", threads.append)
+    seconds = iter([2.5, 6.0])
+    monkeypatch.setattr(callbacks, "compiling_seconds", lambda: next(seconds))
+    (tmp_path / "there").mkdir()
+    config: dict[str, Any] = {"torch_num_threads": 3}
+    if checkpoint is not None:
+        config["continue_from"] = {"path": str(tmp_path / checkpoint), "iteration": 7, "seconds": 12.5}
+    restored: list[str] = []
+    algorithm: Any = SimpleNamespace(config=SimpleNamespace(env_config=config), restore_from_path=restored.append)
+    run = callbacks.RunCallbacks()
+    run.on_algorithm_init(algorithm=algorithm)
+    assert threads == [3]
+    if checkpoint == "there":
+        assert (restored, algorithm._iteration, algorithm._time_total) == ([str(tmp_path / "there")], 7, 12.5)
+    else:
+        assert not restored
+        assert not hasattr(algorithm, "_iteration")
+    result: dict[str, Any] = {}
+    run.on_train_result(algorithm=algorithm, result=result)
+    assert result == {COMPILING: 3.5}
+    callbacks.set_threads({})
+    assert threads == [3, 1]
+
+
+@pytest.mark.parametrize("evaluation", [False, True])
+def test_the_environments_of_a_stock_runner_get_their_slots(evaluation: bool) -> None:
+    from safe_inspect.experiments.sampling.callbacks import RunCallbacks
+
+    placed: list[Any] = []
+    single: Any = SimpleNamespace(place=lambda *given: placed.append(given), report=lambda: {"return": 1.0, "x": 4.0})
+    env: Any = SimpleNamespace(envs=[SimpleNamespace(unwrapped=single)] * 2)
+    config = SimpleNamespace(in_evaluation=evaluation, **vars(config_of(5)))
+    runner: Any = SimpleNamespace(worker_index=3, config=config)
+    RunCallbacks().on_environment_created(env_runner=runner, env=env, env_context={})
+    assert placed == [(3, 2, 0, evaluation), (3, 2, 1, evaluation)]
+    runner.worker_index = None
+    RunCallbacks().on_environment_created(env_runner=runner, env=env, env_context={})
+    assert placed[2:] == [(0, 2, 0, evaluation), (0, 2, 1, evaluation)]
+    logger: Any = Logger()
+    RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=logger, env=env, env_index=1)
+    assert logger.logged == {("x",): (4.0, {"reduce": "mean", "window": 5})}
+    RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=None, env=env)
+    single.report = lambda: None
+    RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=logger, env=env)
+    assert len(logger.logged) == 1
