@@ -229,3 +229,15 @@ def test_a_plugin_is_listed_with_defaults_units_and_meaning() -> None:
     for default, text in ((0.5, "0.5"), ("x" * 58, repr("x" * 58)), ("x" * 59, f"'{'x' * 56}...")):
         assert catalogue._default(SimpleNamespace(default_factory=None, default=default)) == text
     assert catalogue._default(SimpleNamespace(default_factory=dict, default=None)) == "{}"
+
+
+def test_the_list_of_tasks_says_who_makes_them() -> None:
+    blocks = [
+        block.splitlines() for block in catalogue._tasks().replace("\nsafe_inspect/", "\n\nsafe_inspect/").split("\n\n")
+    ]
+    made = {lines[0].partition("  ")[0]: lines[0].partition("  ")[2] for lines in blocks}
+    assert made["safe_inspect/Docking-v0"] == "(gymnasium.make)"
+    assert made["safe_inspect/MultiagentDocking-v0"] == "(several agents: safe_inspect.make_parallel)"
+    (docking,) = [lines for lines in blocks if lines[0].startswith("safe_inspect/Docking-v0 ")]
+    about = "Docking: a deputy flies to a chief at rest, the slower the nearer it comes"
+    assert docking[1:] == ["    configs/docking/experiment.yml", f"    {about}"]
