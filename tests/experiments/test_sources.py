@@ -9,7 +9,7 @@ import pytest
 from random_checkpoint import TEAM, discrete, experiment_of, make_module, save_run, single_run
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.experiments.modules.sources import open_source
+from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
 from safe_inspect.policies import NaturalMotionInspector
 
 
@@ -111,3 +111,10 @@ def test_what_is_no_source_is_one_message(run, tmp_path, monkeypatch):
     assert type(open_source("random")[1]).__name__ == "RandomThrust"  # a name comes before a folder
     with pytest.raises(CheckpointError, match="neither a checkpoint nor the folder"):
         open_source("./random")
+
+
+@pytest.mark.parametrize(("sampled", "flag"), [(True, "--sampled"), (False, "--mode")])
+def test_a_scripted_policy_has_no_distribution(sampled, flag):
+    with pytest.raises(SafeInspectError) as caught:
+        open_candidates(["random"], Wanted(sampled=sampled))
+    assert str(caught.value) == f"random: {flag} is for trained policies; a scripted one has no distribution"

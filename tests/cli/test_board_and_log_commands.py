@@ -1,0 +1,224 @@
+"""Leaderboards, sensor logs and pictures of missions by their commands, with flights and estimates replaced."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from safe_inspect.cli.commands import leaderboard, mission_figures, recording
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.baselines.run import OPTIMISER
+
+Typed = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("here")
+BOARDS = """
+boards:
+  - title: First
+    task: safe_inspect/TranslationalInspectionSeed-v0
+    overrides: [horizon=30]
+    rows: [{source: random}, {source: inspector, overrides: [seed=3]}, {source: optimiser}]
+  - title: Second
+    task: safe_inspect/Docking-v0
+    rows: [{source: zero-thrust}]
+"""
+
+
+@pytest.fixture
+def boards(here: Path) -> str:
+    """Return a file of two boards."""
+    (here / "boards.yml").write_text(BOARDS)
+    return "boards.yml"
+
+
+def test_every_row_of_the_chosen_boards_has_its_place_on_the_page(
+    boards: str, typed: Typed, monkeypatch: pytest.MonkeyPatch, here: Path
+) -> None:
+    flown: list[Any] = []
+
+    def standing(arguments: Any, entry: Any, whole: Any) -> str:
+        flown.append((entry.board.title, entry.row.title, entry.overrides, entry.candidate is None, whole.episodes))
+        return entry.row.title  # type: ignore[no-any-return]
+
+    monkeypatch.setattr(leaderboard, "_standing", standing)
+    monkeypatch.setattr(leaderboard, "leaderboard_page", lambda whole, rows, command: f"{rows} by {command}")
+    code, out, err = typed("leaderboard", boards, "--episodes", "7")
+    assert (code, out) == (
+        0,
+        "[['random', 'inspector', 'optimiser'], ['zero-thrust']] by safe-inspect leaderboard boards.yml --episodes 7\n",
+    )
+    assert err.splitlines() == [
+        "[1/4] First: random", "[2/4] First: inspector", "[3/4] First: optimiser", "[4/4] Second: zero-thrust",
+    ]  # fmt: skip
+    assert flown == [
+        ("First", "random", ("horizon=30",), False, 7), ("First", "inspector", ("horizon=30", "seed=3"), False, 7),
+        ("First", "optimiser", ("horizon=30",), True, 7), ("Second", "zero-thrust", (), False, 7),
+    ]  # fmt: skip
+    code, out, err = typed("leaderboard", boards, "--board", "Second", "--output", "page.md")
+    assert (code, out, err) == (0, "the leaderboard: page.md\n", "[1/1] Second: zero-thrust\n")
+    assert (here / "page.md").read_text().startswith("[['zero-thrust']] by safe-inspect leaderboard boards.yml --board")
+    told = "error: --board: no board is named 'Secnd'; did you mean `Second`?\n"
+    assert typed("leaderboard", boards, "--board", "Secnd")[2] == told
+
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(leaderboard, "_standing", stop)
+    code, _, err = typed("leaderboard", boards, "--board", "Second", "--results", "kept")
+    told = "interrupted; the finished rows are in kept, and the same command continues"
+    assert (code, err.splitlines()[-1]) == (130, told)
+
+
+@pytest.mark.parametrize(
+    ("row", "told"),
+    [
+        ("{source: inspectr}", "row 'inspectr': no policy 'inspectr': it is neither"),
+        ("{source: random, name: other, overrides: [horizon=31]}", "row 'other': its task is not the board's: `"),
+        ("{source: optimiser, task: safe_inspect/Docking-v0}", "row 'optimiser': "),
+    ],
+)
+def test_a_row_that_cannot_fly_is_told_before_any_flies(here: Path, typed: Typed, row: str, told: str) -> None:
+    task = "safe_inspect/TranslationalInspectionSeed-v0"
+    (here / "b.yml").write_text(f"boards: [{{title: B, task: {task}, rows: [{{source: random}}, {row}]}}]\n")
+    code, out, err = typed("leaderboard", "b.yml")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: leaderboard, board 'B', {told}")
+
+
+def test_a_row_is_flown_where_it_is_not_known(monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
+    calls: list[Any] = []
+    known = iter([False, True])
+    monkeypatch.setattr(leaderboard, "_is_known", lambda *_: next(known))
+    monkeypatch.setattr(leaderboard, "fly_candidates", lambda *given: calls.append(given))
+    monkeypatch.setattr(leaderboard, "default_metrics", lambda spec: [f"metrics of {spec}"])
+    monkeypatch.setattr(leaderboard, "read_evaluation", lambda folder: folder)
+    monkeypatch.setattr(leaderboard, "_training", lambda source: {"of": source})
+    monkeypatch.setattr(leaderboard, "Standing", SimpleNamespace(of_evaluation=lambda *given: given))
+    candidate = SimpleNamespace(experiment=SimpleNamespace(spec="spec"), source="source")
+    entry: Any = SimpleNamespace(
+        board=SimpleNamespace(title="A Board"),
+        row=SimpleNamespace(title="A Row"),
+        candidate=candidate,
+        overrides=("a=1",),
+    )
+    arguments = argparse.Namespace(results=here, command="leaderboard", num_envs=3)
+    board: Any = SimpleNamespace(episodes=9, seed=4)
+    folder = here / leaderboard.slug("A Board") / leaderboard.slug("A Row")
+    for _ in range(2):
+        assert leaderboard._standing(arguments, entry, board) == (entry.row, folder, {"of": "source"})
+    ((wanted, candidates, metrics, reference),) = calls
+    assert (candidates, metrics, reference) == ([candidate], ["metrics of spec"], None)
+    assert vars(wanted) == {
+        "command": "leaderboard", "output": folder, "force": True, "episodes": 9, "seed": 4, "num_envs": 3, "record": 0,
+        "reference": None, "sampled": None, "overrides": ["a=1"],
+    }  # fmt: skip
+
+
+def test_plans_of_a_board_are_searched_with_its_seed(monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(leaderboard, "complete", lambda *given, **more: asked.append((given, more)) or "record")
+    monkeypatch.setattr(leaderboard, "Standing", SimpleNamespace(of_plans=lambda *given: given))
+    row = SimpleNamespace(title="O", task=None, effort="quick")
+    board = SimpleNamespace(title="B", task="safe_inspect/TranslationalInspectionSeed-v0")
+    entry: Any = SimpleNamespace(board=board, row=row, candidate=None, overrides=("horizon=30",))
+    whole: Any = SimpleNamespace(episodes=9, seed=4)
+    assert leaderboard._standing(argparse.Namespace(results=here), entry, whole) == (row, "record", 10.0)
+    (((_, record, count), more),) = asked
+    assert (record.kind, record.seed, record.effort, count) == (OPTIMISER, 4, "quick", 9)
+    assert (more["path"], more["force"]) == (here / leaderboard.slug("B") / f"{leaderboard.slug('O')}.json", True)
+    assert more["path"].parent.is_dir()
+    assert record.about["overrides"] == ["horizon=30"]
+
+
+def test_the_training_of_a_shipped_policy_stands_on_its_card() -> None:
+    source = {"kind": "shipped", "text": "--policy docking"}
+    assert leaderboard._training(source) == leaderboard.shipped_policy("docking").training
+    assert leaderboard._training({"kind": "onnx", "text": "p.onnx"}) == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "front_end", "told"),
+    [
+        ((), "GicpSubmapFrontEnd", ""),
+        (("--target", "t.yml"), "ModelFrontEnd", ""),
+        (("--target", "t.yml", "--front-end", "GicpSubmapFrontEnd"), "GicpSubmapFrontEnd", ""),
+        (("--pick", "3,4,5,0.25"), "GicpSubmapFrontEnd",
+         "mating_point: point of (3, 'above (3, 4, 5, 0.25)')  # in the estimated principal axes\n"),
+        (("--output", "o"), "GicpSubmapFrontEnd", "the estimate is in o\n"),
+    ],
+)  # fmt: skip
+def test_a_log_is_characterised_and_its_estimate_written(
+    typed: Typed, monkeypatch: pytest.MonkeyPatch, here: Path, words: tuple[str, ...], front_end: str, told: str
+) -> None:
+    used: list[Any] = []
+    monkeypatch.setattr(recording, "read_sensor_log", lambda folder: [folder])
+    monkeypatch.setattr(recording, "check_log", lambda log: ["doubt"])
+    monkeypatch.setattr(recording, "read_target", lambda path: f"target of {path}")
+    monkeypatch.setattr(recording, "Estimators", lambda front, *_: type(front).__name__)
+    monkeypatch.setattr(
+        recording, "estimate_log", lambda log, front, target, _: used.append((front, target)) or "found"
+    )
+    monkeypatch.setattr(recording, "estimate_table", lambda summary: f"table of {summary}")
+    monkeypatch.setattr(recording, "summary_of", lambda log, estimate: (log, estimate))
+    monkeypatch.setattr(recording, "pick_point", lambda log, *picked: f"above {picked}")
+    monkeypatch.setattr(recording, "in_principal_axes", lambda log, estimate, frame, above: (frame, above))
+    monkeypatch.setattr(recording, "mating_point_text", lambda point: f"point of {point}")
+    monkeypatch.setattr(recording, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate))
+    monkeypatch.setattr(recording, "estimate_figure", lambda log, estimate: "figure")
+    monkeypatch.setattr(recording, "save", lambda figure, path: path.write_text(figure))
+    code, out, err = typed("characterise", "log", *words)
+    assert (code, out) == (0, f"table of (['log'], 'found')\n{told}")
+    assert err.splitlines()[1] == "warning: doubt"
+    assert used == [(front_end, "target of t.yml" if "--target" in words else None)]
+    if "--output" in words:
+        files = {path.name: path.read_text() for path in (here / "o").iterdir() if path.suffix in ("", ".png")}
+        assert {key: files[key] for key in ("e", "estimate.png")} == {"e": "found", "estimate.png": "figure"}
+
+
+class Record(SimpleNamespace):
+    """Stands for a `MissionRecord` of some steps of 0.2 s."""
+
+    def until(self, time: float) -> Any:
+        return Record(arrays={"t": self.arrays["t"][self.arrays["t"] <= time]})
+
+
+def test_one_mission_is_drawn_filmed_and_viewed(here: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
+    (here / "m").mkdir()
+    (here / "m" / "log.npz").write_text("")
+    monkeypatch.setattr(mission_figures, "read_mission", lambda path: Record(arrays={"t": 0.2 * np.arange(9)}))
+    monkeypatch.setattr(mission_figures, "outcome_of", lambda record: f"{len(record.arrays['t'])} steps")
+    monkeypatch.setattr(mission_figures, "mission_figure", lambda record: record)
+    monkeypatch.setattr(mission_figures, "save", lambda record, path: path.write_text("x" * 1600))
+    titles: list[str] = []
+    monkeypatch.setattr(mission_figures, "mission_page", lambda record, title: titles.append(title))
+    monkeypatch.setattr(mission_figures, "save_page", lambda page, path: path.write_text(""))
+    assert typed("draw", "m")[:2] == (0, "mission.png: 9 steps, 2 kB\n")
+    assert typed("draw", "m", "--until", "0.4", "--output", "d.svg")[:2] == (0, "d.svg: 3 steps, 2 kB\n")
+    assert typed("draw", "m", "--until", "0.2")[:2] == (0, "mission.png: 2 steps, 2 kB\n")
+    told = "error: --until 0.1: no step has ended by then; give a later time in seconds\n"
+    assert typed("draw", "m", "--until", "0.1")[::2] == (2, told)
+    assert typed("view", "m")[:2] == (0, "mission.html: 9 steps, 0 kB\n")
+    assert typed("view", "m", "--title", "Mine")[0] == 0
+    assert titles == ["Rendezvous m", "Mine"]
+    given: list[Any] = []
+    monkeypatch.setattr(mission_figures, "MissionFilm", lambda *film: given.append(film))
+    arguments = argparse.Namespace(source="m", until=None, frames=3, width=400, turn=9.0)
+    mission_figures.mission_film(arguments)
+    assert given[0][1:] == (3, 400, 9.0)
+
+
+def test_an_evaluation_of_environments_is_no_mission(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = argparse.Namespace(source=str(here), cfg=None, overrides=[], seed=0, episode=0, command="view")
+    monkeypatch.setattr(mission_figures, "is_evaluation", lambda folder: True)
+    monkeypatch.setattr(mission_figures, "read_evaluation_record", lambda folder: {"task": {"horizon": 1}})
+    assert not mission_figures.is_mission_source(arguments)
+    monkeypatch.setattr(mission_figures, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
+    with pytest.raises(SafeInspectError, match=r"fly one of them by `rendezvous --episode N --output FOLDER`$"):
+        mission_figures.is_mission_source(arguments)
+    arguments.command = "draw"
+    assert mission_figures.is_mission_source(arguments)

@@ -1,0 +1,178 @@
+"""What commands refuse before their work, and what they pass on to it where the work is replaced."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from safe_inspect.cli.commands import baseline, leaderboard, pilot_candidate, recording
+from safe_inspect.cli.commands.pilot_candidate import PilotCandidate, open_pilot
+from safe_inspect.config.data import configs_root
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.results.results import EvaluationError
+from safe_inspect.evaluation.rollouts.missions import LocalFlights
+from safe_inspect.rendezvous.experiment import load_rendezvous
+
+Typed = Callable[..., tuple[int, str, str]]
+MISSION = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
+EXPERIMENT = str(configs_root() / "docking" / "experiment.yml")
+pytestmark = pytest.mark.usefixtures("here")
+
+
+def evaluation_arguments(**changes: Any) -> argparse.Namespace:
+    given: dict[str, Any] = {
+        "cfg": MISSION, "overrides": [], "seed": None, "workers": None, "record": None, "reference": None,
+        "sampled": None, "num_envs": 512, "episodes": 4,
+    }  # fmt: skip
+    return argparse.Namespace(**given | changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sources", "told"),
+    [
+        ({"record": 3}, [], f"--record is for environments, and {MISSION} is a rendezvous; leave it out"),
+        ({"reference": "r"}, [], f"--reference is for environments, and {MISSION} is a rendezvous; leave it out"),
+        ({"sampled": False}, [], f"--mode is for environments, and {MISSION} is a rendezvous; leave it out"),
+        ({"sampled": True}, ["pilot"], f"--mode is for environments, and {MISSION} is a rendezvous; leave it out"),
+        ({"num_envs": 511}, [], f"--num-envs is for environments, and {MISSION} is a rendezvous; leave it out"),
+        ({}, ["pilot", "inspector"], "inspector: a rendezvous is flown by its pilot; leave the source out, and choose "
+         "the pilot's parts by KEY=VALUE, such as tracker={functor: LQRTracker}"),
+        ({"cfg": EXPERIMENT, "workers": 2}, [], "--workers is for the missions of a rendezvous; an environment runs "
+         "--num-envs episodes at a time"),
+    ],
+)  # fmt: skip
+def test_options_that_a_rendezvous_does_not_have(changes: dict[str, Any], sources: list[str], told: str) -> None:
+    with pytest.raises(SafeInspectError) as caught:
+        open_pilot(evaluation_arguments(**changes), sources, None)
+    assert str(caught.value) == told
+
+
+def test_the_pilot_of_an_evaluation(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    checked: list[int] = []
+    monkeypatch.setattr(pilot_candidate, "check_scenario", lambda experiment, count: checked.append(count) or ["doubt"])
+    assert open_pilot(evaluation_arguments(cfg=EXPERIMENT), [], None) is None
+    assert open_pilot(evaluation_arguments(cfg=None), [], None) is None
+    arguments = evaluation_arguments(seed=9, workers=3)
+    pilot = open_pilot(arguments, ["pilot"], None)
+    assert pilot is not None
+    assert (arguments.seed, arguments.num_envs, checked) == (9, 1, [4])
+    assert pilot.experiment.config.seed == 9
+    assert pilot.flights == LocalFlights(3)
+    assert capsys.readouterr().err.splitlines()[1:] == ["warning: doubt"]
+    plain = evaluation_arguments()
+    other = open_pilot(plain, [], None)
+    assert other is not None
+    assert plain.seed == other.experiment.config.seed == load_rendezvous(MISSION, []).config.seed
+    assert other.flights == LocalFlights(1)
+    assert other.source["sha256"] != pilot.source["sha256"]
+    assert {key: other.source[key] for key in ("text", "kind", "path")} == {
+        "text": "pilot", "kind": "scripted", "path": None,
+    }  # fmt: skip
+    assert (other.label, other.price, other.measured([])) == ("pilot", "", [])
+    metric: Any = SimpleNamespace()
+    with pytest.raises(
+        SafeInspectError, match=r"^--metric is for environments; the figures of a rendezvous are its own"
+    ):
+        other.measured([metric])
+
+
+def test_missions_are_flown_again_as_an_evaluation_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    flown: list[Any] = []
+    monkeypatch.setattr(pilot_candidate, "fly_missions", lambda *given: flown.append(given) or "episodes")
+    experiment = load_rendezvous(MISSION, ["seed=3"])
+    record = {"task": {"rendezvous": 1}, "configuration": experiment.resolved, "configuration_file": "there.yml"}
+    model: Any = SimpleNamespace(record=record)
+    found = open_pilot(evaluation_arguments(cfg=None, overrides=["seed=4"]), [], model)
+    assert isinstance(found, PilotCandidate)
+    assert (found.experiment.config.seed, found.experiment.source) == (4, "there.yml")
+    kept: Any = object()
+    assert found.fly(5, 4, 1, kept=kept, progress=print, record=0) == "episodes"
+    assert flown == [(found.experiment, 5, found.flights, kept, print)]
+    record["task"] = {}
+    assert open_pilot(evaluation_arguments(cfg=None), [], model) is None
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("zero-trust",), "no baseline 'zero-trust'; did you mean `zero-thrust`?"),
+        (("random", "--effort", "quick"), "--effort is for the optimiser; leave it out for random"),
+    ],
+)
+def test_baselines_that_are_none(typed: Typed, words: tuple[str, ...], told: str) -> None:
+    assert typed("baseline", *words)[2] == f"error: {told}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "effort"),
+    [
+        (("optimizer",), "optimiser", "normal"), (("optimiser", "--effort", "quick"), "optimiser", "quick"),
+        (("random",), "random", None), (("package.Class",), "package.Class", None),
+    ],
+)  # fmt: skip
+def test_a_baseline_is_asked_for_with_its_task(
+    typed: Typed, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], kind: str, effort: str | None
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        baseline, "complete", lambda spec, record, count, **more: asked.append((record, count, more)) or 1
+    )
+    monkeypatch.setattr(baseline, "baseline_table", lambda record: "the table")
+    code, out, _ = typed("baseline", *words, "horizon=30", "--episodes", "7", "--seed", "2", "--output", "o", "--force")
+    assert (code, out) == (0, "the table\nthe episodes are in o\n")
+    ((record, count, more),) = asked
+    assert (record.kind, record.effort, record.seed, count) == (kind, effort, 2, 7)
+    assert (more["path"], more["force"]) == (Path("o"), True)
+    assert record.about["overrides"] == ["horizon=30"]
+    assert record.about["configuration_file"] == "safe_inspect/TranslationalInspectionSeed-v0"
+
+
+@pytest.mark.parametrize(("period", "fits"), [("0.4", True), ("0.2", True), ("0.3", False), ("0.05", False)])
+def test_frames_are_taken_at_steps_of_control(
+    typed: Typed, monkeypatch: pytest.MonkeyPatch, period: str, fits: bool
+) -> None:
+    given: list[Any] = []
+
+    def record(folder: Path, config: Any, mission: int, seconds: float, images: str, _: Any) -> int:
+        given.append((config.sensors.frame_period, mission, seconds, images))
+        return 17
+
+    monkeypatch.setattr(recording, "record_watch", record)
+    words = ("record-log", MISSION, "--period", period, "--seconds", "9", "--mission", "3", "--output", "o")
+    code, out, err = typed(*words)
+    if fits:
+        assert (code, out, given) == (0, "17 frames are in o\n", [(float(period), 3, 9.0, "npz")])
+    else:
+        told = f"error: --period {period} is no multiple of the step of control, 0.2 s; round it"
+        assert (code, err.splitlines()[-1], given) == (2, told, [])
+
+
+@pytest.mark.parametrize(
+    ("change", "known"),
+    [({}, True), ({"episodes": 8}, False), ({"seed": 1}, False), ({"configuration": {"a": 2}}, False),
+     ({"source": {"sha256": "y"}}, False)],
+)  # fmt: skip
+def test_a_row_of_a_leaderboard_is_flown_once(
+    here: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], known: bool
+) -> None:
+    record = {"episodes": 9, "seed": 0, "configuration": {"a": 1, "b": "c"}, "source": {"sha256": "x"}} | change
+    monkeypatch.setattr(leaderboard, "is_evaluation", lambda folder: folder == here)
+    monkeypatch.setattr(leaderboard, "read_evaluation_record", lambda folder: json.loads(json.dumps(record)))
+    resolved = {"a": 1, "b": Path("c")}
+    candidate = SimpleNamespace(experiment=SimpleNamespace(resolved=resolved), source={"sha256": "x"})
+    entry: Any = SimpleNamespace(candidate=candidate)
+    board: Any = SimpleNamespace(episodes=9, seed=0)
+    assert leaderboard._is_known(here, entry, board) is known
+    assert not leaderboard._is_known(here / "other", entry, board)
+
+    def damaged(folder: Path) -> Any:
+        raise EvaluationError("damaged")
+
+    monkeypatch.setattr(leaderboard, "read_evaluation_record", damaged)
+    assert not leaderboard._is_known(here, entry, board)

@@ -1,0 +1,252 @@
+"""How an exported file is compared with its checkpoint, in parts that need no file; model cards and first weights."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from random_checkpoint import LEVELS, discrete, experiment_of, scaled
+
+from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import load_experiment
+from safe_inspect.environments.layout import action_layout
+from safe_inspect.experiments.export.model_card import CardData, model_card
+from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings, unfit_weights
+from safe_inspect.experiments.settings.policy_info import policy_info
+
+pytestmark = pytest.mark.ray
+
+
+@pytest.mark.parametrize(
+    ("action", "inputs", "passes"),
+    [(0.0, 0.0, True), (1e-5, 1e-5, True), (1.01e-5, 0.0, False), (0.0, 1.01e-5, False), (math.nan, 0.0, False),
+     (0.0, math.nan, False)],
+)  # fmt: skip
+def test_a_file_passes_whose_outputs_are_the_checkpoints(action: float, inputs: float, passes: bool) -> None:
+    from safe_inspect.experiments.export.export_check import ExportDifference
+
+    found = ExportDifference(9, action, inputs)
+    assert found.passes is passes
+    assert found.undecided == 0
+
+
+def test_the_worst_of_several_comparisons() -> None:
+    from safe_inspect.experiments.export.export_check import ExportDifference, worst
+
+    first, second = ExportDifference(3, 0.5, 0.1, 1), ExportDifference(4, 0.2, 0.7, 5)
+    assert worst(first) == first
+    assert worst(first, second) == worst(second, first) == ExportDifference(7, 0.5, 0.7, 6)
+    assert math.isnan(worst(first, ExportDifference(1, math.nan, 0.0)).action)
+
+
+def _policy(change: Any) -> tuple[Any, Any]:
+    experiment = experiment_of(change)
+    (agent,) = experiment.spec.agents
+    return SimpleNamespace(info=policy_info(experiment, "default_policy", [agent])), agent
+
+
+def test_readings_are_all_over_what_the_net_sees() -> None:
+    from safe_inspect.experiments.export.export_check import _through_glues, random_readings
+
+    _, agent = _policy(scaled)
+    readings = random_readings(agent, 20, 100, seed=4)
+    assert readings.shape[:2] == (20, 100)
+    assert readings.dtype == np.float32
+    np.testing.assert_array_equal(readings, random_readings(agent, 20, 100, seed=4))
+    assert not np.array_equal(readings, random_readings(agent, 20, 100, seed=5))
+    seen = _through_glues(agent, readings.reshape(2000, -1))
+    first = 0
+    for glue in agent.observation_glues:
+        low, high = glue.bounds(agent.parts)
+        part = seen[:, first : first + len(low)]
+        for column, (least, largest) in enumerate(zip(low, high, strict=True)):
+            if np.isfinite(least) and np.isfinite(largest):
+                assert part[:, column].min() >= least - 1e-4 * abs(least)
+                assert part[:, column].max() <= largest + 1e-4 * abs(largest)
+                assert np.ptp(part[:, column]) > 0.97 * (largest - least)
+            else:
+                assert part[:, column].std() == pytest.approx(1.5, rel=0.1)
+        first += len(low)
+    assert first == seen.shape[1] == readings.shape[2]
+
+
+def test_the_mean_of_numbers_is_commanded_within_their_limits() -> None:
+    from safe_inspect.experiments.export.export_check import _commanded
+
+    policy, agent = _policy(scaled)
+    means = np.array([[0.5, -0.25, 0.125], [9.0, 9.0, 9.0], [-9.0, -9.0, -9.0]])
+    inputs = np.concatenate([means, np.full((3, 3), 7.0)], axis=1).astype(np.float32)
+    value, sure = _commanded(policy, agent, inputs)
+    layout = action_layout(agent)
+    clipped = np.clip(means, layout.low, layout.high)
+    # Normalised thrusts are -2 to 2 for the limits -1 and 1 N, -1 to 1 for -0.5 and 2 N, and (thrust - 0.1 N) / 0.5 N.
+    wanted = np.stack([0.5 * clipped[:, 0], 0.75 + 1.25 * clipped[:, 1], 0.1 + 0.5 * clipped[:, 2]], axis=1)
+    np.testing.assert_allclose(value, wanted, rtol=1e-6)
+    assert sure.all()
+
+
+def test_the_largest_logit_chooses_a_level_and_equal_ones_are_undecided() -> None:
+    from safe_inspect.experiments.export.export_check import _commanded
+
+    policy, agent = _policy(discrete)
+    one = [0.0, 0.0, 3.0, 1.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 9.0]
+    near, far = list(one), list(one)
+    near[4:6], far[4:6] = [100.0, 100.0 - 0.5e-3], [100.0, 100.0 - 2e-3]
+    value, sure = _commanded(policy, agent, np.array([one, near, far], np.float32))
+    first = LEVELS[1:4]
+    np.testing.assert_allclose(value, [[first[2], LEVELS[1], LEVELS[4]]] * 3)
+    assert sure.tolist() == [True, False, True]
+
+
+def test_a_hurdle_policy_coasts_where_its_logit_is_not_above_zero() -> None:
+    from safe_inspect.experiments.export.export_check import _commanded
+
+    policy, agent = _policy(None)
+    policy.info = dataclasses.replace(policy.info, distribution="hurdle")
+    rows = [[gate, 0.5, -0.5, 0.25, 7.0, 7.0, 7.0] for gate in (2.0, -2.0, 0.0, 0.5e-5, -0.5e-5, 2e-5)]
+    value, sure = _commanded(policy, agent, np.array(rows, np.float32))
+    np.testing.assert_allclose(value, [[0.5, -0.5, 0.25] if row[0] > 0.0 else [0.0] * 3 for row in rows])
+    assert sure.tolist() == [True, True, False, False, False, True]
+
+
+CARD = CardData(
+    name="docker", title="It docks.", command="safe-inspect train x.yml",
+    training={"seed": 3, "steps": 1_234_567, "iteration": 9, "seconds": 93.0, "started": "then", "trained_by": "1.2",
+              "git_commit": "0123456789abcdef+"},
+    machine="a machine", date="today", versions={"ray": "2.0", "torch": "1.0"},
+    exported=[("p.onnx", "a", "means|modes", "1e-7")], observation={"p.onnx": ["x [m]", "y"]},
+    evaluations={
+        "Here": {
+            "episodes": 1000, "seed": 7,
+            "success": {"rate": 0.5, "interval": [0.25, None], "statuses": {"win": 500, "lose": 500}},
+            "figures": {"delta-v": {"mean": 1.23456, "standard_deviation": 0.5, "iqm": None, "iqm_interval": [1.0, 2.0],
+                                    "unit": "m/s"}},
+            "agents": {
+                "red": {"success": {"rate": 1.0, "interval": [0.9, 1.0], "statuses": {"win": 1}}, "figures": {}},
+            },
+        }
+    },
+    seeds=["seed 4: 90 %"], limits=["Not at night."],
+)  # fmt: skip
+TEXT = """\
+# docker
+
+It docks.
+
+## Use
+
+```sh
+safe-inspect evaluate --policy docker
+```
+
+## Training
+
+```sh
+safe-inspect train x.yml
+```
+
+|  |  |
+|---|---|
+| seed | 3 |
+| environment steps | 1,234,567 |
+| iterations | 9 |
+| wall time | 1.6 min |
+| machine | a machine |
+| begun | then |
+| trained by | safe_inspect 1.2, commit 0123456789ab, with changes that were not committed |
+| exported | today by ray 2.0, torch 1.0 |
+
+`experiment.resolved.yml` beside this card is the whole experiment.
+
+Other seeds of the same recipe:
+
+- seed 4: 90 %
+
+## Evaluation
+
+### Here
+
+1,000 episodes, seed 7.
+
+Success 50.0 % (95 % interval 25 to - %; win 500, lose 500).
+
+| figure | mean | std | IQM | 95 % interval of the IQM | unit |
+|---|---|---|---|---|---|
+| delta-v | 1.235 | 0.5 | - | 1 to 2 | m/s |
+
+red: success 100.0 % (95 % interval 90 to 100 %; win 1).
+
+| figure | mean | std | IQM | 95 % interval of the IQM | unit |
+|---|---|---|---|---|---|
+
+## Files
+
+| file | agents | action | largest difference from the checkpoint |
+|---|---|---|---|
+| p.onnx | a | means\\|modes | 1e-7 |
+
+`p.onnx` reads, in this order: `x [m]`, `y`.
+
+## Limits of use
+
+- Not at night.
+"""
+
+
+def test_the_text_of_a_model_card() -> None:
+    assert model_card(CARD).startswith(TEXT)
+    bare = model_card(dataclasses.replace(CARD, training={}, evaluations={}, seeds=(), limits=()))
+    for line in ("| environment steps | unknown |", "| wall time | unknown |", "| seed | unknown |",
+                 "| trained by | safe_inspect unknown, commit unknown |", "None was given."):  # fmt: skip
+        assert line in bare.splitlines()
+    assert "Other seeds" not in bare
+    clean = model_card(dataclasses.replace(CARD, training={"git_commit": "abc"}))
+    assert "| trained by | safe_inspect unknown, commit abc |" in clean
+
+
+@pytest.mark.parametrize(
+    ("folder", "overrides", "told"),
+    [
+        ("translational-inspection", ["initial_weights=translational-inspection"], []),
+        ("docking", [], []),
+        ("docking", ["policy.config.model_config.initial_weights=translational-inspection"],
+         [("rllib_configs", "translational-inspection: its weights do not fit this policy: of the actions, ")]),
+        ("multiagent-translational-inspection", [], []),
+        ("multiagent-translational-inspection", ["initial_weights=docking"],
+         [(f"policies.blue{index}_ctrl", "docking: its weights do not fit this policy: of the actions, ")
+          for index in range(3)]),
+    ],
+)  # fmt: skip
+def test_weights_that_do_not_fit_their_policy_are_told(
+    folder: str, overrides: list[str], told: list[tuple[str, str]]
+) -> None:
+    experiment = load_experiment(configs_root() / folder / "experiment.yml", overrides)
+    rllib = {"algorithm": experiment.algorithm, **experiment.rllib}
+    settings = read_settings(rllib, {}, {}, tuple(experiment.policies.values()))
+    found = unfit_weights(experiment, settings)
+    if folder.startswith("multi") and told:
+        assert {problem.path.rpartition(".model_config")[0] for problem in found} <= {"rllib_configs", *dict(told)}
+        assert len(found) == 3
+    else:
+        assert [problem.path for problem in found] == [f"{where}.model_config.initial_weights" for where, _ in told]
+    for problem in found:
+        assert problem.message.startswith(told[0][1])
+
+
+def test_what_a_training_is_unless_more_is_given() -> None:
+    run = TrainingRun({})
+    assert (run.rllib, run.tune, run.ray, run.name, str(run.output), run.resume, run.maker) == (
+        {}, {}, {}, "training", "output", None, "",
+    )  # fmt: skip
+    settings = read_settings({}, {}, {})
+    assert (settings.single, settings.suggested, len(settings.trials)) == (True, False, 1)
+    several = read_settings({"lr": {"grid_search": [1e-3]}}, {}, {})
+    assert (several.single, len(several.trials)) == (False, 1)
+    assert read_settings({}, {"num_samples": 2}, {}).single is False
+    asked = read_settings({"lr": {"grid_search": [1e-3]}}, {"search_alg": "a.B"}, {})
+    assert asked.suggested
+    assert [problem.path for problem in asked.problems] == ["rllib_configs.lr"]
