@@ -78,5 +78,5 @@ def _root_mean_square(array: Any) -> float:
 
 
 def _short(number: Any) -> str:
-    """Return a number with three digits; what may come of rounding alone is 0."""
-    return f"{float(number):.3g}" if abs(number) > 1e-9 else "0"
+    """Return a number with five digits; what may come of rounding alone is 0."""
+    return f"{float(number):.5g}" if abs(number) > 1e-9 else "0"
