@@ -57,7 +57,8 @@ def test_a_table_reads_as_on_record(columns: int, monkeypatch: pytest.MonkeyPatc
         monkeypatch.setenv("COLUMNS", str(columns))
     else:
         monkeypatch.delenv("COLUMNS", raising=False)
-    one, other = evaluation("one", 1, agents=2, causes=causes()), evaluation("other", 2)
+    other = evaluation("other", 2, units={**UNITS, "clearance": "km"})
+    one = evaluation("one", 1, agents=2, causes=causes())
     text = "\n\n".join([evaluation_table(one), evaluation_table(other), pooled_table([one, other])])
     assert_recorded(f"{text}\n\n{compare([one, other])}", RECORD)
 
