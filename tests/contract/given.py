@@ -67,7 +67,8 @@ def told(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(told, value)) + "]"
     if is_dataclass(value) and not isinstance(value, World | Group | Plugin):
-        own = ", ".join(f"{field.name}={told(getattr(value, field.name))}" for field in fields(value))
+        names = [field.name for field in fields(value) if field.name != "seconds"]  # the computing time
+        own = ", ".join(f"{name}={told(getattr(value, name))}" for name in names)
         return f"{type(value).__name__}({own})"
     return type(value).__name__
 
