@@ -20,23 +20,12 @@ from safe_inspect.rewards import Reward
 from safe_inspect.rta.constraints import Constraint, Evaluation
 from safe_inspect.simulators import Initializer, Parameter
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.testing import ContractError, check_plugin
+from safe_inspect.testing import check_plugin
 from safe_inspect.units import PositiveLength
 
+from .reports import breaches
+
 pytestmark = pytest.mark.usefixtures("clean_registry")
-
-
-def breaches(plugin: Any, **kwargs: Any) -> dict[str, str]:
-    """Return the broken rules of a plugin, each with its whole text."""
-    with pytest.raises(ContractError) as caught:
-        check_plugin(plugin, **kwargs)
-    assert isinstance(caught.value, AssertionError)
-    found: dict[str, str] = {}
-    for breach in caught.value.breaches:
-        assert str(breach) in str(caught.value)
-        assert breach.remedy
-        found[breach.rule] = found.get(breach.rule, "") + str(breach)
-    return found
 
 
 def test_a_good_plugin_passes() -> None:

@@ -13,19 +13,11 @@ from safe_inspect.policies import SCRIPTED_POLICY, ScriptedPolicy
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.team import TeamFiltered, TeamSafety
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.testing import ContractError, check_plugin
+from safe_inspect.testing import check_plugin
+
+from .reports import breaches
 
 pytestmark = pytest.mark.usefixtures("clean_registry")
-
-
-def breaches(plugin: Any) -> dict[str, str]:
-    """Return the broken rules of a plugin, each with its whole text."""
-    with pytest.raises(ContractError) as caught:
-        check_plugin(plugin)
-    found: dict[str, str] = {}
-    for breach in caught.value.breaches:
-        found[breach.rule] = found.get(breach.rule, "") + str(breach)
-    return found
 
 
 class TestGroups:

@@ -12,8 +12,10 @@ from safe_inspect.dynamics.clohessy_wiltshire import clohessy_wiltshire_row
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.simulators import Component, RunningComponent
 from safe_inspect.tasks import BoundedDisturbance
-from safe_inspect.testing import ContractError, check_plugin
+from safe_inspect.testing import check_plugin
 from safe_inspect.units import NonNegativeSpeed
+
+from .reports import breaches
 
 BOUNDS = {
     "velocity": 1e-3, "position_error": 0.1, "velocity_error": 2e-3, "thrust_gain": 0.05, "thrust_direction": 0.1
@@ -101,9 +103,7 @@ def test_what_is_declared_and_done_passes(plugin):
     ],
 )
 def test_more_than_is_declared_breaks_the_contract(plugin, words):
-    with pytest.raises(ContractError) as caught:
-        check_plugin(plugin)
-    assert words in str(caught.value)
+    assert words in "".join(breaches(plugin).values())
 
 
 class Boastful(Component, name="TestBoastful"):
@@ -137,9 +137,7 @@ class Nowhere(Dynamics, name="TestNowhere"):
     [(Boastful(), "`disturbance_bounds` returned float"), (Nowhere(), "`offers` gives no `mean_motion`")],
 )
 def test_a_declaration_that_says_nothing_is_named(plugin, words):
-    with pytest.raises(ContractError) as caught:
-        check_plugin(plugin)
-    assert words in str(caught.value)
+    assert words in "".join(breaches(plugin).values())
 
 
 def test_bounds_that_act_together_add_up():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from typing import ClassVar
 
 import cloudpickle
@@ -19,7 +20,9 @@ from safe_inspect.platforms import Sensor
 from safe_inspect.rewards import Reward
 from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, Intervening, OwnArray, SensorReading
 from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.testing import ContractError, check_plugin
+from safe_inspect.testing import check_plugin
+
+from .reports import breaches
 
 pytestmark = pytest.mark.usefixtures("clean_registry")
 
@@ -57,12 +60,6 @@ def _is_above(limit, reading):
     return reading[0] > limit
 
 
-def rules(plugin) -> dict[str, str]:
-    with pytest.raises(ContractError) as caught:
-        check_plugin(plugin)
-    return {breach.rule: str(breach) for breach in caught.value.breaches}
-
-
 def test_a_good_one_passes():
     class HeightReward(Reward):
         """Pay for height.
@@ -95,8 +92,7 @@ def test_bad_kernels_are_found(kernel, text):
         def row(self, world, group):
             return RowTerm(kernel, (OwnArray("position"),))
 
-    with pytest.raises(ContractError, match=text):
-        check_plugin(BadReward)
+    assert re.search(text, "".join(breaches(BadReward).values()))
 
 
 def test_a_reading_that_is_not_written_in_full_is_found():
@@ -108,7 +104,7 @@ def test_a_reading_that_is_not_written_in_full_is_found():
         def row(self, world, group):
             return RowTerm(_half, (OwnArray("position"),))
 
-    assert "finite" in rules(HalfSensor)
+    assert "finite" in breaches(HalfSensor)
 
 
 def test_a_sensor_sees_no_step():
@@ -120,8 +116,7 @@ def test_a_sensor_sees_no_step():
         def row(self, world, group):
             return RowTerm(_half, (Intervening(),))
 
-    with pytest.raises(ContractError, match="a sensor sees one state, and no step"):
-        check_plugin(StepSensor)
+    assert re.search("a sensor sees one state, and no step", "".join(breaches(StepSensor).values()))
 
 
 def test_a_kernel_beside_another_batch_call_is_found():
@@ -134,7 +129,7 @@ def test_a_kernel_beside_another_batch_call_is_found():
         def __call__(self, step):
             return 2.0 * step.after.position[:, 2]
 
-    assert "row kernel" in rules(TwoReward)
+    assert "row kernel" in breaches(TwoReward)
 
 
 def test_an_array_that_the_task_has_not_is_one_message():
@@ -144,8 +139,7 @@ def test_an_array_that_the_task_has_not_is_one_message():
         def row(self, world, group):
             return RowTerm(_height, (1.0, EnvironmentArray("wind")))
 
-    with pytest.raises(ContractError, match="the state of this task has no 'wind'"):
-        check_plugin(WindReward)
+    assert re.search("the state of this task has no 'wind'", "".join(breaches(WindReward).values()))
 
 
 @pytest.mark.parametrize("num_envs", [1, 7])

@@ -270,3 +270,9 @@ def test_the_core_is_untouched_by_what_is_told():
         core.step([np.float32([[[0.1, 0.0, -0.1]] * 3])])
     for name, array in core.state.arrays.items():
         np.testing.assert_array_equal(env.core.state.arrays[name], array, err_msg=name)
+
+
+def test_what_the_environments_say_of_themselves() -> None:
+    shown = {"render_modes": ["rgb_array", "human"], "render_fps": 25}
+    assert InspectionParallelEnv.metadata == {**shown, "name": "safe_inspect", "is_parallelizable": True}
+    assert InspectionEnv.metadata == shown

@@ -12,6 +12,7 @@ from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.glues import ControllerGlue
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.platforms import RateController
+from safe_inspect.platforms.base import Property
 
 ACTIONS = np.concatenate([np.random.default_rng(0).normal(0.0, 1.0, (200, 3)), [[-0.0, 0.0, -2.0], [2.0, -0.0, 0.0]]])
 
@@ -48,3 +49,28 @@ def test_the_thrusts_are_those_of_the_glues_one_by_one(agent, axes, normalised):
     expected = one_by_one(made, actions)
     assert found.tobytes() == expected.tobytes()  # the sign of zero too
     assert np.abs(found).max() > 0.5
+
+
+@pytest.mark.usefixtures("clean_registry")
+def test_a_property_of_another_kind_is_asked_for_every_value(agent):
+    class DeadBandProp(Property):
+        """Thrust along one axis that small commands do not move."""
+
+        @property
+        def limits(self):
+            return -1.0, 1.0
+
+        def __call__(self, value):
+            return np.where(np.abs(value) < 0.3, 0.0, np.clip(value, -1.0, 1.0))
+
+    made = with_controllers(agent, (0, 2))
+    parts = {
+        name: RateController(name=name, axis=axis, property_class="DeadBandProp", properties={"name": "thrust"})
+        for name, axis in zip(made.parts, (0, 2), strict=True)
+    }
+    made = replace(made, parts=parts)
+    actions = ACTIONS[:, :2]
+    found = Thrusters(made)(actions)
+    assert Thrusters(made).plain is None
+    wanted = np.where(np.abs(actions) < 0.3, 0.0, np.clip(actions, -1.0, 1.0))
+    np.testing.assert_array_equal(found[:, [0, 2]], wanted)

@@ -25,9 +25,11 @@ from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation.acceptance import acceptance
 from safe_inspect.evaluation.episodes import join
+from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.rollouts.missions import mission_episode
 from safe_inspect.evaluation.rollouts.recording import record_episode
+from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures import curves_figure, learning_curve_figure, trajectory_figure
 from safe_inspect.figures.film import Film
@@ -38,7 +40,7 @@ from safe_inspect.figures.rendezvous.mission_figure import mission_figure
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data
 from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
-from safe_inspect.policies import DockingAutopilot, NaturalMotionInspector
+from safe_inspect.policies import DockingAutopilot, NaturalMotionInspector, RandomThrust
 from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
@@ -58,7 +60,7 @@ def _frames(film: Any) -> list[Any]:
 
 
 def _data(value: Any, place: str = "") -> list[Any]:
-    """Return an entry for each leaf of some data: lists of numbers as their summary."""
+    """Return an entry for each leaf of some data: lists of numbers as their summary and how many digits they have."""
     if isinstance(value, dict):
         return [entry for key, item in value.items() for entry in _data(item, f"{place}.{key}")]
     if isinstance(value, list):
@@ -66,8 +68,14 @@ def _data(value: Any, place: str = "") -> list[Any]:
             numbers = np.array([np.nan if item is None else item for item in value], dtype=float)
         except (TypeError, ValueError):
             return [entry for index, item in enumerate(value) for entry in _data(item, f"{place}[{index}]")]
-        return [[place, summary(numbers.reshape(len(numbers), -1).T if numbers.size else [[]])]]
+        return [[place, [*summary(numbers.reshape(len(numbers), -1).T if numbers.size else [[]]), _digits(numbers)]]]
     return [[place, [float(value)]] if isinstance(value, int | float) else [f"{place} {value!r}", []]]
+
+
+def _digits(numbers: Any) -> float:
+    """Return how many digits after the point numbers are rounded to, 8 at the most."""
+    finite = numbers[np.isfinite(numbers)]
+    return float(next((digits for digits in range(8) if (np.round(finite, digits) == finite).all()), 8))
 
 
 def _page(page: str) -> list[Any]:
@@ -82,6 +90,19 @@ def inspected(spec):
 @pytest.fixture(scope="module")
 def docked():
     return record_episode(load_spec(configs_root() / "docking" / "experiment.yml"), DockingAutopilot(), seed=3)
+
+
+@pytest.fixture(scope="module")
+def docked_team():
+    spec = load_spec(configs_root() / "multiagent-docking" / "experiment.yml")
+    return record_episode(spec, DockingAutopilot(), seed=3).until(60.0)
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """Return a short episode of deputies that turn, each with a camera."""
+    spec = load_spec("safe_inspect/MultiagentWeightedSixDofInspection-v0", ["horizon=5"])
+    return rollout(with_scripted(spec, RandomThrust()), {}, episodes=1, seed=0, record=1).trajectories[0]
 
 
 @pytest.fixture(scope="module")
@@ -166,9 +187,14 @@ PICTURES: dict[str, Callable[[Callable[[str], Any]], list[Any]]] = {
     "film": lambda get: _frames(Film(get("inspected"), frames=3, width=320, turn=40.0)),
     "film of a team": lambda get: _frames(Film(get("flown_team"), frames=3, width=320)),
     "film of a docking": lambda get: _frames(Film(get("docked"), frames=3, width=320)),
+    "docking of a team": lambda get: entries(trajectory_figure(get("docked_team"))),
+    "episode of deputies that turn": lambda get: entries(trajectory_figure(get("turned"))),
+    "film of a docking of a team": lambda get: _frames(Film(get("docked_team"), frames=3, width=320, turn=-30.0)),
     "page": lambda get: _page(episode_page(get("inspected"))),
     "page of a team": lambda get: _page(episode_page(get("flown_team"))),
     "page of a docking": lambda get: _page(episode_page(get("docked"))),
+    "page of a docking of a team": lambda get: _page(episode_page(get("docked_team"))),
+    "page of deputies that turn": lambda get: _page(episode_page(get("turned"))),
     "mission": lambda get: entries(mission_figure(get("record"))),
     "mission cut short": lambda get: entries(mission_figure(get("record").until(4.0))),
     "film of a mission": lambda get: _frames(MissionFilm(get("record"), frames=3, width=320, turn=40.0)),
@@ -178,6 +204,16 @@ PICTURES: dict[str, Callable[[Callable[[str], Any]], list[Any]]] = {
     "estimate without truth": lambda get: entries(
         estimate_figure(
             SimpleNamespace(**{**vars(get("estimated")[0]), "truth": None}), replace(get("estimated")[1], edges=())
+        )
+    ),
+    "estimate from within the target": lambda get: entries(
+        estimate_figure(
+            get("estimated")[0],
+            replace(
+                get("estimated")[1],
+                edges=(replace(get("estimated")[1].edges[0], pose=np.eye(4)),),
+                chaser_positions=np.zeros((25, 3)),
+            ),
         )
     ),
     "learning curve": lambda get: entries(learning_curve_figure(get("progress")[0])),

@@ -170,9 +170,7 @@ class OnnxPolicy:
         values = self(self._readings(observation))
         actions = (values - self._offset) / self._gain
         for column, levels in enumerate(self._levels):
-            if self._is_coast(column):
-                actions[:, column] = values[:, column]
-            elif len(levels):
+            if len(levels) and not self._is_coast(column):
                 actions[:, column] = np.abs(values[:, column, None] - levels).argmin(axis=1)
         return actions
 
