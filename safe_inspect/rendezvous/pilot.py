@@ -183,10 +183,9 @@ class Pilot:
 
     def _check_settled(self) -> None:
         context, mission = self.context, self._config.mission
-        if context.phase is not Phase.MP_HOLD:
+        if context.phase is not Phase.MP_HOLD or context.following is None:
             context.settled_since = None
             return
-        assert context.following is not None, "what arrived is still followed"
         reference = context.following.reference
         k = min(context.step - context.following.first_step, len(reference.position) - 1)
         chaser = context.estimate.chaser

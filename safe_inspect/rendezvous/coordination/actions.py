@@ -86,8 +86,8 @@ def make_plan_again(context: MissionContext) -> None:
 
 def make_plan_now(context: MissionContext) -> None:
     """Plan an approach that starts at once, with the newest estimate."""
-    assert context.plan is not None, "the table plans again what was planned before"
-    _plan(context, (0.0,), (context.plan.duration,))
+    durations = context.config.mission.durations
+    _plan(context, (0.0,), durations[:1] if context.plan is None else (context.plan.duration,))
 
 
 def replan_on_the_way(context: MissionContext) -> None:
@@ -95,9 +95,9 @@ def replan_on_the_way(context: MissionContext) -> None:
     context.replans += 1
     context.on_approach = True
     mission, plan = context.config.mission, context.plan
-    assert plan is not None, "the table follows no reference without a plan"
-    context.demands = context.demands.later(context.time - plan.t_start)
-    remaining = plan.t_start + plan.duration - context.time
+    elapsed = 0.0 if plan is None else context.time - plan.t_start
+    context.demands = context.demands.later(elapsed)
+    remaining = 0.0 if plan is None else plan.t_start + plan.duration - context.time
     shortest = mission.step * round(max(remaining, _SHORTEST) / mission.step)
     _plan(context, (0.0,), tuple(dict.fromkeys((shortest, *mission.durations))))
 
@@ -229,11 +229,8 @@ def renew_reference(context: MissionContext) -> None:
     following, plan, design, bound = context.following, context.plan, context.design, context.unrenewed
     assert following is not None, "the reference of an approach"
     following.reference = reference = new_reference(context)
-    if context.phase is not Phase.TRACK:
+    if context.phase is not Phase.TRACK or plan is None or design is None or bound is None:
         return
-    assert plan is not None, "an approach has a plan"
-    assert design is not None, "and its tube"
-    assert bound is not None, "and the bound of its reference"
     k = context.step - following.first_step
     # The plan has the centre of mass at its origin.
     reference = replace(reference, position=reference.position - context.estimate.target.position)

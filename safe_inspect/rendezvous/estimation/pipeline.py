@@ -98,9 +98,8 @@ class EstimationPipeline:
 
     def check_biases(self, samples: Sequence[InertialSample], expected: ExpectedMotion, duration: float) -> None:
         """Compare a step's samples with the expected motion, before they are taken; see `BiasJumps.check`."""
-        if self._bias_jumps is None or self.graph is None:
+        if self._bias_jumps is None or self._back_end is None or self.graph is None:
             return
-        assert self._back_end is not None, "there is no estimate before the first frame"
         jump = self._bias_jumps.check(samples, expected, self.graph.bias[:3], duration)
         if jump is not None:
             self._back_end.imu.correct(jump)
@@ -182,8 +181,7 @@ class EstimationPipeline:
 
     def _fit(self, time: float) -> None:
         parts, graph, known = self._parts, self.graph, self.target
-        assert graph is not None, "motions are fitted to what the back end knows"
-        if time - self._since < _LEAST_TIME:
+        if time - self._since < _LEAST_TIME or graph is None:
             return
         history = self.history()
         if len(history.times) < 2:
@@ -222,8 +220,7 @@ class EstimationPipeline:
     def _newest_attitudes(self, known: TargetEstimate) -> tuple[FloatArray, FloatArray]:
         """Return times [s], shape (n,), and measured attitudes q_WT, shape (n, 4), of the newest frames."""
         assert self._back_end is not None, "frames come before poses"
-        assert self.graph is not None, "a motion is fitted to what the back end knows"
-        is_placed = known.aligned or self.graph.model is None
+        is_placed = known.aligned or self.graph is None or self.graph.model is None
         frames = self._back_end.frames[-_CHANGED_FRAMES:]
         poses = dict(zip(frames, self._back_end.chaser_poses(len(frames)), strict=True))
         relative = self._back_end.relative_poses(len(frames)) if is_placed else {}
@@ -240,8 +237,7 @@ class EstimationPipeline:
         """Take the motion of the newest frames: the axes in the body are known, and do not change."""
         known, history = self.target, self.history()
         times, q_WG = history.in_inertial  # noqa: N806
-        assert known is not None, "only a known motion changes"
-        if len(times) < 2:
+        if known is None or len(times) < 2:
             return
         first = max(int(np.searchsorted(times, times[-1] - _QUICK_SPAN - 1e-9)), 0)
         first = min(first, len(times) - 2)
@@ -281,10 +277,8 @@ class EstimationPipeline:
         a registration repeats what was expected. It is infinite where the frame shows nothing.
         """
         known, graph = self.target, self.graph
-        if known is None:
+        if known is None or graph is None or self._back_end is None:
             return np.inf
-        assert graph is not None, "a motion is fitted to what the back end knows"
-        assert self._back_end is not None, "frames come before motions"
         relative = {} if all(edge.first == MODEL for edge in edges) else self._back_end.relative_poses()
         q, _ = known.predict(np.array([time]))
         estimated = rotate(conjugate(q[0]), graph.chaser[:3, 3] - graph.centre)
@@ -300,10 +294,8 @@ class EstimationPipeline:
     def _predicted(self, time: float) -> FloatArray | None:
         """Return T_GB now as it is predicted."""
         graph, target = self.graph, self.target
-        if target is None:
+        if graph is None or target is None or self._back_end is None:
             return None
-        assert graph is not None, "a motion is fitted to what the back end knows"
-        assert self._back_end is not None, "frames come before motions"
         pose, _, _ = self._back_end.now()
         q, _ = target.predict(np.array([time]))
         relative = np.eye(4)

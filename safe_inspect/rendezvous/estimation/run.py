@@ -76,13 +76,12 @@ class PipelineEstimatorRun:
         graph, found = pipeline.graph, pipeline.target
         centre = np.zeros(3) if graph is None else graph.centre
         errors = UNKNOWN
-        if found is not None:
-            assert graph is not None, "a motion is fitted to what the back end knows"
+        if graph is not None and found is not None:
             errors = _errors(found, graph, time) if renew or self._errors is UNKNOWN else self._errors
             if self._errors is UNKNOWN and errors.attitude > _FIRST_ATTITUDE:
                 errors = UNKNOWN
         self._errors = errors
-        if found is None or errors is UNKNOWN:
+        if graph is None or found is None or errors is UNKNOWN:
             inertia = self._context.target.principal
             return unknown_estimate(time, pipeline.updated, chaser, inertia, self._correlation, centre)
         q, w = found.predict(np.array([time]))

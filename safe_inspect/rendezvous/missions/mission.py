@@ -130,10 +130,9 @@ class Mission:
         context, target = self.pilot.context, self._target
         output, reference = self.pilot.followed
         distances = clearances(target, done.chaser.position, done.target, context.limits.radius)
-        design = context.design
+        design, plan = context.design, context.plan
         tube = margin = tube_force = np.nan
-        if context.following is not None:
-            assert design is not None, "what is followed has a tube"
+        if context.following is not None and design is not None and plan is not None:
             k = min(context.step - context.following.first_step, len(design.tube.clearance) - 1)
             tube, margin = float(design.tube.clearance[k]), float(design.margin[k])
             tube_force = float(design.tube.force[k])
@@ -176,8 +175,7 @@ class Mission:
 
     def _changed(self, before: Phase, guard: str, after: Phase) -> None:
         context = self.pilot.context
-        if after is Phase.TRACK:
-            assert context.plan is not None, "an approach has a plan"
+        if after is Phase.TRACK and context.plan is not None:
             self._log.plans.append(context.plan)
         self._event("transition", {"from": before.value, "guard": guard, "to": after.value})
         if after is not before and self._progress is not None:

@@ -151,13 +151,12 @@ def _estimate(
         online.append(_row(pipeline, frame, recorder.newest))
         if progress is not None:
             progress(done + 1, len(log_))
-    if pipeline.target is None:
+    if pipeline.graph is None or pipeline.target is None:
         seen = sum(row[2] > 0 for row in online)
         raise ConfigError(
             f"{log_.folder}: the motion of the target is not found; {seen} of {len(log_)} frames gave a relative pose. "
             "Check the unit and sign of depths and rates and the camera's orientation, or record for longer"
         )
-    assert pipeline.graph is not None, "a motion is fitted to what the back end knows"
     edges = tuple(recorder.edges)
     return LogEstimate(
         np.array(online), pipeline.target, pipeline.graph, np.array(positions), pipeline.history(), edges, target

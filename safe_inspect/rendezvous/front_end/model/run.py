@@ -180,7 +180,8 @@ class ModelFrontEndRun:
     def _place(self, found: Registration, predicted: FloatArray) -> None:
         """Take part of where a frame shows G to be in M; all of it where that is far from what was known."""
         shown = found.pose @ inverse(predicted)
-        if self._T_MG is None or _is_beyond(off := difference(self._T_MG, shown), _FAR_OFF):
+        off = None if self._T_MG is None else difference(self._T_MG, shown)
+        if off is None or self._T_MG is None or _is_beyond(off, _FAR_OFF):
             self._T_MG = shown
         else:
             self._T_MG = perturbed(self._T_MG, _PLACING * off)
