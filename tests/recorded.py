@@ -24,20 +24,20 @@ def assert_recorded(words: str, record: Path) -> None:
     """
     test = os.environ["PYTEST_CURRENT_TEST"].rpartition("/")[2].rpartition(" ")[0]
     _seen[test] = _seen.get(test, 0) + 1
-    key, told = f"{test} {_seen[test]}", _told(words)
+    key, shown = f"{test} {_seen[test]}", _told(words)
     texts = _read(record)
     if os.environ.get("RECORD_TEXTS"):
-        texts[key] = told
+        texts[key] = shown
         record.write_text("\n".join(f"= {name}\n{texts[name]}\n" for name in sorted(texts)), encoding="utf-8")
-    assert _NUMBER.sub("#", told) == _NUMBER.sub("#", texts[key])
-    found, wanted = (list(map(float, _NUMBER.findall(text))) for text in (told, texts[key]))
+    assert _NUMBER.sub("#", shown) == _NUMBER.sub("#", texts[key])
+    found, wanted = (list(map(float, _NUMBER.findall(text))) for text in (shown, texts[key]))
     assert found == pytest.approx(wanted, rel=1e-3, abs=1e-6)
 
 
 def _read(record: Path) -> dict[str, str]:
     text = record.read_text(encoding="utf-8") if record.is_file() else ""
     parts = [part.partition("\n") for part in re.split(r"^= ", text, flags=re.MULTILINE)[1:]]
-    return {name: told.rstrip("\n") for name, _, told in parts}
+    return {name: shown.rstrip("\n") for name, _, shown in parts}
 
 
 def _told(words: str) -> str:

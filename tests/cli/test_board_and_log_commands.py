@@ -43,7 +43,7 @@ def test_every_row_of_the_chosen_boards_has_its_place_on_the_page(
 
     def standing(arguments: Any, entry: Any, whole: Any) -> str:
         flown.append((entry.board.title, entry.row.title, entry.overrides, entry.candidate is None, whole.episodes))
-        return entry.row.title  # type: ignore[no-any-return]
+        return entry.row.title
 
     monkeypatch.setattr(leaderboard, "_standing", standing)
     monkeypatch.setattr(leaderboard, "leaderboard_page", lambda whole, rows, command: f"{rows} by {command}")
@@ -62,32 +62,32 @@ def test_every_row_of_the_chosen_boards_has_its_place_on_the_page(
     code, out, err = typed("leaderboard", boards, "--board", "Second", "--output", "page.md")
     assert (code, out, err) == (0, "the leaderboard: page.md\n", "[1/1] Second: zero-thrust\n")
     assert (here / "page.md").read_text().startswith("[['zero-thrust']] by safe-inspect leaderboard boards.yml --board")
-    told = "error: --board: no board is named 'Secnd'; did you mean `Second`?\n"
-    assert typed("leaderboard", boards, "--board", "Secnd")[2] == told
+    shown = "error: --board: no board is named 'Secnd'; did you mean `Second`?\n"
+    assert typed("leaderboard", boards, "--board", "Secnd")[2] == shown
 
     def stop(*_: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(leaderboard, "_standing", stop)
     code, _, err = typed("leaderboard", boards, "--board", "Second", "--results", "kept")
-    told = "interrupted; the finished rows are in kept, and the same command continues"
-    assert (code, err.splitlines()[-1]) == (130, told)
+    shown = "interrupted; the finished rows are in kept, and the same command continues"
+    assert (code, err.splitlines()[-1]) == (130, shown)
 
 
 @pytest.mark.parametrize(
-    ("row", "told"),
+    ("row", "shown"),
     [
         ("{source: inspectr}", "row 'inspectr': no policy 'inspectr': it is neither"),
         ("{source: random, name: other, overrides: [horizon=31]}", "row 'other': its task is not the board's: `"),
         ("{source: optimiser, task: safe_inspect/Docking-v0}", "row 'optimiser': "),
     ],
 )
-def test_a_row_that_cannot_fly_is_told_before_any_flies(here: Path, typed: Typed, row: str, told: str) -> None:
+def test_a_row_that_cannot_fly_is_told_before_any_flies(here: Path, typed: Typed, row: str, shown: str) -> None:
     task = "safe_inspect/TranslationalInspectionSeed-v0"
     (here / "b.yml").write_text(f"boards: [{{title: B, task: {task}, rows: [{{source: random}}, {row}]}}]\n")
     code, out, err = typed("leaderboard", "b.yml")
     assert (code, out) == (2, "")
-    assert err.startswith(f"error: leaderboard, board 'B', {told}")
+    assert err.startswith(f"error: leaderboard, board 'B', {shown}")
 
 
 def test_a_row_is_flown_where_it_is_not_known(monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
@@ -142,7 +142,7 @@ def test_the_training_of_a_shipped_policy_stands_on_its_card() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "front_end", "told"),
+    ("words", "front_end", "shown"),
     [
         ((), "GicpSubmapFrontEnd", ""),
         (("--target", "t.yml"), "ModelFrontEnd", ""),
@@ -153,7 +153,7 @@ def test_the_training_of_a_shipped_policy_stands_on_its_card() -> None:
     ],
 )  # fmt: skip
 def test_a_log_is_characterised_and_its_estimate_written(
-    typed: Typed, monkeypatch: pytest.MonkeyPatch, here: Path, words: tuple[str, ...], front_end: str, told: str
+    typed: Typed, monkeypatch: pytest.MonkeyPatch, here: Path, words: tuple[str, ...], front_end: str, shown: str
 ) -> None:
     used: list[Any] = []
     monkeypatch.setattr(recording, "read_sensor_log", lambda folder: [folder])
@@ -172,7 +172,7 @@ def test_a_log_is_characterised_and_its_estimate_written(
     monkeypatch.setattr(recording, "estimate_figure", lambda log, estimate: "figure")
     monkeypatch.setattr(recording, "save", lambda figure, path: path.write_text(figure))
     code, out, err = typed("characterise", "log", *words)
-    assert (code, out) == (0, f"table of (['log'], 'found')\n{told}")
+    assert (code, out) == (0, f"table of (['log'], 'found')\n{shown}")
     assert err.splitlines()[1] == "warning: doubt"
     assert used == [(front_end, "target of t.yml" if "--target" in words else None)]
     if "--output" in words:
@@ -200,8 +200,8 @@ def test_one_mission_is_drawn_filmed_and_viewed(here: Path, typed: Typed, monkey
     assert typed("draw", "m")[:2] == (0, "mission.png: 9 steps, 2 kB\n")
     assert typed("draw", "m", "--until", "0.4", "--output", "d.svg")[:2] == (0, "d.svg: 3 steps, 2 kB\n")
     assert typed("draw", "m", "--until", "0.2")[:2] == (0, "mission.png: 2 steps, 2 kB\n")
-    told = "error: --until 0.1: no step has ended by then; give a later time in seconds\n"
-    assert typed("draw", "m", "--until", "0.1")[::2] == (2, told)
+    shown = "error: --until 0.1: no step has ended by then; give a later time in seconds\n"
+    assert typed("draw", "m", "--until", "0.1")[::2] == (2, shown)
     assert typed("view", "m")[:2] == (0, "mission.html: 9 steps, 0 kB\n")
     assert typed("view", "m", "--title", "Mine")[0] == 0
     assert titles == ["Rendezvous m", "Mine"]

@@ -34,7 +34,7 @@ def evaluation_arguments(**changes: Any) -> argparse.Namespace:
 
 
 @pytest.mark.parametrize(
-    ("changes", "sources", "told"),
+    ("changes", "sources", "shown"),
     [
         ({"record": 3}, [], f"--record is for environments, and {MISSION} is a rendezvous; leave it out"),
         ({"reference": "r"}, [], f"--reference is for environments, and {MISSION} is a rendezvous; leave it out"),
@@ -47,10 +47,10 @@ def evaluation_arguments(**changes: Any) -> argparse.Namespace:
          "--num-envs episodes at a time"),
     ],
 )  # fmt: skip
-def test_options_that_a_rendezvous_does_not_have(changes: dict[str, Any], sources: list[str], told: str) -> None:
+def test_options_that_a_rendezvous_does_not_have(changes: dict[str, Any], sources: list[str], shown: str) -> None:
     with pytest.raises(SafeInspectError) as caught:
         open_pilot(evaluation_arguments(**changes), sources, None)
-    assert str(caught.value) == told
+    assert str(caught.value) == shown
 
 
 def test_the_pilot_of_an_evaluation(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -99,14 +99,14 @@ def test_missions_are_flown_again_as_an_evaluation_says(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (("zero-trust",), "no baseline 'zero-trust'; did you mean `zero-thrust`?"),
         (("random", "--effort", "quick"), "--effort is for the optimiser; leave it out for random"),
     ],
 )
-def test_baselines_that_are_none(typed: Typed, words: tuple[str, ...], told: str) -> None:
-    assert typed("baseline", *words)[2] == f"error: {told}\n"
+def test_baselines_that_are_none(typed: Typed, words: tuple[str, ...], shown: str) -> None:
+    assert typed("baseline", *words)[2] == f"error: {shown}\n"
 
 
 @pytest.mark.parametrize(
@@ -149,8 +149,8 @@ def test_frames_are_taken_at_steps_of_control(
     if fits:
         assert (code, out, given) == (0, "17 frames are in o\n", [(float(period), 3, 9.0, "npz")])
     else:
-        told = f"error: --period {period} is no multiple of the step of control, 0.2 s; round it"
-        assert (code, err.splitlines()[-1], given) == (2, told, [])
+        shown = f"error: --period {period} is no multiple of the step of control, 0.2 s; round it"
+        assert (code, err.splitlines()[-1], given) == (2, shown, [])
 
 
 @pytest.mark.parametrize(

@@ -249,6 +249,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("random", "--sampled"), "a scripted one has no distribution"),
         (("random", "horizn=3"), "did you mean `horizon`?"),
         (("random", "--cfg", "none.yml"), "none.yml"),
+        (("--cfg", "none.yml"), "no file 'none.yml'"),
         (("random", "--metric", "DeltaVV"), "did you mean `DeltaV`?"),
         (
             ("random", "--metric", "{functor: SmallestRange, config: {entity_name: sol}}"),

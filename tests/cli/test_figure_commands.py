@@ -104,7 +104,7 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(figures, "read_trajectories", lambda source: [Episode(slot=2), Episode(slot=7)])
     read = {**given, "source": "run", "cfg": None, "overrides": [], "seed": 0, "episode": 7}
     assert figures._episode(argparse.Namespace(**read))[1] == ""
-    for change, told in (
+    for change, shown in (
         ({"cfg": "c"}, "run: --cfg changes nothing in a recorded episode; leave it out"),
         ({"overrides": ["a=1"]}, "run: KEY=VALUE changes nothing in a recorded episode; leave it out"),
         ({"seed": 1}, "run: --seed changes nothing in a recorded episode; leave it out"),
@@ -112,7 +112,7 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
     ):
         with pytest.raises(SafeInspectError) as caught:
             figures._episode(argparse.Namespace(**read | change))
-        assert str(caught.value) == told
+        assert str(caught.value) == shown
 
 
 def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,19 +125,19 @@ def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatc
     assert typed(*words)[:2] == (0, "curves.png: ['x'] (2), y (4)\n")
     assert typed("curves", "a", "--centre", "iqm", "--each", "--output", "o.svg")[:2] == (0, "o.svg: [] (1)\n")
     assert [item[1:] for item in drawn] == [("mean", False), ("iqm", True)]
-    for wrong, told in (
+    for wrong, shown in (
         (("--label", "x"), "--label names the RUNs; give them, or use --recipe LABEL RUN..."),
         (("--recipe", "x"), "--recipe x: no RUN follows the label; give the folders of training runs"),
         ((), "no learning curves: give the folders of training runs"),
         (("a", "a"), "[]: a run is given twice; a band over seeds counts each once"),
         (("--recipe", "x", "a", "a"), "x: a run is given twice; a band over seeds counts each once"),
     ):
-        assert typed("curves", *wrong) == (2, "", f"error: {told}\n")
+        assert typed("curves", *wrong) == (2, "", f"error: {shown}\n")
     assert len(drawn) == 2
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "shown"),
     [
         ({"cfg": "c"}, "--cfg changes nothing in a flown mission; leave it out"),
         ({"overrides": ["a=1"]}, "KEY=VALUE changes nothing in a flown mission; leave it out"),
@@ -147,18 +147,18 @@ def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatc
     ],
 )
 @pytest.mark.parametrize("name", ["events.jsonl", "log.npz"])
-def test_options_that_a_flown_mission_does_not_have(here: Path, name: str, change: dict[str, Any], told: str) -> None:
+def test_options_that_a_flown_mission_does_not_have(here: Path, name: str, change: dict[str, Any], shown: str) -> None:
     arguments = argparse.Namespace(
         **{"source": str(here), "cfg": None, "overrides": [], "seed": 0, "episode": 0, "command": "film"} | change
     )
     assert not mission_figures.is_mission_source(arguments)
     (here / name).write_text("")
-    if not told:
+    if not shown:
         assert mission_figures.is_mission_source(arguments)
         return
     with pytest.raises(SafeInspectError) as caught:
         mission_figures.is_mission_source(arguments)
-    assert str(caught.value) == f"{here}: {told}"
+    assert str(caught.value) == f"{here}: {shown}"
 
 
 def test_many_missions_are_drawn_alone(here: Path, monkeypatch: pytest.MonkeyPatch, typed: Typed) -> None:

@@ -42,11 +42,11 @@ def result_of(folder: Path, **changes: Any) -> TrainingResult:
 )
 def test_a_training_ends_with_its_lines(here: Path, changes: dict[str, Any], lines: list[str]) -> None:
     folder = here / "a run"
-    told = train._closing(result_of(folder, **changes)).splitlines()
+    shown = train._closing(result_of(folder, **changes)).splitlines()
     more = [f"TensorBoard: tensorboard --logdir '{folder}'"]
     if changes.get("interrupted"):
         more.append(f"go on:       python -m safe_inspect.train_rl --resume '{folder}'")
-    assert told == [*lines, *more]
+    assert shown == [*lines, *more]
 
 
 def test_a_search_ends_with_the_table_of_its_trials(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

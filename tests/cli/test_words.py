@@ -130,14 +130,14 @@ def test_what_a_command_line_means(
         return
     with pytest.raises(SystemExit) as stopped:
         parse_arguments(command_parser(), words)
-    told = capsys.readouterr()
+    shown = capsys.readouterr()
     if isinstance(given, int):
         assert stopped.value.code == given
-        assert told.out.startswith("usage: safe-inspect train")
+        assert shown.out.startswith("usage: safe-inspect train")
     else:
         assert stopped.value.code == 2
-        assert told.err.startswith(f"error: {given}")
-        assert told.err.count("\n") == 1
+        assert shown.err.startswith(f"error: {given}")
+        assert shown.err.count("\n") == 1
 
 
 def _parser(run: Callable[[argparse.Namespace], int]) -> Parser:
@@ -151,7 +151,7 @@ NOTED.add_note("one is kept")
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "told"),
+    ("error", "code", "shown"),
     [
         (None, 7, ""),
         (SafeInspectError("it is wrong"), 2, "error: it is wrong\n"),
@@ -169,7 +169,7 @@ def test_the_exit_code_says_how_a_command_ended(
     monkeypatch: pytest.MonkeyPatch,
     error: BaseException | None,
     code: int,
-    told: str,
+    shown: str,
 ) -> None:
     monkeypatch.setattr(common, "_discard_output", lambda: None)
 
@@ -180,21 +180,21 @@ def test_the_exit_code_says_how_a_command_ended(
 
     assert run_command(_parser(run), []) == code
     said = capfd.readouterr().err
-    assert said.startswith(told)
-    assert said.count("\n") == max(told.count("\n"), bool(told))
+    assert said.startswith(shown)
+    assert said.count("\n") == max(shown.count("\n"), bool(shown))
 
 
 def test_warnings_to_users_are_one_line_while_a_command_runs() -> None:
     before = warnings.formatwarning
-    told = []
+    shown = []
 
     def run(_: argparse.Namespace) -> int:
         kinds = (UserWarning, FutureWarning, DeprecationWarning)
-        told.extend(warnings.formatwarning("beware", kind, "file", 3) for kind in kinds)
+        shown.extend(warnings.formatwarning("beware", kind, "file", 3) for kind in kinds)
         return 0
 
     assert run_command(_parser(run), []) == 0
-    assert told == ["warning: beware\n"] * 2 + [before("beware", DeprecationWarning, "file", 3)]
+    assert shown == ["warning: beware\n"] * 2 + [before("beware", DeprecationWarning, "file", 3)]
     assert warnings.formatwarning is before
 
 

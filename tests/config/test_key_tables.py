@@ -28,8 +28,8 @@ def _shown(value: Any) -> str:
         return repr(value)
     given = {field.name: getattr(value, field.name) for field in dataclasses.fields(Key)}
     default = Key("")
-    told = [f"{name}={one!r}" for name, one in given.items() if name != "kind" and one != getattr(default, name)]
-    return " ".join([value.kind, *told])
+    shown = [f"{name}={one!r}" for name, one in given.items() if name != "kind" and one != getattr(default, name)]
+    return " ".join([value.kind, *shown])
 
 
 def _lines(module: ModuleType) -> Iterator[str]:

@@ -23,7 +23,7 @@ ONE = configs_root() / "translational-inspection" / "experiment.yml"
 
 
 @pytest.mark.parametrize(
-    ("path", "overrides", "told"),
+    ("path", "overrides", "shown"),
     [
         (3, (), "a configuration is the path of a file or the id of a task, not 3"),
         ("", (), "a configuration is the path of a file or the id of a task, not ''"),
@@ -38,10 +38,10 @@ ONE = configs_root() / "translational-inspection" / "experiment.yml"
          "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"),
     ],
 )  # fmt: skip
-def test_what_is_no_experiment_is_refused(path: Any, overrides: Any, told: str) -> None:
+def test_what_is_no_experiment_is_refused(path: Any, overrides: Any, shown: str) -> None:
     with pytest.raises(ConfigError) as caught:
         load_experiment(path, overrides)
-    assert str(caught.value) == told
+    assert str(caught.value) == shown
 
 
 def test_a_name_that_is_near_no_task_is_looked_for_as_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +69,7 @@ def test_an_id_may_change_values_of_its_file_before_the_users() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = [load_experiment(name, overrides).spec for overrides in ((), (f"{key}=False",))]
-    assert [spec.agents[0].action_glues[0].enabled for spec in found] == [True, False]  # type: ignore[attr-defined]
+    assert [spec.agents[0].action_glues[0].enabled for spec in found] == [True, False]
 
 
 def test_the_text_of_an_experiment_is_its_resolved_configuration() -> None:
@@ -110,7 +110,7 @@ def test_the_time_limit_of_the_environment_comes_before_that_of_rllib(
         body["rllib_configs"]["local"]["horizon"] = other
     experiment = build_experiment(tree)
     (limit,) = [done.functor for done in experiment.spec.agents[0].dones if done.name == "EpisodeLengthDone"]
-    assert limit.horizon == horizon  # type: ignore[attr-defined]
+    assert limit.horizon == horizon
     assert ("horizon" in experiment.rllib) == left
 
 
@@ -158,7 +158,7 @@ def test_a_value_is_shown_shortly(value: Any, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "said", "more", "told"),
+    ("kind", "said", "more", "shown"),
     [
         ("missing", "Field required", {"loc": ("a", 2)}, ("item 2 of the list is missing", "")),
         ("missing", "Field required", {"loc": ("a",)}, ("the key is missing", "")),
@@ -182,8 +182,8 @@ def test_a_value_is_shown_shortly(value: Any, text: str) -> None:
          ("wants 'loose' or 'tight', got 3", "")),
     ],
 )  # fmt: skip
-def test_a_mistake_is_told_in_plain_words(kind: str, said: str, more: dict[str, Any], told: tuple[str, str]) -> None:
-    assert message({"type": kind, "msg": said, **more}) == told
+def test_a_mistake_is_told_in_plain_words(kind: str, said: str, more: dict[str, Any], shown: tuple[str, str]) -> None:
+    assert message({"type": kind, "msg": said, **more}) == shown
 
 
 def test_the_mistakes_of_a_functor_that_no_file_names_are_one_text() -> None:

@@ -22,7 +22,7 @@ PATHS = {
 }
 TABLE = yaml.safe_load((Path(__file__).parent / "refusals.yml").read_text(encoding="utf-8"))
 CASES = [
-    pytest.param(file, entry["overrides"], entry["told"], id=name)
+    pytest.param(file, entry["overrides"], entry["shown"], id=name)
     for file, entries in TABLE.items()
     for name, entry in entries.items()
 ]
@@ -44,12 +44,12 @@ def _loaded(file: str, overrides: list[str]) -> Experiment:
     return load_experiment(configs_root() / file, [_written_out(override, 0) for override in overrides])
 
 
-@pytest.mark.parametrize(("file", "overrides", "told"), CASES)
-def test_what_does_not_fit_is_refused(file: str, overrides: list[str], told: list[str]) -> None:
+@pytest.mark.parametrize(("file", "overrides", "shown"), CASES)
+def test_what_does_not_fit_is_refused(file: str, overrides: list[str], shown: list[str]) -> None:
     with pytest.raises(ConfigError) as caught:
         _loaded(file, overrides)
     texts = [f"{one.path}: {one.message}" + (f"; {one.hint}" if one.hint else "") for one in caught.value.problems]
-    assert texts == [_written_out(text, 1) for text in told]
+    assert texts == [_written_out(text, 1) for text in shown]
     places = [one.location for one in caught.value.problems]
     given = [_written_out(override, 0) for override in overrides]
     assert all(place is None or place.line > 0 or place.text in given for place in places)

@@ -61,7 +61,7 @@ def test_a_sampler_tests_what_it_draws_and_other_starts_are_watched(
 ) -> None:
     plan = loaded(file, *overrides).reset
     assert len(plan.tests) == tests
-    assert [", ".join(watch.args[0]) for watch in plan.watches] == watched  # type: ignore[attr-defined]
+    assert [", ".join(watch.args[0]) for watch in plan.watches] == watched
 
 
 @pytest.mark.parametrize(("distances", "apart"), [([], 0.0), ([7.0], 7.0), ([5.0, 9.0, 6.0], 9.0)])
@@ -113,13 +113,13 @@ def test_the_team_is_tested_with_the_deputies_before() -> None:
     assert not any(rows.any() for rows in test(states, 1, far).values())
 
 
-@pytest.mark.parametrize(("y", "told"), [(60.0, ""), (5.0, "blue0: initial states are refused by chief_collision")])
-def test_a_watch_warns_of_starts_that_the_filter_does_not_keep(y: float, told: str) -> None:
+@pytest.mark.parametrize(("y", "shown"), [(60.0, ""), (5.0, "blue0: initial states are refused by chief_collision")])
+def test_a_watch_warns_of_starts_that_the_filter_does_not_keep(y: float, shown: str) -> None:
     (watch,) = loaded(ONE, _OWN.format(0), _FIXED.format(0)).reset.watches
     states = _states((y, 0.0), (80.0, 0.0))
     angle = states.pop("sun_angle")
     bodies = {"blue0": states, "chief": _states((0.0, 0.0), (0.0, 0.0))}
-    if not told:
+    if not shown:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             watch(bodies, {"sun_angle": angle, "init_state": {}})
@@ -127,7 +127,7 @@ def test_a_watch_warns_of_starts_that_the_filter_does_not_keep(y: float, told: s
     with pytest.warns(UnsafeInitialStateWarning) as caught:
         watch(bodies, {"sun_angle": angle, "init_state": {}})
     (text,) = [str(one.message) for one in caught]
-    assert text.startswith(told)
+    assert text.startswith(shown)
     assert text.endswith(
         "; the safety filter promises nothing for such episodes; draw them with a RejectionSampler that has an `rta`, "
         "or choose others"

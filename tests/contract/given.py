@@ -36,7 +36,7 @@ class Calls:
 
     def note(self, name: str, *given: Any) -> None:
         """Note a call."""
-        self._lines.append(f"{name}({', '.join(map(told, given))})")
+        self._lines.append(f"{name}({', '.join(map(shown, given))})")
 
     def text(self) -> str:
         """Return a line for each run of equal calls."""
@@ -44,31 +44,31 @@ class Calls:
         return "\n".join(f"{count} x {line}" for line, count in runs)
 
 
-def told(value: Any) -> str:
+def shown(value: Any) -> str:
     """Return shape, mean and root mean square of arrays, and the same of what an object consists of."""
     if isinstance(value, np.ndarray):
         return f"{value.shape} {_short(value.mean() if value.size else 0.0)} {_short(_root_mean_square(value))}"
     if isinstance(value, Streams):
-        return f"streams {told(value.uniform('sample', 2))}"
+        return f"streams {shown(value.uniform('sample', 2))}"
     if isinstance(value, State):
         sizes = [_root_mean_square(array) for name, array in value.arrays.items() if name != "key"]
         return f"{len(sizes)} arrays {_short(sum(np.log1p(1e3 * size) for size in sizes))}"
     if isinstance(value, View | TeamView):
-        return f"view of {told(value.state)}"
+        return f"view of {shown(value.state)}"
     if isinstance(value, Step | TeamStep):
-        own = " ".join(f"{name} {told(getattr(value, name))}" for name in _OF_STEPS if hasattr(value, name))
-        return f"step from {told(value.before)} to {told(value.after)} {own}"
+        own = " ".join(f"{name} {shown(getattr(value, name))}" for name in _OF_STEPS if hasattr(value, name))
+        return f"step from {shown(value.before)} to {shown(value.after)} {own}"
     if isinstance(value, bool | str | int) or value is None:
         return repr(value)
     if isinstance(value, float | np.number):
         return _short(value)
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {told(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{key}: {shown(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(told, value)) + "]"
+        return "[" + ", ".join(map(shown, value)) + "]"
     if is_dataclass(value) and not isinstance(value, World | Group | Plugin):
         names = [field.name for field in fields(value) if field.name != "seconds"]  # the computing time
-        own = ", ".join(f"{name}={told(getattr(value, name))}" for name in names)
+        own = ", ".join(f"{name}={shown(getattr(value, name))}" for name in names)
         return f"{type(value).__name__}({own})"
     return type(value).__name__
 

@@ -69,7 +69,7 @@ class Opaque:
         return "Opaque()"
 
 
-@model_validator(mode="before")  # type: ignore[misc]
+@model_validator(mode="before")
 @classmethod
 def _drop_unknown(cls: Any, values: Any) -> Any:
     return {key: value for key, value in values.items() if key in cls.model_fields}

@@ -42,7 +42,7 @@ def test_the_site_builds_and_holds_the_pages_of_other_folders(site: Path) -> Non
     start = (site / "index.html").read_text(encoding="utf-8")
     assert 'href="safety.html"' in start
     assert 'src="images/trajectory.png"' in start
-    assert "<script src=\"http" not in start  # nothing is loaded from the network, the search neither
+    assert '<script src="http' not in start  # nothing is loaded from the network, the search neither
     assert (site / "javascripts" / "iframe-worker.js").exists()
     assert "fonts.googleapis.com" not in start
 

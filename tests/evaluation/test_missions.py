@@ -129,7 +129,7 @@ def test_evaluate_flies_missions_and_compare_compares_pilots(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (["inspector"], "inspector: a rendezvous is flown by its pilot"),
         (["--record", "1"], "--record is for environments"),
@@ -141,10 +141,10 @@ def test_evaluate_flies_missions_and_compare_compares_pilots(
     ],
 )  # fmt: skip
 def test_what_a_rendezvous_does_not_have_is_refused(
-    words: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], shown: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(_command(1, tmp_path / "out", *words)) == 2
-    assert told in capsys.readouterr().err
+    assert shown in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

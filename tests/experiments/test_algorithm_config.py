@@ -85,9 +85,9 @@ def test_callbacks_of_ones_own_come_after_those_of_the_run() -> None:
     assert config.callbacks_class[1:] == [RLlibCallback]
     with pytest.raises(ConfigError) as caught:
         _own_callbacks([f"{__name__}.Mine", path, "no_such_module.Class", f"{__name__}.nothing"])
-    told = [str(problem) for problem in caught.value.problems]
+    shown = [str(problem) for problem in caught.value.problems]
     needs = "is no class of callbacks; derive it from ray.rllib's RLlibCallback"
-    assert told == [
+    assert shown == [
         f"rllib_configs.callbacks: '{__name__}.Mine' {needs}",
         "rllib_configs.callbacks: no module 'no_such_module'; install it or mend the name",
         f"rllib_configs.callbacks: '{__name__}.nothing' {needs}",
@@ -95,7 +95,7 @@ def test_callbacks_of_ones_own_come_after_those_of_the_run() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "unit", "told"),
+    ("changes", "unit", "shown"),
     [
         ({}, "control steps", ""),
         ({"learner": "stock"}, "N", ""),
@@ -103,13 +103,13 @@ def test_callbacks_of_ones_own_come_after_those_of_the_run() -> None:
         ({"env_runner": "stock"}, "control steps", "`env_runner: stock`"),
     ],
 )
-def test_decisions_that_last_need_their_own_runner_and_learner(changes: dict[str, str], unit: str, told: str) -> None:
+def test_decisions_that_last_need_their_own_runner_and_learner(changes: dict[str, str], unit: str, shown: str) -> None:
     from safe_inspect.experiments.learning import algorithm
 
     unit = algorithm.CONTROL_STEPS if unit == "control steps" else unit
     settings = {"algorithm": "PPO", "env_runner": "batched", "learner": "fast", **changes}
     texts = {"p": {"action": json.dumps([{"unit": "N"}, {"unit": unit}])}}
-    if not told:
+    if not shown:
         algorithm._check_decisions(settings, texts)
         return
     algorithm._check_decisions(settings, {})
@@ -117,7 +117,7 @@ def test_decisions_that_last_need_their_own_runner_and_learner(changes: dict[str
         algorithm._check_decisions(settings, texts)
     assert str(caught.value) == (
         f"rllib_configs.{next(iter(changes))}: decisions that last (CoastGlue) are learned with `algorithm: PPO`, "
-        f"`env_runner: batched`, `learner: fast`, not with {told}; change it, or remove CoastGlue"
+        f"`env_runner: batched`, `learner: fast`, not with {shown}; change it, or remove CoastGlue"
     )
 
 
@@ -173,7 +173,7 @@ def test_keys_that_an_algorithm_does_not_have_are_told_together() -> None:
         unchecked=("vtrase",), given={"lr", "lambda", "learner", "taste"}, settings={"algorithm": "APPO"}
     )
     with pytest.raises(ConfigError) as caught:
-        _check_names(config, rllib)  # type: ignore[arg-type]
+        _check_names(config, rllib)
     first, second = caught.value.problems
     assert (first.message, first.path) == ("APPO has no key `vtrase`", "rllib_configs.vtrase")
     assert first.hint == "did you mean `vtrace`?"

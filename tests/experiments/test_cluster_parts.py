@@ -39,7 +39,7 @@ class FakeRay:
             logs.mkdir(parents=True)
             (folder / "session_latest").symlink_to(logs.parent)
             for name, text in (
-                ("raylet.out", "told"),
+                ("raylet.out", "shown"),
                 ("worker-1.err", "worse"),
                 ("other.log", "x"),
                 ("raylet.err", ""),
@@ -127,7 +127,7 @@ def test_a_ray_of_the_process_is_used_and_left_running(fake: FakeRay) -> None:
     assert not fake.calls
 
 
-@pytest.mark.parametrize(("full", "kept"), [(False, {"raylet.out": "told", "worker-1.err": "worse"}), (True, {})])
+@pytest.mark.parametrize(("full", "kept"), [(False, {"raylet.out": "shown", "worker-1.err": "worse"}), (True, {})])
 def test_the_logs_of_a_run_that_fails_are_kept(
     fake: FakeRay, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, full: bool, kept: dict[str, str]
 ) -> None:

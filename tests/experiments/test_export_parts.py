@@ -209,7 +209,7 @@ def test_the_text_of_a_model_card() -> None:
 
 
 @pytest.mark.parametrize(
-    ("folder", "overrides", "told"),
+    ("folder", "overrides", "shown"),
     [
         ("translational-inspection", ["initial_weights=translational-inspection"], []),
         ("docking", [], []),
@@ -222,19 +222,19 @@ def test_the_text_of_a_model_card() -> None:
     ],
 )  # fmt: skip
 def test_weights_that_do_not_fit_their_policy_are_told(
-    folder: str, overrides: list[str], told: list[tuple[str, str]]
+    folder: str, overrides: list[str], shown: list[tuple[str, str]]
 ) -> None:
     experiment = load_experiment(configs_root() / folder / "experiment.yml", overrides)
     rllib = {"algorithm": experiment.algorithm, **experiment.rllib}
     settings = read_settings(rllib, {}, {}, tuple(experiment.policies.values()))
     found = unfit_weights(experiment, settings)
-    if folder.startswith("multi") and told:
-        assert {problem.path.rpartition(".model_config")[0] for problem in found} <= {"rllib_configs", *dict(told)}
+    if folder.startswith("multi") and shown:
+        assert {problem.path.rpartition(".model_config")[0] for problem in found} <= {"rllib_configs", *dict(shown)}
         assert len(found) == 3
     else:
-        assert [problem.path for problem in found] == [f"{where}.model_config.initial_weights" for where, _ in told]
+        assert [problem.path for problem in found] == [f"{where}.model_config.initial_weights" for where, _ in shown]
     for problem in found:
-        assert problem.message.startswith(told[0][1])
+        assert problem.message.startswith(shown[0][1])
 
 
 def test_what_a_training_is_unless_more_is_given() -> None:

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.ray
 
 
 class Logger:
-    """Keeps what is logged, as RLlib's `MetricsLogger` is told it."""
+    """Keeps what is logged, as RLlib's `MetricsLogger` is shown it."""
 
     def __init__(self) -> None:
         self.logged: dict[Any, tuple[float, dict[str, Any]]] = {}
@@ -102,8 +102,8 @@ def test_episodes_of_several_agents_are_logged_for_each_and_for_each_policy() ->
 
     logger = Logger()
     slots = (*SLOTS, SimpleNamespace(agent="green", policy="shared"))
-    told = [{**report, "agents/green/return": 10.0, "agents/green/length": 1} for report in reports()]
-    log_episodes(logger, config_of(100), told, slots, True)
+    shown = [{**report, "agents/green/return": 10.0, "agents/green/length": 1} for report in reports()]
+    log_episodes(logger, config_of(100), shown, slots, True)
     found = {key: value for key, (value, _) in logger.logged.items() if isinstance(key, tuple)}
     assert found == {
         ("agent_episode_returns_mean", "red"): pytest.approx(3.25 / 3), ("agent_steps", "red"): 18.0,

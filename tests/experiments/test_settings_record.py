@@ -70,7 +70,7 @@ def test_mappings_mean_what_the_record_says(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(rllib_release, "_installed", lambda: rllib_release._listed()["ray"])
     recorded = RECORD.read_text(encoding="utf-8").splitlines()
     cases = [line for line in recorded if not line.startswith(" ")]
-    lines = [line for case in cases for line in (case, *(f"    {told}" for told in _outcome(case)))]
+    lines = [line for case in cases for line in (case, *(f"    {shown}" for shown in _outcome(case)))]
     if os.environ.get("RECORD_SETTINGS"):
         RECORD.write_text("\n".join(lines) + "\n", encoding="utf-8")
         pytest.skip("recorded")

@@ -131,7 +131,7 @@ def test_a_point_is_washed_out_where_all_of_its_channels_are_above_the_limit(
     viewer, points = np.array([[50.0, 0.0, 0.0]]), np.array([[RADIUS, 0.0, 0.0]])
     for channel in range(3):
         ambient = tuple(level if k == channel else 0.75 for k in range(3))
-        light = Light(False, 0.0, ambient, NO_COLOUR, NO_COLOUR, 1.0, 0.25, 0.5)  # type: ignore[arg-type]
+        light = Light(False, 0.0, ambient, NO_COLOUR, NO_COLOUR, 1.0, 0.25, 0.5)
         assert lit(viewer, np.array([sun]), points, RADIUS, light)[0, 0] != bright
 
 

@@ -32,7 +32,7 @@ from safe_inspect.outputs import (
 
 
 @pytest.mark.parametrize(
-    ("error", "more", "told"),
+    ("error", "more", "shown"),
     [
         (OSError(errno.EACCES, "Denied"), (), "p: the file cannot be written (Denied); give another file"),
         (OSError(errno.EACCES, "Denied"), ("do x", "folder"), "p: the folder cannot be written (Denied); do x"),
@@ -41,8 +41,8 @@ from safe_inspect.outputs import (
          "free some space, or do x"),
     ],
 )  # fmt: skip
-def test_why_an_output_cannot_be_written(error: OSError, more: tuple[str, ...], told: str) -> None:
-    assert str(cannot_write(Path("p"), error, *more)) == told
+def test_why_an_output_cannot_be_written(error: OSError, more: tuple[str, ...], shown: str) -> None:
+    assert str(cannot_write(Path("p"), error, *more)) == shown
 
 
 def _written(folder: Path, command: str = "record") -> Path:
@@ -70,7 +70,7 @@ def _damaged_marker(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "force", "told"),
+    ("make", "force", "shown"),
     [
         (lambda path: path.write_text(""), True, "this is a file or a link, so no folder can be written there; give x"),
         (lambda path: path.symlink_to("nowhere"), True, "this is a file or a link, so no folder can be written there; "
@@ -86,15 +86,15 @@ def _damaged_marker(path: Path) -> None:
         (lambda path: None, False, ""),
     ],
 )  # fmt: skip
-def test_a_folder_is_replaced_by_what_wrote_it_alone(tmp_path: Path, make: Any, force: bool, told: str) -> None:
+def test_a_folder_is_replaced_by_what_wrote_it_alone(tmp_path: Path, make: Any, force: bool, shown: str) -> None:
     path = tmp_path / "f"
     make(path)
-    if not told:
+    if not shown:
         check_new_folder(path, "record", force=force)
         return
     with pytest.raises(OutputError) as caught:
         check_new_folder(path, "record", force=force, hint="give x")
-    assert str(caught.value) == f"{path}: {told}"
+    assert str(caught.value) == f"{path}: {shown}"
 
 
 def test_the_folder_of_the_process_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,19 +146,19 @@ def test_a_file_that_is_read_only_is_kept(tmp_path: Path, monkeypatch: pytest.Mo
         check_writable(path)
         assert not list(tmp_path.iterdir())
         return
-    told = f"{path}: the file cannot be written (Permission denied); give another file"
+    shown = f"{path}: the file cannot be written (Permission denied); give another file"
     with pytest.raises(OutputError) as caught:
         check_writable(path)
-    assert str(caught.value) == told
+    assert str(caught.value) == shown
     with pytest.raises(OutputError) as caught, new_file(path):
         pass
-    assert str(caught.value) == told
+    assert str(caught.value) == shown
     assert [item.name for item in tmp_path.iterdir()] == ["a.json"]
     assert path.read_text() == "old"
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "shown"),
     [
         ("a.txt", "the name of the figure ends in .png, .svg; give such a file with --plot"),
         ("a", "the name of the figure ends in .png, .svg; give such a file with --plot"),
@@ -168,17 +168,17 @@ def test_a_file_that_is_read_only_is_kept(tmp_path: Path, monkeypatch: pytest.Mo
         ("file/a.png", "the file cannot be written (Not a directory); give another file"),
     ],
 )
-def test_the_ending_of_a_file_says_its_format(tmp_path: Path, name: str, told: str) -> None:
+def test_the_ending_of_a_file_says_its_format(tmp_path: Path, name: str, shown: str) -> None:
     (tmp_path / "f.png").mkdir()
     (tmp_path / "file").write_text("")
     path = tmp_path / name
-    if not told:
+    if not shown:
         check_ending(path, (".png", ".svg"), "figure", "--plot")
         assert not path.parent.exists() or path.parent == tmp_path
         return
     with pytest.raises(OutputError) as caught:
         check_ending(path, (".png", ".svg"), "figure", "--plot")
-    assert str(caught.value) == f"{path}: {told}"
+    assert str(caught.value) == f"{path}: {shown}"
 
 
 def test_a_file_of_another_ending_is_kept(tmp_path: Path) -> None:
@@ -189,8 +189,8 @@ def test_a_file_of_another_ending_is_kept(tmp_path: Path) -> None:
     check_writable(path, [".txt"])
     with pytest.raises(OutputError) as caught:
         check_writable(path, [".md", ".json"])
-    told = "the file exists already, and only a file that ends in .md or .json is replaced; give another file"
-    assert str(caught.value) == f"{path}: {told}"
+    shown = "the file exists already, and only a file that ends in .md or .json is replaced; give another file"
+    assert str(caught.value) == f"{path}: {shown}"
 
 
 def test_a_folder_is_locked_for_one_process(tmp_path: Path) -> None:
@@ -236,9 +236,9 @@ def test_a_folder_whose_move_fails_comes_back(tmp_path: Path, monkeypatch: pytes
         replace(old, new)
 
     monkeypatch.setattr(os, "replace", fail)
-    told = f"{path}: the folder cannot be written (Broken); give another folder"
+    shown = f"{path}: the folder cannot be written (Broken); give another folder"
     with pytest.raises(OutputError) as caught, new_folder(path, "record", force=True) as work:
         (work / "new").write_text("")
-    assert str(caught.value) == told
+    assert str(caught.value) == shown
     assert (path / "a").read_text() == "a"
     assert [item.name for item in tmp_path.iterdir()] == ["f"]

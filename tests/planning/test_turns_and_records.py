@@ -86,7 +86,7 @@ def test_a_file_holds_what_a_record_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "shown"),
     [
         ({}, ""),
         ({"kind": "zero"}, "the kind is 'zero' there and 'optimiser' here"),
@@ -98,12 +98,12 @@ def test_a_file_holds_what_a_record_does(tmp_path: Path) -> None:
         ({"entries": ()}, ""),
     ],
 )
-def test_records_of_other_runs_are_told_apart(change: dict[str, Any], told: str) -> None:
-    assert RECORD.difference(replace(RECORD, **change)) == told
+def test_records_of_other_runs_are_told_apart(change: dict[str, Any], shown: str) -> None:
+    assert RECORD.difference(replace(RECORD, **change)) == shown
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "shown"),
     [
         ({"format": 2}, "its format is 2, not 1"),
         ({"keys": ["xyz", "0"]}, "invalid literal for int() with base 16: 'xyz'"),
@@ -112,13 +112,13 @@ def test_records_of_other_runs_are_told_apart(change: dict[str, Any], told: str)
         ({"plans": [[{"step": -1, "thrust": [0, 0, 0]}], None]}, "1 validation error"),
     ],
 )
-def test_files_that_hold_no_record_are_refused(change: dict[str, Any], told: str, tmp_path: Path) -> None:
+def test_files_that_hold_no_record_are_refused(change: dict[str, Any], shown: str, tmp_path: Path) -> None:
     content = {name: value for name, value in (RECORD.as_dict() | change).items() if value is not ...}
     path = tmp_path / "a.json"
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(SafeInspectError) as refusal:
         read_record(path)
-    assert str(refusal.value).startswith(f"{path}: this is no file of `safe-inspect baseline` ({told}")
+    assert str(refusal.value).startswith(f"{path}: this is no file of `safe-inspect baseline` ({shown}")
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:

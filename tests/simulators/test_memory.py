@@ -212,7 +212,7 @@ def test_inputs_of_a_kernel_lie_where_the_arrays_do(first: int, size: int) -> No
     for number in (2.5, True, 3, np.arange(4.0)):
         place = place_of(number, where)
         assert place.shape[:2] == (1, 1)
-        np.testing.assert_array_equal(place.keeps[0, 0], number)  # type: ignore[index]
+        np.testing.assert_array_equal(place.keeps[0, 0], number)
     seen = place_of(SensorMemory("sensor", "seen"), scene(1, 2))
     np.testing.assert_array_equal(read(seen, state.wholes, 3, 1), state["memory/some/sensor/seen"][3, 1])
 
@@ -222,12 +222,12 @@ def test_inputs_that_no_kernel_can_read_are_refused() -> None:
     with pytest.raises(AttributeError, match="the state of this task has no 'positon'; did you mean `position`"):
         place_of(OwnArray("positon"), where)
     with pytest.raises(ValueError, match="a sensor sees one state, and no step; it cannot be given OwnArray"):
-        place_term(RowTerm(None, (OwnArray("position", before=True),)), where, float, 8, 3)  # type: ignore[arg-type]
+        place_term(RowTerm(None, (OwnArray("position", before=True),)), where, float, 8, 3)
     with pytest.raises(ValueError, match="a sensor sees one state, and no step; it cannot be given Intervening"):
-        place_term(RowTerm(None, (Intervening(),)), where, float, 8, 3)  # type: ignore[arg-type]
+        place_term(RowTerm(None, (Intervening(),)), where, float, 8, 3)
     for values in (np.zeros((3, 2)), np.zeros((1, 2))[:, ::2].repeat(3, axis=0)):
         with pytest.raises(ValueError, match=r"(?s)a row kernel cannot read AgentPara.* does not fit \(5, 2\) env"):
-            place_term(RowTerm(None, (AgentParameter(values),)), where, float, 8)  # type: ignore[arg-type]
+            place_term(RowTerm(None, (AgentParameter(values),)), where, float, 8)
 
 
 def test_an_axis_of_one_element_may_have_any_stride() -> None:

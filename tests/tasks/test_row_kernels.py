@@ -39,13 +39,13 @@ def test_actuators_clip_scale_and_add_noise(size: int) -> None:
     plugin = Actuators(force=0.5, torque=0.02, scale_error=-0.25, force_noise=0.1, torque_noise=0.003)
     control = np.random.default_rng(1).uniform(-1.0, 1.0, (ROWS, DEPUTIES, size))
     state: Any = {"key": KEYS, "step": STEPS}
-    flown = plugin(None, ROWS).actuate(state, control)  # type: ignore[arg-type]
+    flown = plugin(None, ROWS).actuate(state, control)
     limits, noise = np.repeat((0.5, 0.02), 3)[:size], np.repeat((0.1, 0.003), 3)[:size]
     for n, d, key, step in each():
         error = 2.0 * uniforms(key, step, 1000 + size * d, size) - 1.0
         expected = 0.75 * np.clip(control[n, d], -limits, limits) + noise * error
         np.testing.assert_allclose(flown[n, d], expected, rtol=1e-14)
-    exact = Actuators()(None, ROWS).actuate(state, control)  # type: ignore[arg-type]
+    exact = Actuators()(None, ROWS).actuate(state, control)
     bounds = np.repeat((0.30, 0.025), 3)[:size]
     np.testing.assert_array_equal(exact, np.clip(control, -bounds, bounds))
 

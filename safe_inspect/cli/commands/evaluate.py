@@ -18,6 +18,7 @@ from safe_inspect.cli.arguments import add_output_folder, positive, seed
 from safe_inspect.cli.commands.pilot_candidate import NUM_ENVS, PilotCandidate, open_pilot
 from safe_inspect.cli.common import equals_hint, is_override
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.results.comparison import compare
 from safe_inspect.evaluation.results.folder import (
@@ -125,6 +126,8 @@ def run_evaluate(arguments: argparse.Namespace) -> int:
     """Fly every source and print its table."""
     sources = _sources(arguments)
     if not sources and not (arguments.cfg is not None and is_rendezvous(arguments.cfg)):
+        if arguments.cfg is not None:
+            load_experiment(arguments.cfg, arguments.overrides)  # its mistakes come first
         raise SafeInspectError(
             "nothing to evaluate: give a checkpoint's folder, an ONNX file, the name of a baseline such as inspector, "
             "or --policy NAME"

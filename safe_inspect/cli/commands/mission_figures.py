@@ -17,7 +17,7 @@ from safe_inspect.figures.rendezvous.mission_page import mission_page
 from safe_inspect.figures.rendezvous.mission_panels import outcome_of
 from safe_inspect.rendezvous.missions.record import MissionRecord, read_mission
 
-#: What the folder of a mission has beside the resolved experiment.
+#: What the folder of a mission has in addition to the resolved experiment.
 _MISSION = ("events.jsonl", "log.npz")
 
 

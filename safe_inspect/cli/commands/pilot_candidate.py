@@ -87,7 +87,7 @@ class PilotCandidate:
         Args:
             episodes: How many.
             seed: That of the experiment.
-            num_envs: Has no effect: an episode is a batch of its own.
+            num_envs: Has no effect: each episode is a separate batch.
             kept: Those that are not flown again.
             progress: Called with (finished episodes, `episodes`).
         """

@@ -152,7 +152,7 @@ class LocalFlights:
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent is killed; it would wait for work for ever."""
+    """End this process when its parent is killed; it would wait for work forever."""
     parent = parent_process()
     assert parent is not None, "a worker has a parent"
 

@@ -20,7 +20,7 @@ _CAMERA = CameraDescription(width=10, height=8, fx=12.0, fy=12.0, cx=4.0, cy=3.0
 
 
 def _write(folder: Path, images: str = "npz") -> Path:
-    writer = SensorLogWriter(folder, SensorDescription(camera=_CAMERA), images)  # type: ignore[arg-type]
+    writer = SensorLogWriter(folder, SensorDescription(camera=_CAMERA), images)
     for number in range(3):
         writer.add_frame(0.5 * number, np.full((8, 10), 1.0))
         writer.add_truth(np.eye(len(TRUTH_COLUMNS))[0] * 0.5 * number)

@@ -58,9 +58,9 @@ _TARGET = _CONFIG.target()
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> SensorLog:
-    folder, told = tmp_path_factory.mktemp("watch"), []
-    count = record_watch(folder, _CONFIG, 2, 20.0, progress=lambda done, all_: told.append((done, all_)))
-    assert told == [(done, 21) for done in range(1, 22)]
+    folder, shown = tmp_path_factory.mktemp("watch"), []
+    count = record_watch(folder, _CONFIG, 2, 20.0, progress=lambda done, all_: shown.append((done, all_)))
+    assert shown == [(done, 21) for done in range(1, 22)]
     assert count == 21
     return read_sensor_log(folder)
 
@@ -93,10 +93,10 @@ class _Replayed:
 
 
 def _estimated(log: SensorLog, front_end: Any, target: Target | None) -> LogEstimate:
-    told: list[tuple[int, int]] = []
+    shown: list[tuple[int, int]] = []
     estimators = Estimators(front_end, ISAM2BackEnd(), PolhodeCharacteriser())
-    found = estimate_log(log, estimators, target, lambda *step: told.append(step))
-    assert told == [(done, len(log)) for done in range(1, len(log) + 1)]
+    found = estimate_log(log, estimators, target, lambda *step: shown.append(step))
+    assert shown == [(done, len(log)) for done in range(1, len(log) + 1)]
     return found
 
 
