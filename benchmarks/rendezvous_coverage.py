@@ -7,18 +7,20 @@ For each tumble a chaser at rest measures poses to the model (or relative poses,
 that stay alike over 2 s, and knows the ratios of the moments as well as the fit assumes. The motion is fitted, and the
 bound is made from trials that are drawn from the fit's covariance, without updates. The error of the estimated
 reference along an approach of 60 s is then compared with the bound, at all times and axes of position, velocity and
-force together. 95 % are asked for; the interval is that of Clopper and Pearson.
+force together. 95 % are asked for; the interval is Wilson's.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import astuple
 from typing import NamedTuple
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multiply
 from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.metrics.statistics import wilson
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.bound.conformal import conformal_bound, trial_streams
 from safe_inspect.rendezvous.bound.query import BoundQuery, JointErrors
@@ -125,8 +127,6 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
 
 def main() -> None:
     """Print the share of tumbles whose bound holds."""
-    from scipy.stats import beta
-
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tumbles", type=int, default=1000)
     parser.add_argument("--seconds", type=int, default=120, help="length of the observation")
@@ -141,8 +141,7 @@ def main() -> None:
         widths.append(found[1])
         count = len(widths)
         if count % 25 == 0 or number == options.tumbles - 1:
-            low = beta.ppf(0.025, held, count - held + 1) if held else 0.0
-            high = beta.ppf(0.975, held + 1, count - held) if held < count else 1.0
+            low, high = astuple(wilson(held, count))
             print(
                 f"{held} of {count} hold: {held / count:.3f} [{low:.3f}, {high:.3f}]; "
                 f"median of the largest width {100.0 * np.median(widths):.1f} cm",
