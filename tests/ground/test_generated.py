@@ -57,7 +57,7 @@ def test_the_same_source_and_kernels_give_the_same_function() -> None:
 
 def test_the_file_holds_the_source_where_it_can_be_written(folder: Path) -> None:
     made = generate("doubled", SOURCE, {"inner": one})
-    (path,) = (folder / "installed" / "generated").iterdir()
+    (path,) = (folder / "installed" / "generated").glob("*.py")
     assert path.read_text() == SOURCE
     assert path.name.startswith("doubled_")
     assert len(path.stem) == len("doubled_") + 24
