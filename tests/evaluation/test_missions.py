@@ -160,7 +160,10 @@ def test_the_table_names_the_causes_of_losses() -> None:
     found = [
         mission_episode(config, k, {**summary, "success": not cause, "cause": cause}) for k, cause in enumerate(causes)
     ]
-    lines = evaluation_table(Evaluation.of("pilot", join(found))).splitlines()
+    evaluation = Evaluation.of("pilot", join(found))
+    assert evaluation.team.status.tolist() == ["win", *["lose"] * 12]
+    lines = evaluation_table(evaluation).splitlines()
+    assert "win 1, lose 12" in lines[0]
     assert lines[-2:] == [
         "  11 lost: contact with the target (episodes 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, ...)",
         "  1 lost: no plan (episodes 1)",
