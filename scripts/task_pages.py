@@ -1,15 +1,20 @@
 """Write docs/task-reference.md: the observation, action, rewards, dones and results of every task, from the code.
 
-python scripts/task_pages.py
+python scripts/task_pages.py             # the page
+python scripts/task_pages.py --pictures  # also docs/images/tasks/*.png: an episode of each task, a few minutes
 """
 
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 
+from PIL import Image
+
+from safe_inspect.cli.main import main as safe_inspect_command
 from safe_inspect.environments import load_spec
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.plugins.functor import Named
@@ -24,11 +29,22 @@ This page is generated from the configurations: `python scripts/task_pages.py`. 
 explains the tasks, and [Simulation](simulation.md) the physics. The agents of a team have equal observations
 and actions; the table shows those of one agent.
 """
-#: Picture of a task, where there is one.
-_PICTURES = {
-    "TranslationalInspection-v1": ("One deputy inspects the chief", "episode.png"),
-    "MultiagentTranslationalInspection-v1": ("Three deputies inspect the chief", "trajectory.png"),
+#: Policy that flies the episode of a task's picture: the shipped one, or a scripted one where none is shipped.
+_PILOTS = {
+    "TranslationalInspectionSeed-v0": "inspector",
+    "TranslationalInspection-v1": "translational-inspection",
+    "FilteredTranslationalInspection-v1": "translational-inspection",
+    "WeightedTranslationalInspection-v0": "weighted-translational-inspection",
+    "WeightedSixDofInspection-v0": "SixDofInspector",
+    "Docking-v0": "DockingAutopilot",
+    "TumblingRendezvous-v0": "tumbling-rendezvous",
+    "MultiagentTranslationalInspectionSeed-v0": "inspector",
+    "MultiagentTranslationalInspection-v1": "multiagent-translational-inspection",
+    "MultiagentWeightedTranslationalInspection-v0": "multiagent-weighted-translational-inspection",
+    "MultiagentWeightedSixDofInspection-v0": "SixDofInspector",
+    "MultiagentDocking-v0": "DockingAutopilot",
 }
+_SEED = 1
 
 
 def page() -> str:
@@ -42,9 +58,7 @@ def _task(name: str) -> str:
     agent, make = spec.agents[0], "make_parallel" if name in TEAM_TASKS else "make"
     lines = [f"## {short}", "", f"`safe_inspect.{make}({name!r})`, from `configs/{ALL_TASKS[name]}`"]
     lines[-1] += "".join(f" with `{override}`" for override in TASK_OVERRIDES.get(name, ())) + "."
-    if short in _PICTURES:
-        text, file = _PICTURES[short]
-        lines += ["", f"![{text}](images/{file})"]
+    lines += ["", f"![An episode of {short}, flown by {_PILOTS[short]}](images/tasks/{short}.png)"]
     lines += ["", f"Agents: {len(spec.agents)}. Control step: {spec.step_size:g} s."]
     for title, layout in (("observation", observation_layout(agent)), ("action", action_layout(agent))):
         lines += ["", f"| {title}, {layout.size} elements | range |", "|---|---|", *_rows(layout)]
@@ -80,5 +94,20 @@ def _results(name: str) -> list[str]:
     return ["", "Results of 1,000 episodes ([leaderboard](leaderboard.md)):", "", table.rstrip()] if table else []
 
 
+def draw_pictures() -> None:
+    """Draw an episode of every task into docs/images/tasks."""
+    folder = _DOCS / "images" / "tasks"
+    folder.mkdir(exist_ok=True)
+    for name in ALL_TASKS:
+        short = name.partition("/")[2]
+        picture = str(folder / f"{short}.png")
+        code = safe_inspect_command(["draw", _PILOTS[short], "--cfg", name, "--seed", str(_SEED), "--output", picture])
+        if code:
+            sys.exit(code)
+        Image.open(picture).convert("RGB").quantize(64).save(picture, optimize=True)  # a third of the size
+
+
 if __name__ == "__main__":
+    if "--pictures" in sys.argv[1:]:
+        draw_pictures()
     PAGE.write_text(page(), encoding="utf-8")
