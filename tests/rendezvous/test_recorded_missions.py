@@ -74,8 +74,8 @@ def test_a_mission_matches_the_record(name: str) -> None:
         text = json.dumps(kept | {"machine": machine, name: shown})
         RECORD.write_text(text.replace("]], ", "]],\n").replace("], [", "],\n[") + "\n", encoding="utf-8")
     record = json.loads(RECORD.read_text(encoding="utf-8"))
-    # A start that is 1e-13 m off moves the estimated mission by 3 mm at most, as the last bits of another processor
-    # may: ten times that is allowed there.
-    tolerance = 1e-6 if machine == record["machine"] else 0.03
+    # The last bits of another processor move the estimated mission by some millimetres and, while the target is first
+    # characterised, turn the chaser by up to 4 degrees.
+    tolerance = 1e-6 if machine == record["machine"] else 0.1
     for key, rows in record[name].items():
         np.testing.assert_allclose(found[key], rows, rtol=tolerance, atol=tolerance, err_msg=key)
