@@ -203,8 +203,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             self._view.close()
 
     def _masked(self, infos: dict[str, Any], rows: BoolArray | None = None) -> dict[str, Any]:
-        """Return infos with a mask ``_NAME`` for each, as Gymnasium defines it: the environments for which it is valid.
-        """
+        """Return infos with a mask ``_NAME`` for each, as Gymnasium does: the environments for which it is valid."""
         mask = self._everyone if rows is None else rows.copy()
         return infos | {f"_{name}": mask for name in infos}
 
