@@ -1,4 +1,4 @@
-"""Environments: the batched core and its façades. `InspectionParallelEnv` is imported when it is first used."""
+"""Environments: the batched core and its façades. `InspectionParallelEnv` is imported on first use."""
 
 from __future__ import annotations
 

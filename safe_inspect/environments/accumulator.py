@@ -1,4 +1,4 @@
-"""`EpisodeAccumulator`: what the running episodes of a batch have come to so far."""
+"""`EpisodeAccumulator`: running totals of the current episodes of a batch."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
-#: Starts the names of what an info holds of the agent by itself.
+#: Prefix of the info names that concern a single agent.
 OWN = "own_"
-#: Starts the names of the reward terms, and of what components say, among the figures of an agent.
+#: Prefixes, among the figures of an agent, of the reward terms and of the infos of components.
 TERM, INFO = "reward/", "info/"
 
 
 class EpisodeAccumulator:
-    """Sums over the running episodes of N environments with D deputies.
+    """Running totals over the current episodes of N environments with D deputies.
 
     Args:
-        environment: The environments, whose steps are added one by one.
+        environment: The environments; their steps are added one at a time with `add`.
 
     Attributes:
         returns: Sum of the rewards of each agent so far [-], shape (N, D).
         lengths: Number of steps that each agent has taken part in, shape (N, D).
-        filtered: Whether a safety filter acts on any of them.
+        filtered: Whether a safety filter acts on any agent.
     """
 
     def __init__(self, environment: TeamEnvironment) -> None:
@@ -39,7 +39,7 @@ class EpisodeAccumulator:
         self._terms: list[dict[str, FloatArray]] = [{} for _ in environment.groups]
 
     def part(self, environment: TeamEnvironment, rows: IntArray) -> EpisodeAccumulator:
-        """Return the sums of some environments alone, which are stepped on as the batch `environment`.
+        """Return the totals of some of the environments, which are now stepped as the smaller batch `environment`.
 
         Args:
             environment: A batch of R environments.
@@ -51,7 +51,7 @@ class EpisodeAccumulator:
         return part
 
     def add(self, transition: TeamTransition) -> None:
-        """Add a step of every environment; those that have ended may be added too, once they have been read."""
+        """Add one step of every environment. Ended environments may be added too, once their totals have been read."""
         for mine, found, terms in zip(self._slices, transition.groups, self._terms, strict=True):
             self.returns[:, mine] += found.reward
             self.lengths[:, mine] += found.active
@@ -62,7 +62,7 @@ class EpisodeAccumulator:
                     terms[name] = value.copy()
 
     def restart(self, rows: IntArray) -> None:
-        """Set the sums of some environments to zero: new episodes start in them."""
+        """Set the totals of some environments to zero, because new episodes start there."""
         self.returns[rows] = 0.0
         self.lengths[rows] = 0
         for terms in self._terms:
@@ -70,16 +70,17 @@ class EpisodeAccumulator:
                 value[rows] = 0.0
 
     def agents(self, rows: IntArray) -> dict[str, dict[str, AnyArray]]:
-        """Return the figures of every agent in some environments; read them before these are reset.
+        """Return the figures of every agent in some environments. Read them before the environments are reset.
 
-        ``return``, ``length``, ``status`` (`DoneStatus`), ``delta_v`` [m/s], ``reward/NAME`` for each term, with a
-        safety filter ``interventions``, and ``info/NAME`` for what components say of each agent alone.
+        The figures are ``return``, ``length``, ``status`` (`DoneStatus`), ``delta_v`` [m/s], ``reward/NAME`` for each
+        reward term, ``interventions`` when there is a safety filter, and ``info/NAME`` for each info of a component
+        that concerns a single agent.
 
         Args:
             rows: Indices of the environments, shape (R,).
 
         Returns:
-            By agent and figure, each of shape (R,).
+            Arrays of shape (R,) by agent and figure.
         """
         state, info = self._environment.state, self._agent_info(rows)
         found: dict[str, dict[str, AnyArray]] = {}
@@ -99,7 +100,7 @@ class EpisodeAccumulator:
         return found
 
     def terms(self, rows: IntArray) -> dict[str, AnyArray]:
-        """Return ``reward/NAME`` for each term, summed over the agents that act from outside, each of shape (R,).
+        """Return ``reward/NAME`` for each reward term, summed over the controlled agents, each of shape (R,).
 
         Args:
             rows: Indices of the environments, shape (R,).
@@ -112,13 +113,13 @@ class EpisodeAccumulator:
         return found
 
     def info(self, rows: IntArray) -> dict[str, AnyArray]:
-        """Return what components say of whole environments, and the mean over the deputies of what they say of each.
+        """Return the infos of the components about whole environments, and the means over the deputies of the others.
 
         Args:
             rows: Indices of the environments, shape (R,).
 
         Returns:
-            By the names of the components' infos, each of shape (R,); without those that start with ``own_``.
+            Arrays of shape (R,) by the names of the components' infos, except those that start with ``own_``.
         """
         means = {
             name: values.mean(axis=1) for name, values in self._agent_info(rows).items() if not name.startswith(OWN)
@@ -133,7 +134,7 @@ class EpisodeAccumulator:
         return found
 
     def _agent_info(self, rows: IntArray) -> dict[str, AnyArray]:
-        """Return what the infos of agents hold that the team's does not, each of shape (R, D)."""
+        """Return the infos of single agents that are not among the team's infos, each of shape (R, D)."""
         known = self._team_info()
         found: dict[str, list[AnyArray]] = {}
         for index in range(len(self._slices)):

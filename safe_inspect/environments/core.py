@@ -1,4 +1,4 @@
-"""`BatchedEnvironment`: N environments whose agents that act from outside form one group, as plain arrays."""
+"""`BatchedEnvironment`: N environments whose controlled agents form one group, as plain arrays."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ if TYPE_CHECKING:
 
 
 class BatchedEnvironment:
-    """N environments with one group of G equal agents that act from outside: one deputy, or several equal ones.
+    """N environments with one group of G equal controlled agents: a single deputy, or several equal ones.
 
-    It is a `TeamEnvironment` without the tuples. SI units, Hill's frame.
+    Controlled agents are those whose actions the caller gives. The class is a `TeamEnvironment` whose arrays are not
+    wrapped in tuples. SI units, Hill's frame.
 
     Args:
         spec: The task.
         num_envs: Number of environments, N.
-        seed: Seed of the run; the task's own unless given (Gymnasium's and PettingZoo's environments draw a fresh one).
-        first_slot: Global index of the first environment slot. Two environments with the same seed and slot give the
-            same episodes, whatever the batch they stand in.
+        seed: Seed of the run; default: the seed of the task (the environments for Gymnasium and PettingZoo draw a fresh
+            seed instead).
+        first_slot: Global index of the first environment slot. Environments with the same seed and slot produce the
+            same episodes, whatever batch they are part of.
 
     Raises:
-        ValueError: The agents do not form one group.
+        ValueError: The controlled agents do not form one group.
     """
 
     def __init__(
@@ -41,19 +43,19 @@ class BatchedEnvironment:
         acting = self.team.acting
         if len(acting) != 1:
             names = ", ".join(group.name for group in acting) or "none"
-            raise ValueError(f"equal agents act from outside here; these differ: {names}; use TeamEnvironment")
+            raise ValueError(f"all controlled agents must be equal; these differ: {names}; use TeamEnvironment")
         self.agents: AgentGroup = acting[0]
         self.spec = spec
         self._index = self.team.groups.index(self.agents)
 
     @property
     def observation_layout(self) -> Layout:
-        """Layout of one agent's observation."""
+        """Layout of the observation of one agent."""
         return self.agents.observation_layout
 
     @property
     def action_layout(self) -> Layout:
-        """Layout of one agent's action."""
+        """Layout of the action of one agent."""
         return self.agents.action_layout
 
     @property
@@ -72,11 +74,11 @@ class BatchedEnvironment:
         return self.team.state
 
     def view(self) -> View:
-        """Return the current state as the agents see it."""
+        """Return the current state as seen by the agents."""
         return self.team.view(self._index)
 
     def reset(self, rows: IntArray | None = None, *, seed: int | None = None) -> AnyArray:
-        """Begin new episodes; see `TeamEnvironment.reset`.
+        """Start new episodes; see `TeamEnvironment.reset`.
 
         Returns:
             First observation of these rows, float32, shape (R, G, O).
@@ -84,29 +86,29 @@ class BatchedEnvironment:
         return self.team.reset(rows, seed=seed)[0]
 
     def step(self, action: AnyArray) -> Transition:
-        """Hold an action over one step; see `TeamEnvironment.step`.
+        """Hold an action for one step; see `TeamEnvironment.step`.
 
         Args:
-            action: Action of each agent, clipped to its bounds unless it is discrete, shape (N, G, A).
+            action: Action of each agent, shape (N, G, A); clipped to its bounds unless it is discrete.
         """
         return self.team.step((action,)).groups[self._index]
 
 
 def require_one_agent(spec: EnvironmentSpec, taker: str, instead: str) -> None:
-    """Stop when not exactly one agent acts from outside.
+    """Raise an error unless exactly one agent is controlled by the caller.
 
     Args:
         spec: The task.
-        taker: What takes one agent.
-        instead: What takes any number of them.
+        taker: Name of the environment class, which accepts a single agent.
+        instead: Name of the function that accepts any number of agents.
 
     Raises:
-        SafeInspectError: Another number does.
+        SafeInspectError: No agent or several agents are controlled.
     """
     names = [agent.name for agent in spec.agents if agent.scripted_policy is None]
     if len(names) != 1:
         listed = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "") or "none"
         raise SafeInspectError(
-            f"{taker} takes one agent, but {len(names)} act from outside here ({listed}); "
+            f"{taker} takes one controlled agent, but this task has {len(names)} ({listed}); "
             f"use safe_inspect.environments.{instead}"
         )

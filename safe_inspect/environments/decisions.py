@@ -1,4 +1,4 @@
-"""`decide`: hold the actions of environments whose decisions last until somebody decides anew."""
+"""`decide`: step environments whose actions last several control steps until an agent needs a new decision."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.simulators.simulation import Paused
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
-#: Names in infos of the control steps that a decision took, and of the discount of what follows it.
+#: Info names of the number of control steps of a decision and of the discount after it; prefix of the reward terms.
 ELAPSED, DISCOUNT, REWARD = "elapsed_steps", "discount", "reward/"
-#: Rows of the smallest part of a batch: fewer take as long.
+#: Rows of the smallest part of a batch; stepping fewer rows is not faster.
 _LEAST_ROWS = 16
 
 
 @dataclass
 class Decided:
-    """What the control steps of N environments gave until an agent of each decided anew.
+    """Result of the control steps of N environments up to the next decision of an agent in each.
 
     Attributes:
-        groups: For each acting group the transition of each environment's last control step; `reward` and `terms` are
-            sums over all of them, sum gamma^i r_i.
-        infos: For each acting group the infos, see `transition_info`, with those of reward terms as above. Besides
-            ``elapsed_steps`` and ``discount``, gamma^elapsed_steps, by environment for every agent, and ``decides``:
-            the action of the agent is taken next.
-        over: The episode has ended for every agent that acts from outside, shape (N,).
+        groups: For each acting group, the transition of the last control step of each environment; `reward` and `terms`
+            are the sums over all its control steps, sum gamma^i r_i.
+        infos: For each acting group, the infos (see `transition_info`) with the reward terms summed as above. They also
+            contain ``elapsed_steps`` and ``discount``, which is gamma^elapsed_steps, of each environment repeated for
+            every agent, and ``decides``: whether the action of the agent is used in the next step.
+        over: Whether the episode has ended for every controlled agent, shape (N,).
     """
 
     groups: list[Transition]
@@ -44,18 +44,18 @@ def decide(
     resting: BoolArray | None = None,
     follow: Callable[[BoolArray], None] | None = None,
 ) -> Decided:
-    """Take control steps until in every environment an agent decides anew, or has ended.
+    """Take control steps until, in every environment, an agent needs a new decision or has ended.
 
-    Environments in which that happens earlier wait: the last control step of each is the one that counts for it. When
-    half of a batch waits, the others go on in a smaller one.
+    Environments that reach this point earlier wait; their last control step is the one in the result. When half of a
+    batch waits, the others continue in a smaller batch.
 
     Args:
         environment: The environments.
-        actions: As for `TeamEnvironment.step`; those of agents that coast have no effect.
-        gamma: Discount of a control step.
-        resting: Environments that take no part, shape (N,); their arrays in the result mean nothing.
-        follow: Called after every control step with the environments that have taken it, shape (N,). All are then
-            stepped in the whole batch, so that its state is theirs.
+        actions: As for `TeamEnvironment.step`; the actions of agents that are coasting have no effect.
+        gamma: Discount per control step.
+        resting: Mask of the environments that are not stepped, shape (N,); their rows of the result are meaningless.
+        follow: Called after every control step with the mask of the environments that have taken it, shape (N,). With
+            it, all environments are stepped in the whole batch, so that its state is up to date at each call.
     """
     count = environment.num_envs
     flights = _Flights(environment, actions, np.ones(count, dtype=np.bool_) if resting is None else ~resting)
@@ -87,7 +87,7 @@ def decide(
     finally:
         environment.observes_coasting = observes_coasting
         flights.land()
-    assert decided is not None, "somebody takes part"
+    assert decided is not None, "at least one environment is stepped"
     for group, info in zip(decided.groups, decided.infos, strict=True):
         info |= {f"{REWARD}{name}": value.reshape(-1) for name, value in group.terms.items()}
         size = group.reward.shape[1]
@@ -96,17 +96,17 @@ def decide(
 
 
 class _Flights:
-    """The environments that fly on, in the whole batch or in a smaller part of it.
+    """The environments that are still being stepped, in the whole batch or in a smaller part of it.
 
     Args:
         whole: The whole batch.
-        actions: Of all its environments.
-        running: Those that take part, shape (N,).
+        actions: Actions of all its environments.
+        running: Mask of the environments to step, shape (N,).
 
     Attributes:
-        part: What is stepped: R rows.
-        rows: Indices of these in the whole batch, shape (R,).
-        running: Those whose decisions go on, shape (R,).
+        part: The batch that is stepped, of R rows.
+        rows: Indices of its rows in the whole batch, shape (R,).
+        running: Mask of the rows whose decisions have not elapsed, shape (R,).
         divisible: Whether smaller parts may be made.
     """
 
@@ -121,7 +121,12 @@ class _Flights:
             self._paused.append(whole.simulation.pause(np.flatnonzero(~running)))
 
     def step(self) -> tuple[TeamTransition, list[Transition], BoolArray]:
-        """Take a control step; return what it gave, for the acting groups too, and who decides anew, shape (R,)."""
+        """Take a control step.
+
+        Returns:
+            The transition, the transitions of the acting groups, and the mask of the running rows in which an agent
+            needs a new decision or has ended, shape (R,).
+        """
         transition = self.part.step(self._actions)
         found = [transition.groups[index] for index in self._acting]
         settled = transition.over.copy()
@@ -133,7 +138,7 @@ class _Flights:
         return transition, found, settled
 
     def stop(self, settled: BoolArray) -> None:
-        """Let environments wait, a mask of shape (R,), and go on in a smaller part when half of them do."""
+        """Let a mask of rows, shape (R,), wait; continue in a smaller part when half of the rows are waiting."""
         self.running &= ~settled
         count = int(np.count_nonzero(self.running))
         if settled.any() and (count or self.part is not self._whole):
@@ -146,7 +151,7 @@ class _Flights:
             self._go_on(size, count)
 
     def _go_on(self, size: int, count: int) -> None:
-        """Move those that fly on, and some that fill the rows, to a part of another size."""
+        """Move the running environments, and some waiting ones that fill the rows, to a part of another size."""
         waiting = np.flatnonzero(~self.running)[: size - count]
         chosen = np.concatenate((np.flatnonzero(self.running), waiting))
         paused = self.part.simulation.pause(chosen)
@@ -161,7 +166,7 @@ class _Flights:
             self.part.simulation.leave(self._whole.simulation, self._members)
 
     def land(self) -> None:
-        """Write the states of all environments into the whole batch, each as it was when it stopped."""
+        """Write the states of all environments into the whole batch, each as it was when the environment stopped."""
         self.stop(self.running.copy())
         self._leave()
         for each in self._paused:
@@ -173,13 +178,13 @@ def _copies(info: dict[str, AnyArray]) -> dict[str, AnyArray]:
 
 
 def _add(decided: Decided, found: list[Transition], rows: IntArray, running: BoolArray, weights: AnyArray) -> None:
-    """Add the rewards of a control step to those of some environments, with weights of shape (F, 1).
+    """Add the rewards of a control step to the totals of some environments, with weights of shape (F, 1).
 
     Args:
-        decided: Takes the rewards.
-        found: What the step gave, R rows.
-        rows: The environments that took it, shape (F,).
-        running: Which of the R rows they are, shape (R,).
+        decided: The totals, changed in place.
+        found: Transitions of the step, R rows.
+        rows: Indices of the environments that took the step, shape (F,).
+        running: Mask of these environments among the R rows, shape (R,).
         weights: Discounts, shape (F, 1).
     """
     for total, group in zip(decided.groups, found, strict=True):
@@ -191,14 +196,14 @@ def _add(decided: Decided, found: list[Transition], rows: IntArray, running: Boo
 def _settle(
     decided: Decided, transition: TeamTransition, found: list[Transition], rows: IntArray, settled: BoolArray
 ) -> None:
-    """Take what a control step gave for the environments that decide anew with it.
+    """Store the result of a control step for the environments that need a new decision after it.
 
     Args:
-        decided: Takes it.
+        decided: The result, changed in place.
         transition: The step, R rows.
-        found: Its acting groups.
+        found: Transitions of its acting groups.
         rows: Indices of the rows in the whole batch, shape (R,).
-        settled: The rows that decide anew, shape (R,).
+        settled: Mask of the rows that need a new decision, shape (R,).
     """
     if not settled.any():
         return

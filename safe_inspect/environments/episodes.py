@@ -1,4 +1,4 @@
-"""Infos: what the façades give of every environment beside observation and reward."""
+"""Infos that the façades return for every environment in addition to observation and reward."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _STATUS_NAMES = {int(status): status.name.lower() for status in DoneStatus}
 
 
 def state_info(view: View, *, has_filter: bool = False) -> dict[str, AnyArray]:
-    """Return the info of a state, one array of R rows for each.
+    """Return the info of a state as one array of R rows per name.
 
-    ``inspected_count`` and ``inspected_fraction`` (by the team), ``own_inspected_count`` (points that the own deputy
-    was the first to inspect), ``delta_v`` spent in the episode [m/s] and the `DoneStatus` as ``status``; with a safety
-    filter also ``interventions`` in the episode.
+    The names are ``inspected_count`` and ``inspected_fraction`` (of the team), ``own_inspected_count`` (points that
+    this deputy was the first to inspect), ``delta_v`` spent in the episode [m/s], ``status`` (`DoneStatus`) and, with a
+    safety filter, ``interventions`` in the episode.
 
     Args:
         view: The state.
@@ -38,17 +38,17 @@ def state_info(view: View, *, has_filter: bool = False) -> dict[str, AnyArray]:
 
 
 def transition_info(transition: Transition, team: TeamFiltered | None = None) -> dict[str, AnyArray]:
-    """Return the info of a step: those of its last state, and ``reward/NAME`` for every term.
+    """Return the info of a step: the info of its final state, and ``reward/NAME`` for every reward term.
 
-    Where invalid actions fly a backup, ``rta/invalid_action`` tells in which rows the action was NaN or infinite.
-    With a safety filter also, of this step, ``rta/intervening`` and ``rta/infeasible``; with one of the agent's own
-    ``rta/active`` (bit j: the j-th constraint refused the desired thrust) and ``rta/phi_min``, the smallest plain
-    safety quantity at its beginning; with one of the whole team ``rta/backup``. No filter intervenes for an agent that
-    had ended before.
+    If invalid actions are replaced by a backup, ``rta/invalid_action`` is true in the rows whose action was NaN or
+    infinite. With a safety filter, ``rta/intervening`` and ``rta/infeasible`` refer to this step. With an agent's own
+    filter there are also ``rta/active`` (bit j: constraint j rejected the desired thrust) and ``rta/phi_min``, the
+    smallest plain safety quantity at the start of the step; with a filter of the whole team there is also
+    ``rta/backup``. A filter never intervenes for an agent that had ended before the step.
 
     Args:
         transition: The step of a group of agents.
-        team: What the team's safety filter info, where there is one.
+        team: Result of the team's safety filter, if there is one.
     """
     step = transition.step
     info = state_info(step.after, has_filter=team is not None)
@@ -70,11 +70,11 @@ def transition_info(transition: Transition, team: TeamFiltered | None = None) ->
 
 
 def team_info(environment: TeamEnvironment) -> dict[str, AnyArray]:
-    """Return the info of the current state that concern all deputies, scripted ones included, each of shape (N,).
+    """Return the info of the current state about all deputies, including scripted ones, each of shape (N,).
 
-    ``inspected_count`` and ``inspected_fraction``, ``delta_v`` spent by all deputies in the episode and
-    ``delta_v_mean`` by each [m/s], ``closest``, the least distance between two deputies (infinite with one) [m], and
-    ``outcome``, how the episode stands for the team (`DoneStatus`).
+    The names are ``inspected_count`` and ``inspected_fraction``; ``delta_v`` spent in the episode by all deputies
+    together and ``delta_v_mean`` per deputy [m/s]; ``closest``, the smallest distance between two deputies [m]
+    (infinite with a single deputy); and ``outcome``, the state of the episode for the team (`DoneStatus`).
     """
     team = environment.team()
     info: dict[str, AnyArray] = {}
@@ -88,19 +88,22 @@ def team_info(environment: TeamEnvironment) -> dict[str, AnyArray]:
 
 
 def info_row(info: Mapping[str, AnyArray], index: int) -> dict[str, Any]:
-    """Return the info of one row as plain numbers, and the status by its name in lower case."""
+    """Return one row of the info as plain numbers; the status is its name in lower case."""
     found: dict[str, Any] = {name: array.item(index) for name, array in info.items()}
     found["status"] = _STATUS_NAMES[found["status"]]
     return found
 
 
 def step_info(transition: Transition, infos: Mapping[str, AnyArray], index: int) -> dict[str, Any]:
-    """Return the info of one row of a step; with a safety filter also the constraints by name and the thrusts [N].
+    """Return the info of one row of a step; with a safety filter also the active constraints by name and the thrusts.
 
     Args:
         transition: The step of a group of agents.
         infos: The infos of all rows, see `transition_info`.
         index: The row.
+
+    Returns:
+        The info of the row; ``desired_control`` and ``control`` are in [N].
     """
     step, info = transition.step, info_row(infos, index)
     if step.filtered is not None:

@@ -1,4 +1,4 @@
-"""Checks for NaN, infinity and wrong shapes, which name the plugin and save the state."""
+"""Checks for NaN, infinity and wrong shapes; the errors name the plugin, and the state is saved."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from safe_inspect.errors import ArgumentError, PluginValueError
 from safe_inspect.simulators.state import State
 from safe_inspect.types import AnyArray, FloatArray
 
-#: Folder for the states that caused an error; the run folder during a training.
+#: Environment variable with the folder for states that caused an error; during training it is the run folder.
 CRASH_FOLDER_VARIABLE = "SAFE_INSPECT_CRASH_FOLDER"
 
 
 def checked_seed(seed: int) -> int:
-    """Return a seed as a number.
+    """Return a seed as an int.
 
     Raises:
-        TypeError: It is no whole number.
-        ValueError: It is out of range.
+        TypeError: The seed is not a whole number.
+        ValueError: The seed is out of range.
     """
     try:
         number = operator.index(seed)
     except TypeError:
-        raise TypeError(f"a seed is a whole number from 0 to 2**64 - 1, not {seed!r}") from None
+        raise TypeError(f"a seed must be a whole number from 0 to 2**64 - 1, not {seed!r}") from None
     if not 0 <= number < 2**64:
-        raise ValueError(f"a seed is a whole number from 0 to 2**64 - 1, not {number}")
+        raise ValueError(f"a seed must be a whole number from 0 to 2**64 - 1, not {number}")
     return number
 
 
 def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
-    """Stop when an array has another shape than its plugin promises.
+    """Raise an error when a plugin returned an array of the wrong shape.
 
     Raises:
-        PluginValueError: It has.
+        PluginValueError: The array does not have the expected shape.
     """
     if value.shape != shape:
-        raise PluginValueError(f"{what} gave an array of shape {value.shape}; one of shape {shape} is wanted")
+        raise PluginValueError(f"{what} gave an array of shape {value.shape}; expected shape {shape}")
 
 
 def require_choices(agents: Sequence[str], layout: Layout, action: FloatArray) -> None:
-    """Stop when an element of a discrete action is not the index of one of its values.
+    """Raise an error when an element of a discrete action is not a valid index.
 
     Args:
-        agents: The agents that the rows belong to, in turn.
+        agents: Names of the agents; row i belongs to agent i modulo their number.
         layout: The layout of a discrete action.
         action: Finite numbers, shape (R, A).
 
@@ -67,33 +67,33 @@ def require_choices(agents: Sequence[str], layout: Layout, action: FloatArray) -
 
 
 def all_finite(value: AnyArray) -> bool:
-    """Return whether an array has neither NaN nor infinity; counting is much faster than `all` on a small array."""
+    """Return whether all elements are finite. Counting is much faster than `all` on a small array."""
     return bool(np.count_nonzero(np.isfinite(value)) == value.size)
 
 
 def numbers(what: str, value: object) -> FloatArray:
-    """Return an array of what a plugin gave, float64.
+    """Return the value that a plugin returned as a float64 array.
 
     Raises:
-        PluginValueError: It is no array of numbers.
+        PluginValueError: The value is not an array of numbers.
     """
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise PluginValueError(f"{what} gave {str(value)[:80]!r}; an array of numbers is wanted") from None
+        raise PluginValueError(f"{what} gave {str(value)[:80]!r}; expected an array of numbers") from None
 
 
 def require_finite(what: str, value: AnyArray, after: State, before: State | None = None) -> None:
-    """Stop when an array has a NaN or an infinity.
+    """Raise an error when an array contains NaN or infinity.
 
-    The states of the rows in question are saved as ``.npz`` files in the folder that the environment variable
-    ``SAFE_INSPECT_CRASH_FOLDER`` names, else in a new temporary folder.
+    The states of the rows in question are saved as ``.npz`` files in the folder given by the environment variable
+    ``SAFE_INSPECT_CRASH_FOLDER``, or else in a new temporary folder.
 
     Args:
-        what: What gave the array, such as ``reward ObservedPointsReward``.
+        what: Source of the array, such as ``reward ObservedPointsReward``.
         value: The array; its first axis has one or more rows for each environment.
         after: State at the end of the step.
-        before: State at its beginning, where there is one.
+        before: State at the start of the step, if there is one.
 
     Raises:
         PluginValueError: The array is not finite.

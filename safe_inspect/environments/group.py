@@ -1,4 +1,4 @@
-"""`AgentGroup`: agents with equal parts, glues, rewards and dones, computed together."""
+"""`AgentGroup`: agents with equal parts, glues, rewards and dones, which are computed together."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
 class StepOutcome(NamedTuple):
-    """What a step gives for the agents of a group; agents that had ended before count as 0.
+    """Result of a step for the agents of a group; values of agents that had ended before the step are 0.
 
     Attributes:
         observation: Observations, float32, R * O numbers.
-        values: Rewards and terms, shape (1 + T, R).
-        flags: Who is terminated, who truncated, and what each of `AgentGroup.dones` said, shape (2 + K, R).
+        values: Total reward, then each reward term, shape (1 + T, R).
+        flags: Terminated, truncated, then the result of each of `AgentGroup.dones`, shape (2 + K, R).
         status: Statuses, int8, shape (R,).
         ended: Whether any status is not 0.
     """
@@ -44,38 +44,45 @@ class StepOutcome(NamedTuple):
 
 
 class CompiledGroup(Protocol):
-    """Does what an `AgentGroup` does by one kernel; every method returns None where the group has to do it itself."""
+    """Compiled implementation of the methods of an `AgentGroup`.
+
+    Each method returns None where the group has to compute the result itself.
+    """
 
     def command(self, action: FloatArray, /) -> tuple[FloatArray, FloatArray] | None:
-        """As `AgentGroup.command`."""
+        """Compute `AgentGroup.command`."""
 
     def observe(self, view: View, asked: BoolArray | None = None, /) -> AnyArray | None:
-        """As `AgentGroup.observe`, shape (R, O); rows that are not asked for, shape (R,), are NaN."""
+        """Compute `AgentGroup.observe`, shape (R, O); rows that are not requested in `asked`, shape (R,), are NaN."""
 
     def evaluate_step(self, step: Step, asked: BoolArray | None = None, /) -> StepOutcome | None:
-        """As `AgentGroup.evaluate_step`; observations that are neither asked for, shape (R,), nor the last are NaN."""
+        """Compute `AgentGroup.evaluate_step`.
+
+        The observations of agents that are not requested in `asked`, shape (R,), are NaN, unless their episode ends.
+        """
 
 
 class AgentGroup:
-    """G agents that stand side by side in agent order and have equal terms.
+    """Group of G agents, consecutive in agent order, with equal parts, glues, rewards and dones.
 
     Attributes:
-        name: Name of the group: its agent's, or those of its first and last agent.
+        name: Name of the group: the agent's name, or those of the first and the last agent.
         agents: Names of the agents.
         policies: Name of each agent's policy.
-        first: Index of the first deputy among all.
+        first: Index of the first deputy among all deputies.
         size: Number of agents, G.
-        safety_filter: What filters the thrusts of its agents, where one is enabled.
-        flies_backup: Whether an invalid action flies the backup of a safety filter instead of stopping the run.
-        scripted: Whether a scripted policy flies the deputies, so that no action is taken from outside.
-        group: What views of the state know of the group.
-        observation_layout: Layout of one agent's observation.
-        action_layout: Layout of one agent's action.
-        limits: What the controllers of one agent can give.
-        thrusters: From actions to thrust.
-        dones: What ends an episode, in the order in which a later status stands: draw, win, lose.
-        fused: What does the same by one kernel, where it is used.
-        remembering: Done functions with memory, by the name under which it stands.
+        safety_filter: Safety filter of the agents' thrusts, if one is enabled.
+        flies_backup: Whether an invalid action is replaced by the backup of a safety filter instead of stopping the
+            run.
+        scripted: Whether a scripted policy controls the deputies, so that the caller gives no actions for them.
+        group: Description of the group for views of the state.
+        observation_layout: Layout of the observation of one agent.
+        action_layout: Layout of the action of one agent.
+        limits: Limits of the control that the controllers of one agent can produce.
+        thrusters: Map from actions to control.
+        dones: Done functions in the order of increasing precedence of their status: draw, win, lose.
+        fused: Compiled implementation, if it is used.
+        remembering: Done functions with memory, by the name of their memory.
     """
 
     def __init__(self, specs: Sequence[AgentSpec], first: int, dynamics: Dynamics | None = None) -> None:
@@ -118,10 +125,10 @@ class AgentGroup:
         self._idle = np.minimum(np.maximum(0.0, self.action_layout.low), self.action_layout.high)
 
     def require_needed(self, view: View) -> None:
-        """Refuse a scripted policy in a task that lacks what it needs.
+        """Check that the task provides everything that a scripted policy reads.
 
         Raises:
-            SafeInspectError: The task does not offer all that the policy says it needs.
+            SafeInspectError: The task does not provide all that the policy declares as needed.
         """
         pilot = self.agent.scripted_policy
         if not isinstance(pilot, ScriptedPolicy):
@@ -131,22 +138,22 @@ class AgentGroup:
         if lacking:
             raise SafeInspectError(
                 f"{pilot.registered_name} cannot fly {self.name}: it reads {', '.join(lacking)}, which this task "
-                "does not have; fly another policy, or another task"
+                "does not have; use another policy or another task"
             )
 
     def command(self, action: AnyArray, view: View) -> tuple[FloatArray, FloatArray]:
-        """Return the actions within their bounds, shape (R, A), and the control for them [N, N m], shape (R, C).
+        """Return the clipped actions, shape (R, A), and the control that they command [N, N m], shape (R, C).
 
         Raises:
-            ArgumentError: An element of a discrete action is no index of its values.
+            ArgumentError: An element of a discrete action is not a valid index.
             PluginValueError: The actions or the thrusts are not finite.
-            ValueError: The actions have another shape than (N, G, A).
+            ValueError: The shape of the actions is not (N, G, A).
         """
         layout = self.action_layout
         action = np.ascontiguousarray(action, dtype=np.float64)
         wanted = (view.writable.num_envs, self.size, layout.size)
         if action.shape != wanted:
-            raise ValueError(f"the actions of {self.name} have the shape {action.shape}; {wanted} is wanted")
+            raise ValueError(f"the actions of {self.name} have the shape {action.shape}; expected {wanted}")
         coasting: BoolArray | None = None
         if self.group.decides:
             coasting = ~self.due(view.writable)
@@ -172,16 +179,19 @@ class AgentGroup:
         return action, thrust
 
     def due(self, state: State) -> BoolArray:
-        """Return the agents whose decision has elapsed: those that take an action in the next step, shape (N, G)."""
+        """Return a mask of the agents that take an action in the next step because their decision has elapsed.
+
+        Its shape is (N, G).
+        """
         if not self.group.decides:
             return np.ones((state.num_envs, self.size), dtype=np.bool_)
         remaining = state.memory[self.name, DECISION, REMAINING]
         return np.asarray(remaining == 0).reshape(state.num_envs, self.size)
 
     def follow(self, step: Step, before: State, after: State) -> None:
-        """Write how many control steps are left of the agents' decisions behind a step."""
+        """Write the number of control steps that are left of each agent's decision after a step."""
         coast = self.action_layout.coast
-        assert coast is not None, "only groups that decide remember their decisions"
+        assert coast is not None, "only groups that decide store their decisions"
         left = before.memory[self.name, DECISION, REMAINING]
         left = np.where(left == 0, coast.steps(step.action[:, -1]), left) - 1
         left[step.writable_intervening] = 0
@@ -190,11 +200,11 @@ class AgentGroup:
     def fly(self, view: View) -> FloatArray:
         """Return the control of the scripted policy, within the limits [N, N m], shape (R, C).
 
-        A thrust along Hill's axes is turned into body axes, at the attitude at hand, where the thrusters turn with the
-        body; it is then shortened rather than clipped, so that its direction stays.
+        If the thrusters turn with the body, a thrust along Hill's axes is rotated into body axes at the current
+        attitude. It is then shortened rather than clipped, so that its direction is preserved.
         """
         policy, size = self.agent.scripted_policy, self.thrusters.size
-        assert policy is not None, "only scripted groups fly themselves"
+        assert policy is not None, "only scripted groups have a scripted policy"
         commands, limits = size if policy.commands_attitude else 3, self.limits
         if commands < size:
             limits = ThrustLimits(limits.low[:3], limits.high[:3])
@@ -214,11 +224,11 @@ class AgentGroup:
         return np.minimum(np.maximum(control, self.limits.low), self.limits.high)
 
     def filter(self, desired: FloatArray, view: View) -> Filtered | None:
-        """Return what the agents' own safety filter does to the thrust; None without one."""
+        """Return the result of the agents' own safety filter for the desired thrust; None without a filter."""
         return None if self.safety_filter is None else self.safety_filter.filter(read_only(desired), view)
 
     def observe(self, view: View) -> AnyArray:
-        """Return the observations, float32, shape (N, G, O); of no elements for a scripted group."""
+        """Return the observations, float32, shape (N, G, O); a scripted group has observations without elements."""
         if self.fused is not None:
             found = self.fused.observe(view)
             if found is not None:
@@ -235,7 +245,7 @@ class AgentGroup:
         return observation.astype(np.float32).reshape(view.writable.num_envs, self.size, observation.shape[-1])
 
     def evaluate_step(self, step: Step) -> StepOutcome:
-        """Return what a step gives, by calling every plugin."""
+        """Return the result of a step by calling every plugin in Python."""
         after, before = step.after, step.before
         observation = self.observe(after)
         reward, terms = self.rewards(step)
@@ -251,7 +261,7 @@ class AgentGroup:
         return StepOutcome(observation, values, flags, status, bool(np.count_nonzero(status)))
 
     def rewards(self, step: Step) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Return the sum of the terms, shape (R,), and each term by name, shape (R,)."""
+        """Return the sum of the reward terms, shape (R,), and each term by name, shape (R,)."""
         rows = step.after.num_rows
         terms: dict[str, FloatArray] = {}
         reward = np.zeros(rows)
@@ -267,7 +277,7 @@ class AgentGroup:
         return reward, terms
 
     def ends(self, step: Step) -> tuple[BoolArray, BoolArray, AnyArray, dict[str, BoolArray]]:
-        """Return who is terminated, who truncated, the status, each of shape (R,), and what each done function said."""
+        """Return terminated, truncated and status, each of shape (R,), and the result of each done function by name."""
         rows = step.after.num_rows
         terminated, truncated = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)
         status = np.zeros(rows, dtype=np.int8)
@@ -285,13 +295,13 @@ class AgentGroup:
         return terminated, truncated, status, fired
 
     def check_unobserved(self, after: View, before: State) -> None:
-        """Stop when a sensor that only rewards and dones read gave NaN, which would silently compare as false."""
+        """Raise an error when a sensor that only rewards and dones read gave NaN, which silently compares as false."""
         for name in self._unobserved:
             if name in after.readings and not all_finite(after.readings[name]):
                 require_finite(f"sensor {name}", after.readings[name], after.state, before)
 
     def title(self, glue: Glue) -> str:
-        """Name a glue in a message: its class and what it observes or commands."""
+        """Return the name of a glue for messages: its class and the elements that it observes or commands."""
         return f"glue {glue.registered_name} ({', '.join(glue.names(self.agent.parts))})"
 
     def _thrust_limits(self) -> ThrustLimits:
@@ -300,11 +310,11 @@ class AgentGroup:
 
 
 def group_agents(agents: Sequence[AgentSpec], dynamics: Dynamics | None = None) -> tuple[AgentGroup, ...]:
-    """Return the groups of agents: neighbours in agent order whose terms are equal are computed together.
+    """Return the groups of agents. Consecutive agents with equal terms are computed together in one group.
 
     Args:
         agents: The agents.
-        dynamics: How they move; in Clohessy-Wiltshire dynamics unless given.
+        dynamics: Their dynamics; default: Clohessy-Wiltshire dynamics.
     """
     runs: list[list[AgentSpec]] = []
     for agent in agents:

@@ -1,4 +1,4 @@
-"""Actions that are NaN or infinite, where the rows in question fly the backup of a safety filter."""
+"""Replacement of actions that are NaN or infinite, in tasks whose safety filter then flies its backup."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
 def replaced(action: AnyArray, layout: Layout) -> tuple[AnyArray, BoolArray]:
-    """Return actions with neutral ones in place of those that are not finite, and the rows of these, shape (N * G,).
+    """Return the actions with neutral ones in place of non-finite ones, and the mask of these rows, shape (N * G,).
 
-    Neutral is what is nearest to zero, of a discrete action the middle one of its values.
+    A neutral action is the value nearest to zero within the bounds, or the middle index of a discrete action.
 
     Args:
         action: The actions, shape (N, G, A).
@@ -31,9 +31,9 @@ def replaced(action: AnyArray, layout: Layout) -> tuple[AnyArray, BoolArray]:
 def with_backup(
     control: FloatArray, invalid: BoolArray, safety_filter: SafetyGlue | None, view: View
 ) -> FloatArray:  # fmt: skip
-    """Return the controls with the backup of a safety filter in the rows of invalid actions, shape (R, C).
+    """Return the controls, shape (R, C), with the backup of a safety filter in the rows of invalid actions.
 
-    Without a filter of the agents' own, which the team's acts instead of, they ask for no thrust.
+    Without a filter of the agents themselves, the team's filter acts instead and these rows command no thrust.
     """
     if not invalid.any():
         return control

@@ -1,4 +1,4 @@
-"""The layout of an agent's actions and observations: names, units and bounds of every element."""
+"""`Layout`: names, units and bounds of all elements of an agent's actions and observations."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Layout:
 
     Attributes:
         names: Name of each element.
-        low: Smallest value of each, shape (size,).
-        high: Largest value of each, shape (size,).
-        choices: Of a discrete action the number of values of each element, the indices 0, 1, ...; empty: all elements
-            are real numbers.
-        coast: Of an action that says for how many control steps it holds, the glue of its last element.
+        low: Lower bound of each element, shape (size,).
+        high: Upper bound of each element, shape (size,).
+        choices: For a discrete action, the number of values of each element; the values are the indices 0, 1, ... Empty
+            if all elements are real numbers.
+        coast: For an action that sets for how many control steps it holds, the glue of its last element.
     """
 
     names: tuple[str, ...]
@@ -40,11 +40,11 @@ class Layout:
 
     @cached_property
     def last_choices(self) -> FloatArray:
-        """Of a discrete action the largest index of each element, shape (size,)."""
+        """For a discrete action, the largest index of each element, shape (size,)."""
         return np.array(self.choices, dtype=np.float64) - 1.0
 
     def draw(self, generator: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
-        """Return uniformly drawn actions, shape (*shape, size)."""
+        """Draw actions uniformly, shape (*shape, size)."""
         shape = (*shape, self.size)
         if self.choices:
             return generator.integers(0, self.choices, shape).astype(np.float64)

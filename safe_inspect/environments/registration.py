@@ -1,4 +1,4 @@
-"""Environments from any experiment file, or from the id of a shipped task."""
+"""Functions that make environments from an experiment file or from the id of a shipped task."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
 
 
 def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> EnvironmentSpec:
-    """Return the environment of an experiment file or a registered id.
+    """Return the task of an experiment file or of a registered id.
 
     Args:
         cfg: A file, or an id such as ``safe_inspect/TranslationalInspectionSeed-v0``.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
+        overrides: ``path.of.keys=value`` for each value of the file to replace.
 
     Raises:
-        ConfigError: The file has mistakes.
+        ConfigError: The configuration is invalid.
     """
     return load_experiment(cfg, checked_overrides(overrides)).spec
 
 
 def build_spec(resolved: Mapping[str, Any]) -> EnvironmentSpec:
-    """Return the environment of a resolved configuration, see `Experiment.resolved`."""
+    """Return the task of a resolved configuration, see `Experiment.resolved`."""
     return build_experiment(resolved).spec
 
 
 def make(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionEnv:
-    """Make one environment of an experiment file or a registered id; see `InspectionEnv`."""
+    """Make one environment from an experiment file or a registered id; see `InspectionEnv`."""
     check_keywords(InspectionEnv, kwargs, cfg, overrides)
     return InspectionEnv(load_spec(cfg, overrides), **kwargs)
 
@@ -57,7 +57,7 @@ def make_vec(
 
 
 def make_parallel(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionParallelEnv:
-    """Make one environment of any number of agents for PettingZoo; see `InspectionParallelEnv`."""
+    """Make one PettingZoo environment with any number of agents; see `InspectionParallelEnv`."""
     from safe_inspect.environments.facades.parallel import InspectionParallelEnv  # the only one that needs PettingZoo
 
     check_keywords(InspectionParallelEnv, kwargs, cfg, overrides)
@@ -72,6 +72,6 @@ def make_parallel_vec(
     autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
     **kwargs: Any,
 ) -> MultiAgentVectorEnv:
-    """Make N environments of any number of agents that step together; see `MultiAgentVectorEnv`."""
+    """Make N environments, with any number of agents, that step together; see `MultiAgentVectorEnv`."""
     check_keywords(MultiAgentVectorEnv, kwargs, cfg, overrides)
     return MultiAgentVectorEnv(load_spec(cfg, overrides), num_envs, autoreset_mode=autoreset_mode, **kwargs)

@@ -1,4 +1,4 @@
-"""`TeamEnvironment`: the core that every façade wraps. It steps N environments with all their agents as arrays."""
+"""`TeamEnvironment`: the core behind every façade; it steps N environments with all their agents as arrays."""
 
 from __future__ import annotations
 
@@ -22,29 +22,31 @@ from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamStep, TeamView
 from safe_inspect.simulators.view import SAFETY_FILTER, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: The weight of a status when several are given in one step: lose before win before draw.
+#: Rank of each status, for steps with several of them: lose has precedence over win, and win over draw.
 _RANK = np.array([0, 2, 3, 1], dtype=np.int8)
 
 
 class TeamEnvironment:
-    """N environments of one task with all their agents. Resets are asked for. SI units, Hill's frame.
+    """N environments of one task with all their agents. SI units, Hill's frame.
 
-    An agent that has ended keeps its spacecraft in the world, without thrust, and its camera goes on inspecting, until
-    the episode is over for all.
+    Environments are not reset automatically; call `reset`. The spacecraft of an agent that has ended remains in the
+    simulation without thrust, and its camera continues to inspect, until the episode is over for all agents.
 
     Args:
         spec: The task.
         num_envs: Number of environments, N.
-        seed: Seed of the run; the task's own unless given (Gymnasium's and PettingZoo's environments draw a fresh one).
-        first_slot: Global index of the first environment slot. Two environments with the same seed and slot give the
-            same episodes, whatever the batch they stand in.
+        seed: Seed of the run; default: the seed of the task (the environments for Gymnasium and PettingZoo draw a fresh
+            seed instead).
+        first_slot: Global index of the first environment slot. Environments with the same seed and slot produce the
+            same episodes, whatever batch they are part of.
 
     Attributes:
         num_envs: Number of environments, N.
-        groups: Agents with equal terms, in agent order.
-        acting: The groups whose actions come from outside; the others fly by scripted policies.
-        observes_coasting: Whether transitions hold the observations of agents whose decision has not elapsed, too. If
-            not they are NaN, but for those with which an episode ends.
+        groups: Groups of agents with equal terms, in agent order.
+        acting: Groups of controlled agents, whose actions the caller gives; the others are controlled by scripted
+            policies.
+        observes_coasting: Whether transitions also contain the observations of agents whose decision has not elapsed.
+            If not, these are NaN, except the last observations of an episode.
     """
 
     def __init__(
@@ -52,7 +54,7 @@ class TeamEnvironment:
         seed: int | None = None, first_slot: int = 0, _fused: bool = True,
     ) -> None:  # fmt: skip
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise ValueError(f"num_envs is a whole number from 1 on, not {num_envs!r}")
+            raise ValueError(f"num_envs must be a whole number of at least 1, not {num_envs!r}")
         self.spec = spec
         self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents, spec.simulator.compose()[0])
         self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)
@@ -73,7 +75,7 @@ class TeamEnvironment:
             for group in self.acting:
                 group.flies_backup = True
         if _fused:
-            from safe_inspect.environments.fused.step import FusedGroup  # compiled: not when only validated
+            from safe_inspect.environments.fused.step import FusedGroup  # imports Numba, which validation does not need
 
             for group in self.groups:
                 group.fused = FusedGroup(group, self.simulation.world)
@@ -81,7 +83,7 @@ class TeamEnvironment:
         self.observes_coasting = True
         self._parts: dict[int, TeamEnvironment] = {}
         self._everyone = np.ones((num_envs, len(spec.agents)), dtype=np.bool_)
-        self._everyone.flags.writeable = False  # every step in which all take part gives this one out
+        self._everyone.flags.writeable = False  # it is returned by every step in which all agents are active
         self._idle = [np.zeros(num_envs * group.size, dtype=np.bool_) for group in self.groups]
         deciding = self.acting or self.groups
         self._deciding = np.concatenate([np.arange(group.first, group.first + group.size) for group in deciding])
@@ -94,7 +96,7 @@ class TeamEnvironment:
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take a copy's attributes; NumPy copies arrays that are read-only as writable ones."""
+        """Restore the attributes of a copy; NumPy makes copies of read-only arrays writable."""
         self.__dict__.update(state)
         self._everyone.flags.writeable = False
 
@@ -109,47 +111,47 @@ class TeamEnvironment:
         return tuple(agent.name for agent in self.spec.agents)
 
     def view(self, group: int = 0) -> View:
-        """Return the current state as a group of agents sees it."""
+        """Return the current state as seen by a group of agents."""
         return self.simulation.views[group]
 
     @property
     def decides(self) -> bool:
-        """Whether the actions of some agents may hold for several control steps; see `CoastGlue`."""
+        """Whether actions of some agents can hold for several control steps; see `CoastGlue`."""
         return any(group.group.decides for group in self.acting)
 
     def due(self) -> tuple[BoolArray, ...]:
-        """Return for each acting group whose action is taken in the next step, shape (N, G); the others coast."""
+        """Return, for each acting group, a mask of the agents that act in the next step, (N, G); the others coast."""
         return tuple(group.due(self.state) for group in self.acting)
 
     def team(self) -> TeamView:
-        """Return the current state as all deputies together."""
+        """Return the current state as seen by all deputies together."""
         return TeamView(self.state, self.simulation.world)
 
     def outcome(self) -> AnyArray:
-        """Return how the current episodes stand for the team, int8, shape (N,); see `TeamTransition.outcome`."""
+        """Return the current outcome of each episode for the team, int8, shape (N,); see `TeamTransition.outcome`."""
         return np.asarray(_STATUS[_RANK[self.state.finished].max(axis=1)])
 
     @names_writers
     def reset(self, rows: IntArray | None = None, *, seed: int | None = None) -> tuple[AnyArray, ...]:
-        """Begin new episodes.
+        """Start new episodes.
 
         Args:
-            rows: Indices of the environments, shape (R,); all of them unless given.
-            seed: Begin the run again with this seed (all rows).
+            rows: Indices of the environments, shape (R,); default: all of them.
+            seed: Restart the run with this seed; all environments must be reset.
 
         Returns:
             For each acting group the first observation of these rows, float32, shape (R, G, O).
 
         Raises:
-            ValueError: A seed is given for some rows or is out of range, or a mask stands for indices.
+            ValueError: A seed is given with rows or is out of range, or a mask is given in place of indices.
         """
         if seed is not None:
             if rows is not None:
-                raise ValueError("a seed begins the run of all environments again; reset them all, or give no seed")
+                raise ValueError("a seed restarts the run of all environments; reset all of them, or give no seed")
             self.simulation.seed(checked_seed(seed))
         rows = np.arange(self.num_envs) if rows is None else np.asarray(rows)
         if rows.dtype == np.bool_:
-            raise ValueError("a mask is given; give the indices of the environments, np.flatnonzero(mask)")
+            raise ValueError("expected indices of environments, not a mask; use np.flatnonzero(mask)")
         fresh = self.simulation.reset(rows.astype(np.int64))
         for what in self.simulation.drawn:
             require_finite(f"the initialiser of the {what}", fresh[what], fresh)
@@ -158,23 +160,23 @@ class TeamEnvironment:
 
     @names_writers
     def step(self, actions: Sequence[AnyArray]) -> TeamTransition:
-        """Hold the actions over one step.
+        """Hold the actions for one step.
 
         Args:
-            actions: For each acting group the actions in the units of its `action_layout`, clipped to their bounds
-                unless they are discrete, shape (N, G, A). Those of agents that have ended must be valid too, but have
-                no effect.
+            actions: For each acting group the actions in the units of its `action_layout`, shape (N, G, A). They are
+                clipped to their bounds unless they are discrete. Actions of agents that have ended must be valid too,
+                but have no effect.
 
         Raises:
             ArgumentError: A discrete action is a fraction or out of range.
-            PluginValueError: A plugin gave NaN or infinity (the state that caused it is saved), or a wrong shape, or
-                wrote into an array that it was given.
-            ValueError: There are not as many actions as acting groups, or they have another shape.
+            PluginValueError: A plugin returned NaN or infinity (the state that caused it is saved) or an array of the
+                wrong shape, or wrote into an array that was passed to it.
+            ValueError: The number of action arrays is not the number of acting groups, or an array has the wrong shape.
         """
         simulation, world = self.simulation, self.simulation.world
         if len(actions) != len(self.acting):
             raise ValueError(
-                f"{len(actions)} arrays of actions are given; one for each of {len(self.acting)} groups is wanted"
+                f"got {len(actions)} arrays of actions; expected one for each of {len(self.acting)} groups"
             )
         views = simulation.views
         given = iter(actions)
@@ -234,7 +236,7 @@ class TeamEnvironment:
         return np.concatenate(pieces, axis=1)
 
     def _filter_team(self, desired: FloatArray, steps: list[Step]) -> TeamFiltered:
-        """Let the team's filter act, and write its thrusts into the groups' steps."""
+        """Apply the team's filter, and write its thrusts into the groups' steps."""
         assert self._safety_filter is not None
         team = self._safety_filter(read_only(desired), self.team())
         what = f"safety filter {self._safety_filter.registered_name}"
@@ -259,7 +261,7 @@ class TeamEnvironment:
         return control
 
     def _evaluate(self, steps: list[Step], active: BoolArray, team: TeamFiltered | None) -> TeamTransition:
-        """Return observations, rewards and ends of a step whose dynamics are done."""
+        """Return observations, rewards and ends of a step after the dynamics have been computed."""
         simulation = self.simulation
         transitions = []
         fired: dict[str, BoolArray] = {}
@@ -273,7 +275,7 @@ class TeamEnvironment:
             if not self.observes_coasting:
                 asked = (group.due(simulation.state) & simulation.running[:, None]).reshape(-1)
             found = group.fused.evaluate_step(step, asked) if group.fused is not None else None
-            if found is None:  # the plugins themselves tell what is wrong
+            if found is None:  # the plugins' own checks report what is wrong
                 found = group.evaluate_step(step)
             shape = (self.num_envs, group.size)
             values, flags = found.values.reshape(-1, *shape), found.flags.reshape(-1, *shape)
@@ -301,7 +303,7 @@ class TeamEnvironment:
             )
         if self.spec.shared_dones and self._share(transitions, active, fired):
             ended = True
-            for group, transition in zip(self.groups, transitions, strict=True):  # a shared done may end coasts
+            for group, transition in zip(self.groups, transitions, strict=True):  # a shared done may end a coast
                 self._observe_missing(group, transition, transition.done)
         if ended:
             finished = simulation.state.finished
@@ -314,9 +316,10 @@ class TeamEnvironment:
         return TeamTransition(tuple(transitions), over, outcome, team)
 
     def part(self, size: int) -> TeamEnvironment:
-        """Return an environment of fewer rows, always the same, in which some of these go on; see `Simulation.enter`.
+        """Return an environment with fewer rows, in which some of these environments continue; see `Simulation.enter`.
 
-        It observes nobody whose decision has not elapsed, and cannot be reset.
+        The same object is returned for the same size. It computes no observations of agents whose decision has not
+        elapsed, and cannot be reset.
         """
         if size not in self._parts:
             part = self._parts[size] = copy(self)
@@ -327,13 +330,13 @@ class TeamEnvironment:
         return self._parts[size]
 
     def observe_missing(self, transition: TeamTransition, rows: BoolArray) -> None:
-        """Write the observations that the last step has left out of a mask of environments, shape (N,)."""
+        """Compute the observations that the last step has left out in a mask of environments, shape (N,)."""
         for group, found in zip(self.groups, transition.groups, strict=True):
             self._observe_missing(group, found, rows[:, None])
 
     @staticmethod
     def _observe_missing(group: AgentGroup, transition: Transition, wanted: BoolArray) -> None:
-        """Write the observations of some agents, a mask of shape (N, G), that a step has left out."""
+        """Compute the observations that a step has left out for some agents, a mask of shape (N, G)."""
         missing = (wanted & np.isnan(transition.observation).any(axis=2)).reshape(-1)
         if group.fused is not None and missing.any():
             view = transition.step.after
@@ -349,7 +352,7 @@ class TeamEnvironment:
         return np.concatenate([transition.status for transition in transitions], axis=1)
 
     def _share(self, transitions: list[Transition], active: BoolArray, fired: dict[str, BoolArray]) -> bool:
-        """Let the shared done functions end the episodes of all that still take part; return whether any does."""
+        """Apply the shared done functions to all active agents; return whether any of them ends an episode."""
         world = self.simulation.world
         before, after = TeamView(self.simulation.before, world), TeamView(self.simulation.state, world)
         own = self._statuses(transitions)

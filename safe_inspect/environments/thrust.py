@@ -1,4 +1,4 @@
-"""`Thrusters`: from the actions of an agent to the control that they ask for."""
+"""`Thrusters`: the map from the actions of an agent to the control that they command."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from safe_inspect.types import FloatArray, IntArray
 
 
 class Thrusters:
-    """What the action glues of an agent do together: the shares of the control that they ask for are added.
+    """Sum of the controls that the action glues of an agent command.
 
-    Plain controllers, each of an axis of its own, are computed in one go: the same numbers to the bit, several times
-    as fast on a small batch.
+    If all controllers are plain and each has a different axis, they are computed at once. The result is bit-identical,
+    and this is several times as fast on a small batch.
 
     Args:
         agent: The agent.
-        size: Number of elements of the control, C: three thrusts, of a vehicle that turns also three moments.
+        size: Number of elements of the control, C: three thrusts, and three moments for a vehicle that turns.
 
     Attributes:
-        commands: Each glue, and its columns of the action.
-        plain: Of plain controllers alone the axes, shape (A,), and their smallest and largest values [N, N m], shape
-            (A,).
+        commands: Each glue and its columns of the action.
+        plain: If all controllers are plain: their axes, shape (A,), and their lower and upper limits [N, N m], shape
+            (A,) each.
         size: Number of elements of the control, C.
     """
 
@@ -72,7 +72,7 @@ class Thrusters:
         return control
 
     def _plain(self, glue: ActionGlue) -> RateController | None:
-        """Return the controller of a glue that only passes a value or a level on to it; None for any other glue."""
+        """Return the controller of a glue that only passes a value or a level to it; None for any other glue."""
         if type(glue) is ControllerGlue:
             if glue.normalization.active is not None:
                 return None

@@ -1,4 +1,4 @@
-"""What a step gives: `Transition` for a group of agents, `TeamTransition` for all of them."""
+"""Results of a step: `Transition` for a group of agents, `TeamTransition` for all of them."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from safe_inspect.simulators.view import Step
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
-@dataclass  # not frozen: one is made in every step, and freezing doubles the time that takes
+@dataclass  # not frozen: one is made in every step, and freezing would double the time for that
 class Transition:
-    """What one step gives for the agents of a group; every array has N rows, and G agents where it says so.
+    """Result of one step for the agents of a group. Arrays have N rows, and G agents where the shape says so.
 
-    An agent that had ended before the step took no part in it: its reward and terms are 0, it is neither terminated
-    nor truncated again, and its status is the one that it ended with.
+    An agent that had ended before the step does not take part in it: its reward and terms are 0, it is neither
+    terminated nor truncated again, and its status is the one with which it ended.
 
     Attributes:
         observation: Observation at the end of the step, before any reset, float32, shape (N, G, O).
-        reward: Sum of the terms [-], shape (N, G).
+        reward: Sum of the reward terms [-], shape (N, G).
         terms: Reward terms by name, each of shape (N, G).
-        active: The agent took part in the step, shape (N, G).
-        terminated: The agent's episode ended in the task's own way, shape (N, G).
-        truncated: The agent's episode ended by a limit of time alone, shape (N, G).
+        active: Whether the agent took part in the step, shape (N, G).
+        terminated: Whether the agent's episode ended for a reason other than a time limit, shape (N, G).
+        truncated: Whether the agent's episode ended by a time limit alone, shape (N, G).
         status: `DoneStatus`, int8, shape (N, G).
-        step: The step as the functors saw it.
+        step: The step as passed to the rewards and done functions.
     """
 
     observation: AnyArray
@@ -39,20 +39,20 @@ class Transition:
 
     @cached_property
     def done(self) -> BoolArray:
-        """The agent's episode ended in this step, shape (N, G)."""
+        """Whether the agent's episode ended in this step, shape (N, G)."""
         return self.terminated | self.truncated
 
 
 @dataclass
 class TeamTransition:
-    """What one step gives for all agents.
+    """Result of one step for all agents.
 
     Attributes:
         groups: The transition of every group, in agent order.
-        over: The episode has ended for every agent that acts from outside, shape (N,).
-        outcome: How the episode stands for the team, `DoneStatus`, int8, shape (N,): lost when any agent has lost, else
-            won when any has won, else a draw when any has ended so.
-        filtered: What the team's safety filter gave, where there is one.
+        over: Whether the episode has ended for every controlled agent, shape (N,).
+        outcome: Outcome of the episode for the team, `DoneStatus`, int8, shape (N,): lost when any agent has lost, else
+            won when any agent has won, else a draw when any agent has ended with a draw.
+        filtered: Result of the team's safety filter, if there is one.
     """
 
     groups: tuple[Transition, ...]

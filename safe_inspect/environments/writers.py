@@ -1,4 +1,4 @@
-"""Name the plugin that fails, or writes into an array that it is given."""
+"""`names_writers`: errors that name the plugin that failed or wrote into an array that was passed to it."""
 
 from __future__ import annotations
 
@@ -16,27 +16,28 @@ _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
 
 _RAISE = "raise an error that says what is wrong, or return a value"
-#: What a plugin does that raises these, and what to do instead.
+#: For each exception, what the plugin that raised it did, and how to fix it.
 _ENDS: dict[type[BaseException], tuple[str, str]] = {
     SystemExit: ("ends the program", _RAISE),
     GeneratorExit: ("raises GeneratorExit", _RAISE),
-    RecursionError: ("calls itself without end", "its traceback is left out; mend the call"),
+    RecursionError: ("calls itself without end", "its traceback is left out; fix the recursive call"),
 }
 
 
 def writes_read_only(error: BaseException) -> bool:
-    """Return whether an exception is NumPy's refusal to write into a read-only array."""
+    """Return whether an exception was raised by NumPy because of a write into a read-only array."""
     return isinstance(error, ValueError) and "read-only" in str(error)
 
 
 def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
-    """Wrap a function that calls plugins, so that one that writes into what it is given, or fails, is named.
+    """Wrap a function that calls plugins, so that its errors name the plugin that caused them.
 
-    One that reads what the task does not offer is named too. Other exceptions than the package's own get a note.
+    These are plugins that fail, that write into an array that was passed to them, or that read something that the task
+    does not provide. Exceptions that are not of this package get a note with the plugin's name.
 
     Raises:
-        MissingNameError: A plugin reads what the task does not offer.
-        PluginValueError: A plugin writes into a read-only array, ends the program, or calls itself without end.
+        MissingNameError: A plugin reads something that the task does not provide.
+        PluginValueError: A plugin writes into a read-only array, ends the program, or recurses without end.
     """
 
     @functools.wraps(function)
@@ -49,7 +50,7 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
                 raise
             raise MissingNameError(f"the {plugin.kind} {plugin.registered_name} does not fit: {error}") from error
         except BaseException as error:
-            if isinstance(error, Interrupted):  # of a signal, wherever that arrives
+            if isinstance(error, Interrupted):  # raised by a signal handler, at any place
                 raise
             plugin, file, line = _innermost(error)
             if plugin is None:
@@ -59,7 +60,7 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
                 source = linecache.getline(file, line).strip()
                 raise PluginValueError(
                     f"{what} writes into an array that is read-only ({file}:{line}: {source}); compute on a copy, or "
-                    "remember in a declared array"
+                    "store the values in a declared array"
                 ) from error
             ends = _ENDS.get(type(error))
             if ends is not None:
@@ -72,7 +73,7 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
 
 
 def _innermost(error: BaseException) -> tuple[Plugin | None, str, int]:
-    """Return the innermost plugin among the calls that led to an exception, and its line; None without one."""
+    """Return the innermost plugin in the call stack of an exception, with its file and line; None without a plugin."""
     frames = [(frame.f_locals.get("self"), frame, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     calls = [(plugin, frame, line) for plugin, frame, line in frames if isinstance(plugin, Plugin)]
     if not calls:

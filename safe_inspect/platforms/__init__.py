@@ -1,4 +1,4 @@
-"""Platforms and their parts: controllers and sensors. Importing it registers them."""
+"""Platforms and their parts: controllers and sensors. Importing the package registers them."""
 
 from safe_inspect.platforms.attitude_sensors import (
     AngularVelocitySensor,

@@ -1,4 +1,4 @@
-"""Sensors of the own attitude, of other bodies relative to the own one, and of the own orbit."""
+"""Sensors of the agent's own attitude and orbit, and of other bodies relative to the agent."""
 
 from __future__ import annotations
 
@@ -51,23 +51,23 @@ class QuaternionSensor(Sensor, name="Sensor_Quaternion"):
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the attitude [-]."""
+        """Return the kernel that writes the attitude [-]."""
         return RowTerm(_copy_bounded, (OwnArray("orientation"),))
 
 
 class AngularVelocitySensor(Sensor, name="Sensor_AngularVelocity"):
-    """Own angular velocity against inertial space in body axes [rad/s], shape (R, 3); see `rate_against`."""
+    """Own angular velocity relative to inertial space, in body axes [rad/s], shape (R, 3); see `rate_against`."""
 
     elements: ClassVar[tuple[str, ...]] = ("w_x", "w_y", "w_z")
     symbol: ClassVar[str] = "rad/s"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the angular velocity [rad/s]."""
+        """Return the kernel that writes the angular velocity [rad/s]."""
         return RowTerm(copy_vector, (OwnArray("angular_velocity"),))
 
 
 class OrientationUnitVectorSensor(Sensor, name="Sensor_OrientationUnitVector"):
-    """Axis of the camera in body axes, a constant [-], shape (R, 3).
+    """Axis of the camera in body axes, which is constant [-], shape (R, 3).
 
     Attributes:
         initial_sensor_unit_vec: The axis; any length.
@@ -81,7 +81,7 @@ class OrientationUnitVectorSensor(Sensor, name="Sensor_OrientationUnitVector"):
     _has_length = field_validator("initial_sensor_unit_vec")(require_length)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the axis [-]."""
+        """Return the kernel that writes the axis [-]."""
         x, y, z = self.initial_sensor_unit_vec
         size = math.hypot(x, y, z)
         return RowTerm(_constant, (x / size, y / size, z / size))
@@ -94,12 +94,12 @@ class RotatedAxesSensor(Sensor, name="Sensor_RotatedAxes"):
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the axes [-]."""
+        """Return the kernel that writes the axes [-]."""
         return RowTerm(_other_axes, (OwnArray("orientation"),))
 
 
 class RelativePositionSensor(Sensor, name="Sensor_RelativePosition"):
-    """Position of another body relative to the own one [m], Hill frame, shape (R, 3).
+    """Position of another body relative to the agent's own position [m], Hill frame, shape (R, 3).
 
     Attributes:
         entity_name: Name of the body.
@@ -111,12 +111,12 @@ class RelativePositionSensor(Sensor, name="Sensor_RelativePosition"):
     entity_name: EntityName = "chief"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the relative position [m]."""
+        """Return the kernel that writes the relative position [m]."""
         return RowTerm(copy_difference, (BodyArray("position", self.entity_name), own_estimate("position", world)))
 
 
 class RelativeVelocitySensor(Sensor, name="Sensor_RelativeVelocity"):
-    """Velocity of another body relative to the own one [m/s], Hill frame, shape (R, 3).
+    """Velocity of another body relative to the agent's own velocity [m/s], Hill frame, shape (R, 3).
 
     Attributes:
         entity_name: Name of the body.
@@ -128,18 +128,18 @@ class RelativeVelocitySensor(Sensor, name="Sensor_RelativeVelocity"):
     entity_name: EntityName = "chief"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the relative velocity [m/s]."""
+        """Return the kernel that writes the relative velocity [m/s]."""
         return RowTerm(copy_difference, (BodyArray("velocity", self.entity_name), own_estimate("velocity", world)))
 
 
 class OrbitStabilitySensor(Sensor, name="Sensor_OrbitStability"):
-    """``2 n x + v_y`` [m/s], shape (R, 1): 0 on a closed orbit about the chief, without drift along the track."""
+    """``2 n x + v_y`` [m/s], shape (R, 1): 0 on a closed orbit about the chief, without along-track drift."""
 
     elements: ClassVar[tuple[str, ...]] = ("drift",)
     symbol: ClassVar[str] = "m/s"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the drift [m/s]."""
+        """Return the kernel that writes the drift [m/s]."""
         return RowTerm(
             _drift, (float(world.mean_motion), own_estimate("position", world), own_estimate("velocity", world))
         )

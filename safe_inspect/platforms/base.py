@@ -1,4 +1,4 @@
-"""Bases of platforms, their parts and the properties of parts."""
+"""Base classes of platforms, their parts and the properties of parts."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Platform(Plugin):
     """A deputy spacecraft.
 
     Class attributes:
-        turns: Whether it has an attitude, so that its controls and its camera turn with it.
-        short_name: A name for ``platform`` in configurations beside that of the class.
+        turns: Whether it has an attitude, so that its controls and its camera turn with it. short_name: A name for
+        ``platform`` in configurations, in addition to the class name.
 
     Attributes:
         mass: Mass [kg].
@@ -38,11 +38,15 @@ class Platform(Plugin):
 
     @abstractmethod
     def __call__(self, parts: tuple[Part, ...]) -> tuple[str, ...]:
-        """Return the names of the parts, which differ, or raise ValueError when they do not fit the platform."""
+        """Return the names of the parts, which must be distinct.
+
+        Raises:
+            ValueError: The parts do not match the platform.
+        """
 
 
 class Property(Plugin):
-    """What a controller commands: its name, unit and limits."""
+    """The quantity that a controller commands: its name, unit and limits."""
 
     kind: ClassVar[str] = "property"
 
@@ -55,14 +59,14 @@ class Property(Plugin):
 
     @abstractmethod
     def __call__(self, value: FloatArray) -> FloatArray:
-        """Return the value within its limits, SI, same shape."""
+        """Return the value clipped to the limits, SI, same shape."""
 
 
 class Part(Plugin):
     """A part of a platform.
 
     Attributes:
-        name: Name of the part on its platform; the registered name of its class unless given.
+        name: Name of the part on its platform; default: the registered name of its class.
     """
 
     kind: ClassVar[str] = "part"
@@ -78,14 +82,14 @@ class Part(Plugin):
 class Controller(Part):
     """A part that turns commanded values into thrust, or into the whole control of a vehicle that turns.
 
-    Called with values of shape (R, size) it returns its share of the thrust [N], shape (R, 3), or of the control, shape
-    (R, control_size): thrusts, then moments [N m]. The shares of all controllers are added. The thrust stands in Hill's
-    frame unless the vehicle's dynamics say otherwise.
+    Calling it with values of shape (R, size) returns its share of the thrust [N], shape (R, 3), or of the control,
+    shape (R, control_size): thrusts, then moments [N m]. The shares of all controllers are added. The thrust is in
+    Hill's frame unless the vehicle's dynamics use another frame.
     """
 
     @property
     def control_size(self) -> int:
-        """Number of elements of the control that it gives; 3 by default, a thrust."""
+        """Number of elements of the returned control; 3 by default, a thrust."""
         return 3
 
     @property
@@ -104,15 +108,14 @@ class Controller(Part):
 
 
 class Sensor(Part, RowPlugin):
-    """A part that reads something from a state: called with a `View`, it returns an array of shape (R, size).
+    """A part that reads values from a state: called with a `View`, it returns an array of shape (R, size).
 
     It defines ``__call__``, or `row`, a row kernel that writes the reading into its last argument, shape (size,).
 
     Class attributes:
         elements: Name of each element of the reading; a sensor whose elements depend on its configuration defines
-            `element_names` instead.
-        symbol: SI unit of the reading, empty for a pure number.
-        bounds: Smallest and largest possible value, SI.
+        `element_names` instead. symbol: SI unit of the reading, empty for a pure number. bounds: Smallest and largest
+        possible value, SI.
     """
 
     elements: ClassVar[tuple[str, ...]]
@@ -121,7 +124,7 @@ class Sensor(Part, RowPlugin):
 
     @property
     def element_names(self) -> tuple[str, ...]:
-        """Name of each element with the sensor's configuration; `elements` unless they depend on it."""
+        """Name of each element for the sensor's configuration; default: `elements`."""
         return self.elements
 
     @property
@@ -131,7 +134,7 @@ class Sensor(Part, RowPlugin):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Smallest and largest possible value with the sensor's configuration, SI; `bounds` unless it depends on it."""
+        """Smallest and largest possible value for the sensor's configuration, SI; default: `bounds`."""
         return self.bounds
 
     @batch_call
@@ -140,27 +143,27 @@ class Sensor(Part, RowPlugin):
         return self.call_rows(view)
 
     def row_result(self) -> tuple[type[Any], int]:
-        """Return float and the size of the reading."""
+        """Return the type float and the size of the reading."""
         return np.float64, self.size
 
     def in_task(self, simulator: Simulator, horizon: int) -> Self:
-        """Return the sensor with the fields that it takes from the task where they are not given; as it is by default.
+        """Return the sensor with unset fields set from the task; the default returns the sensor unchanged.
 
         Args:
-            simulator: The simulator, whose `compose` gives dynamics and components.
+            simulator: The simulator, whose `compose` returns dynamics and components.
             horizon: Number of steps after which the episode ends.
 
         Raises:
-            ValueError: A field that is given contradicts the task.
+            ValueError: A field that is set contradicts the task.
         """
         return self
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the arrays that the sensor remembers, each with its shape for one agent. None by default."""
+        """Declare the arrays in which the sensor stores data, each with its shape for one agent. None by default."""
         return {}
 
     def remember(self, view: View, name: str) -> None:
-        """Update the remembered arrays, ``view.memory(name, array)``, in place; called once for every new state.
+        """Update the declared arrays, ``view.memory(name, array)``, in place; called once for every new state.
 
-        Nowhere else may they be written.
+        The arrays must not be written anywhere else.
         """

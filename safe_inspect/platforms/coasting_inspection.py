@@ -1,4 +1,4 @@
-"""`CoastingInspectionSensor`: which points the deputy would inspect without thrust."""
+"""`CoastingInspectionSensor`: the points that the deputy would inspect without thrust."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from safe_inspect.tasks.inspection.rotation import ChiefRotation, rotating_body
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration
 
-#: Parts of the time of coasting after which the points that are left are counted.
+#: Fractions of the coasting time after which the remaining points are counted.
 _PARTS = (0.125, 0.25, 0.5, 1.0)
-#: Longest distance between two looks ahead, as an angle of the orbit [rad].
+#: Largest interval between two predicted positions, as an angle of the orbit [rad].
 _CELL = 0.05
 
 
@@ -42,20 +42,20 @@ def _left_after_coasting(
     constants: FloatArray,
     reading: FloatArray,
 ) -> None:
-    """Write the shares that are left, and the mean direction of those left at the end.
+    """Write the shares of remaining points, and the mean direction of the points that remain at the end.
 
     Args:
         position: Position relative to the body [m], shape (3,).
         velocity: Velocity [m/s], shape (3,).
-        inspector: Who inspected each point, -1 for nobody, shape (P,).
+        inspector: Deputy that inspected each point, -1 for none, shape (P,).
         sun_angle: Angle of the sun [rad].
         step: Control steps since the reset.
-        table: Of each look ahead: control steps, angle of the orbit and its cosine and sine, cosine and sine of the
-            angle by which the sun has turned, and whether a share is noted behind it, shape (K, 7).
+        table: For each predicted position: control steps, angle of the orbit and its cosine and sine, cosine and sine
+            of the angle by which the sun has turned, and whether a share is written after it, shape (K, 7).
         axes: The points [m], shape (3, P).
-        constants: Radius squared and what light asks for, see `inspect_in_binary_light`, mean motion [rad/s], and
+        constants: Radius squared and the light threshold, see `inspect_in_binary_light`, mean motion [rad/s], and
             control steps of an episode, shape (4,).
-        reading: Takes the result, shape (7,).
+        reading: Output: the result, shape (7,).
     """
     horizon, terminator, n, last = constants
     state = position[0], position[1], position[2], velocity[0], velocity[1], velocity[2]
@@ -86,18 +86,19 @@ def _left_after_coasting(
 
 
 class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
-    """What would be left to inspect if the thrusters stayed off from now on [-], shape (R, 7).
+    """Points that would remain uninspected if the thrusters stayed off from now on [-], shape (R, 7).
 
-    Four shares of all points: those that nobody has inspected, now or by the deputy itself on its way, after an eighth,
-    a quarter, a half and the whole of `duration`, or at the horizon of the episode where that comes before; and the
-    mean (x, y, z) of the unit vectors, Hill frame, of the points that are left in the end, zeros if there are none. The
-    way is the closed-form solution of the Clohessy-Wiltshire equations, looked at every 0.05 rad of the orbit at most;
-    other deputies, collisions, the limit of range and a camera's field of view are not looked at.
+    The first four elements are shares of all points: those that are still uninspected, by all deputies up to now and by
+    this deputy while coasting, after an eighth, a quarter, a half and the whole of `duration`, or at the horizon of the
+    episode if that is earlier. The last three are the mean (x, y, z) of the unit vectors, Hill frame, of the points
+    that remain at the end, zeros if there are none. The trajectory is the closed-form solution of the
+    Clohessy-Wiltshire equations, evaluated at intervals of at most 0.05 rad of the orbit. Other deputies, collisions,
+    the range limit and the camera's field of view are ignored.
 
     Attributes:
         inspection_entity_name: The body that carries the points, at the origin of Hill's frame.
-        duration: How long the deputy coasts [s]; one orbit unless given.
-        horizon: Number of steps after which the episode ends [-]; that of the task unless given.
+        duration: How long the deputy coasts [s]; default: one orbit.
+        horizon: Number of steps after which the episode ends [-]; default: that of the task.
     """
 
     elements: ClassVar[tuple[str, ...]] = ("left_eighth", "left_quarter", "left_half", "left", "x", "y", "z")
@@ -108,10 +109,10 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
     horizon: int = Field(default=1224, ge=1)
 
     def in_task(self, simulator: Simulator, horizon: int) -> Self:
-        """Return the sensor with the horizon of the task, unless one was given.
+        """Return the sensor with the horizon of the task, unless `horizon` is set.
 
         Raises:
-            ValueError: The body turns, or light has another rule than lit or dark.
+            ValueError: The body turns, or points are not simply lit or dark.
         """
         for component in simulator.compose()[1]:
             turns = isinstance(component, ChiefRotation) and component.entity_name == self.inspection_entity_name
@@ -120,10 +121,10 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
         return self if "horizon" in self.model_fields_set else self.model_copy(update={"horizon": horizon})
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the shares and the mean direction [-].
+        """Return the kernel that writes the shares and the mean direction [-].
 
         Raises:
-            ValueError: The body turns, or light has another rule than lit or dark.
+            ValueError: The body turns, or points are not simply lit or dark.
         """
         name, model = self.inspection_entity_name, world.points[self.inspection_entity_name]
         light = model.surface.light
@@ -145,12 +146,10 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
 
     def _require(self, *, turns: bool, binary: bool) -> None:
         if turns:
-            text = (
-                f"looks at points of a body that does not turn, and {self.inspection_entity_name!r} does; leave it out"
-            )
+            text = f"needs a body that does not turn, but {self.inspection_entity_name!r} turns; remove the sensor"
             raise ValueError(f"{self.registered_name} {text}")
         if not binary:
-            raise ValueError(f"{self.registered_name} takes a point to be lit or dark; set `bin_ray_flag: True`")
+            raise ValueError(f"{self.registered_name} needs points that are lit or dark; set `bin_ray_flag: True`")
 
     def _table(self, world: World) -> FloatArray:
         n = float(world.mean_motion)

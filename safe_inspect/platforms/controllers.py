@@ -1,4 +1,4 @@
-"""Controllers: from commanded values to thrust and moment."""
+"""Controllers, which turn commanded values into thrusts and moments."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ActuatorLimits(Plugin):
         if isinstance(data, dict) and "units" in data:
             for field in ("low", "high"):
                 if not isinstance(data.get(field, 0.0), (int, float)):
-                    raise ValueError(f"`{field}` ({data[field]!r}) has a unit beside `units`; give one of them")
+                    raise ValueError(f"`{field}` ({data[field]!r}) has a unit in addition to `units`; give one of them")
         return data
 
     @model_validator(mode="after")
@@ -57,7 +57,7 @@ class ActuatorLimits(Plugin):
         return self.low * scale, self.high * scale
 
     def __call__(self, value: FloatArray) -> FloatArray:
-        """Return the value within its limits, SI, same shape."""
+        """Return the value clipped to the limits, SI, same shape."""
         low, high = self.limits
         return np.minimum(np.maximum(value, low), high)
 
@@ -97,13 +97,13 @@ class MomentProp(ActuatorLimits, Property):
 
 
 class RateController(Controller):
-    """Command one property along one axis: control_axis = clip(value, low, high).
+    """Controller that commands one property along one axis: control_axis = clip(value, low, high).
 
     Attributes:
         name: Name of the part.
-        property_class: What is commanded, a thrust or a moment.
-        axis: Of a thrust 0, 1 or 2: x, y, z, radial, along track and cross track for a vehicle that does not turn its
-            thrusters. Of a moment about x, y, z of the body 3, 4 or 5.
+        property_class: The commanded property, a thrust or a moment.
+        axis: For a thrust 0, 1 or 2: x, y, z, which are radial, along-track and cross-track for a vehicle that does not
+            turn its thrusters. For a moment 3, 4 or 5: about x, y, z of the body.
         properties: Fields of the property, such as ``{name: x_thrust, low: -1, high: 1}``.
     """
 
@@ -113,7 +113,7 @@ class RateController(Controller):
 
     @model_validator(mode="after")
     def _check_property(self) -> RateController:
-        commanded = self.commanded  # a wrong property is found now, not at the first step
+        commanded = self.commanded  # report a wrong property now instead of at the first step
         if isinstance(commanded, ActuatorLimits) and (commanded.symbol == "N m") != (self.axis > 2):
             right = "MomentProp" if self.axis > 2 else "ThrustProp"
             text = f"the axis {self.axis} takes a {right}, not a {commanded.registered_name}"
@@ -128,7 +128,7 @@ class RateController(Controller):
 
         Raises:
             ValueError: There is no such property.
-            PydanticCustomError: A field of it is wrong.
+            PydanticCustomError: A field of the property is invalid.
         """
         try:
             cls = registry.get("property", self.property_class)
@@ -156,7 +156,7 @@ class RateController(Controller):
 
     @property
     def control_size(self) -> int:
-        """Number of elements of the control that it gives: 3 for a thrust, 6 for a moment."""
+        """Number of elements of the returned control: 3 for a thrust, 6 for a moment."""
         return 3 if self.axis < 3 else 6
 
     def __call__(self, values: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Row kernels of the sensors that read what stands in the state."""
+"""Row kernels of the sensors that copy values of the state."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def copy_difference(one: FloatArray, other: FloatArray, reading: FloatArray) -> 
 
 @njit
 def copy_turned(orientation: FloatArray, vector: FloatArray, reading: FloatArray) -> None:
-    """Write ``R(q) v`` of an attitude q, shape (4,), and a vector v, shape (3,)."""
+    """Write ``R(q) v`` for an attitude q, shape (4,), and a vector v, shape (3,)."""
     turned = rotated(orientation, vector[0], vector[1], vector[2])
     for k in range(3):
         reading[k] = min(max(turned[k], -1.0), 1.0)

@@ -8,7 +8,7 @@ from safe_inspect.platforms.base import Part, Platform
 
 
 class CWHPlatform(Platform):
-    """A point mass with thrust along each axis of Hill's frame; `cwh` in configurations. It takes any parts.
+    """A point mass with thrust along each axis of Hill's frame; `cwh` in configurations. It accepts any parts.
 
     Attributes:
         mass: Mass [kg].
@@ -22,7 +22,7 @@ class CWHPlatform(Platform):
 
 
 class SixDofPlatform(Platform):
-    """A rigid body with thrusters and reaction wheels; `six-dof` in configurations. It takes any parts.
+    """A rigid body with thrusters and reaction wheels; `six-dof` in configurations. It accepts any parts.
 
     Attributes:
         mass: Mass [kg].

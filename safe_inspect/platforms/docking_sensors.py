@@ -1,4 +1,4 @@
-"""Sensors of the own speed, of the speed limit of docking and of the approach along it."""
+"""Sensors of the agent's own speed, of the speed limit of docking, and of the approach velocity at that limit."""
 
 from __future__ import annotations
 
@@ -43,32 +43,32 @@ class SpeedSensor(Sensor, name="Sensor_Speed"):
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the speed [m/s]."""
+        """Return the kernel that writes the speed [m/s]."""
         return RowTerm(_size, (own_estimate("velocity", world), np.zeros(3)))
 
 
 class SpeedLimitSensor(SpeedLimit, Sensor, name="Sensor_SpeedLimit"):
-    """Speed limit of docking at the own range to the origin of Hill's frame [m/s], shape (R, 1)."""
+    """Speed limit of docking at the agent's range from the origin of Hill's frame [m/s], shape (R, 1)."""
 
     elements: ClassVar[tuple[str, ...]] = ("speed_limit",)
     symbol: ClassVar[str] = "m/s"
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the limit [m/s]."""
+        """Return the kernel that writes the limit [m/s]."""
         return RowTerm(_limit, (self.limit_line(world), own_estimate("position", world), np.zeros(3)))
 
 
 class ApproachVelocitySensor(SpeedLimit, Sensor, name="Sensor_ApproachVelocity"):
     """Velocity straight to the origin of Hill's frame at the docking speed limit, -L(r) p / r [m/s], shape (R, 3).
 
-    Its size is of one order at all ranges, where the position itself says little of the direction of a near chief. At
-    the origin it is 0.
+    Its magnitude is similar at all ranges, whereas the position itself contains little information about the direction
+    to a near chief. At the origin it is 0.
     """
 
     elements: ClassVar[tuple[str, ...]] = ("approach_x", "approach_y", "approach_z")
     symbol: ClassVar[str] = "m/s"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the velocity [m/s]."""
+        """Return the kernel that writes the velocity [m/s]."""
         return RowTerm(_approach, (self.limit_line(world), own_estimate("position", world), np.zeros(3)))

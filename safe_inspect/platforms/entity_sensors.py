@@ -26,7 +26,7 @@ class EntityPositionSensor(Sensor, name="Sensor_EntityPosition"):
     entity_name: EntityName = "chief"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the body's position [m]."""
+        """Return the kernel that writes the body's position [m]."""
         return RowTerm(copy_vector, (BodyArray("position", self.entity_name),))
 
 
@@ -43,5 +43,5 @@ class EntityVelocitySensor(Sensor, name="Sensor_EntityVelocity"):
     entity_name: EntityName = "chief"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the body's velocity [m/s]."""
+        """Return the kernel that writes the body's velocity [m/s]."""
         return RowTerm(copy_vector, (BodyArray("velocity", self.entity_name),))

@@ -1,4 +1,4 @@
-"""Sensors of the other deputies, of one size for any number of them."""
+"""Sensors of the other deputies, whose size does not depend on the number of deputies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength
 
-#: Widest cell of the grid on which approaches are bracketed, as an angle of the orbit [rad].
+#: Largest cell of the grid on which approaches are bracketed, as an angle of the orbit [rad].
 _CELL = 0.25
 
 
@@ -36,7 +36,10 @@ def _closest_approach(
     velocity: FloatArray,
     relative: FloatArray,
 ) -> None:
-    """Write the position at closest approach; the difference of two motions solves the equations of one."""
+    """Write the relative position at closest approach.
+
+    The difference of two motions solves the same linear equations as one motion.
+    """
     nearest_positions(0, max_range, own, position, relative)
     least = max_range * max_range
     for other in range(deputies):
@@ -51,15 +54,16 @@ def _closest_approach(
 
 
 class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition"):
-    """Positions of the `k` nearest other deputies relative to the own [m], Hill frame, nearest first, shape (R, 3 k).
+    """Positions of the `k` nearest other deputies relative to the agent [m], Hill frame, nearest first, shape (R, 3 k).
 
-    A place without a deputy within `max_range` reads as a deputy `max_range` away, straight out from the origin beyond
-    the own position (+x at the origin itself): nobody is near, nobody is on the chief's side, and the reading turns
-    with the scene. `Sensor_NearestDeputiesPresence` tells such places apart without a doubt.
+    A place without a deputy within `max_range` reads as if a deputy were `max_range` away, straight outward from the
+    origin through the agent's own position (along +x at the origin itself). Such a reading says that no deputy is near
+    or on the chief's side, and it turns with the scene. `Sensor_NearestDeputiesPresence` identifies these places
+    unambiguously.
 
     Attributes:
         k: Number of places.
-        max_range: Range within which other deputies are seen, and the length of the reading where there is none [m].
+        max_range: Range within which other deputies are detected, and the length of the reading if there is none [m].
     """
 
     symbol: ClassVar[str] = "m"
@@ -69,7 +73,7 @@ class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition
 
     @property
     def element_names(self) -> tuple[str, ...]:
-        """Three for each place, x_0 to z_0 of the nearest first."""
+        """Three names for each place, x_0 to z_0 for the nearest deputy."""
         return tuple(f"{axis}_{place}" for place in range(self.k) for axis in "xyz")
 
     @property
@@ -78,22 +82,22 @@ class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition
         return -self.max_range, self.max_range
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the relative positions [m], Hill frame."""
+        """Return the kernel that writes the relative positions [m], Hill frame."""
         return RowTerm(
             nearest_positions, (world.num_deputies, self.max_range, _own_index(group), EnvironmentArray("position"))
         )
 
 
 class ClosestApproachPositionSensor(Sensor, name="Sensor_ClosestApproachPosition"):
-    """Where the deputy that comes closest will then be relative to the own [m], Hill frame, shape (R, 3).
+    """Relative position, at its closest approach, of the deputy that comes closest [m], Hill frame, shape (R, 3).
 
-    Of all other deputies and all times within `duration`, with everybody's thrusters off, by the closed-form solution
-    of the Clohessy-Wiltshire equations. Where none comes within `max_range`, it reads as
-    `Sensor_NearestDeputiesPosition` does without a deputy.
+    The closest approach is taken over all other deputies and all times within `duration`, with all thrusters off, from
+    the closed-form solution of the Clohessy-Wiltshire equations. If no deputy comes within `max_range`, the reading is
+    that of `Sensor_NearestDeputiesPosition` without a deputy.
 
     Attributes:
-        duration: How far ahead it looks [s]; a quarter of an orbit unless given.
-        max_range: Range within which an approach is seen, and the length of the reading where there is none [m].
+        duration: Duration of the prediction [s]; default: a quarter of an orbit.
+        max_range: Range within which an approach is detected, and the length of the reading if there is none [m].
     """
 
     elements: ClassVar[tuple[str, ...]] = ("x", "y", "z")
@@ -108,7 +112,7 @@ class ClosestApproachPositionSensor(Sensor, name="Sensor_ClosestApproachPosition
         return -self.max_range, self.max_range
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the position [m], Hill frame."""
+        """Return the kernel that writes the position [m], Hill frame."""
         n = float(world.mean_motion)
         table = grid(n, 0.5 * math.pi / n if self.duration is None else self.duration, _CELL)
         arrays = EnvironmentArray("position"), EnvironmentArray("velocity")
@@ -116,13 +120,13 @@ class ClosestApproachPositionSensor(Sensor, name="Sensor_ClosestApproachPosition
 
 
 class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity"):
-    """Velocities of the `k` nearest other deputies relative to the own [m/s], Hill frame, shape (R, 3 k).
+    """Velocities of the `k` nearest other deputies relative to the agent [m/s], Hill frame, shape (R, 3 k).
 
-    The places are those of `Sensor_NearestDeputiesPosition` with the same fields; one without a deputy reads 0.
+    The places are those of `Sensor_NearestDeputiesPosition` with the same fields; a place without a deputy reads 0.
 
     Attributes:
         k: Number of places.
-        max_range: Range within which other deputies are seen [m].
+        max_range: Range within which other deputies are detected [m].
     """
 
     symbol: ClassVar[str] = "m/s"
@@ -132,11 +136,11 @@ class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity
 
     @property
     def element_names(self) -> tuple[str, ...]:
-        """Three for each place, v_x_0 to v_z_0 of the nearest first."""
+        """Three names for each place, v_x_0 to v_z_0 for the nearest deputy."""
         return tuple(f"v_{axis}_{place}" for place in range(self.k) for axis in "xyz")
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the relative velocities [m/s], Hill frame."""
+        """Return the kernel that writes the relative velocities [m/s], Hill frame."""
         return RowTerm(
             nearest_velocities,
             (
@@ -150,11 +154,11 @@ class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity
 
 
 class NearestDeputiesPresenceSensor(Sensor, name="Sensor_NearestDeputiesPresence"):
-    """Which of the `k` places of `Sensor_NearestDeputiesPosition` a deputy takes: 1, else 0 [-], shape (R, k).
+    """Presence of a deputy in each of the `k` places of `Sensor_NearestDeputiesPosition`: 1, else 0 [-], shape (R, k).
 
     Attributes:
         k: Number of places.
-        max_range: Range within which other deputies are seen [m].
+        max_range: Range within which other deputies are detected [m].
     """
 
     bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
@@ -164,22 +168,23 @@ class NearestDeputiesPresenceSensor(Sensor, name="Sensor_NearestDeputiesPresence
 
     @property
     def element_names(self) -> tuple[str, ...]:
-        """One for each place, present_0 of the nearest first."""
+        """One name for each place, present_0 for the nearest deputy."""
         return tuple(f"present_{place}" for place in range(self.k))
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write 1 where a deputy takes the place, else 0."""
+        """Return the kernel that writes 1 for each place with a deputy, else 0."""
         return RowTerm(
             nearest_presence, (world.num_deputies, self.max_range, _own_index(group), EnvironmentArray("position"))
         )
 
 
 class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):
-    """Range to the nearest other deputy in each of `bins` sectors about the own [m], Hill frame, shape (R, bins).
+    """Range to the nearest other deputy in each of `bins` sectors around the agent [m], Hill frame, shape (R, bins).
 
-    The sectors share out all directions: each holds those that are nearer to its middle than to any other, and the
-    middles are points of a Fibonacci lattice, so that the sectors are of about one size and there are no poles. A
-    sector without a deputy within `max_range` reads `max_range`; a deputy at the very same place is in every sector.
+    The sectors partition all directions: each contains the directions that are closer to its centre than to any other.
+    The centres are points of a Fibonacci lattice, so that the sectors have about the same size and there are no poles.
+    A sector without a deputy within `max_range` reads `max_range`; a deputy at exactly the same position is in every
+    sector.
 
     Attributes:
         bins: Number of sectors.
@@ -193,7 +198,7 @@ class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):
 
     @property
     def element_names(self) -> tuple[str, ...]:
-        """One for each sector, range_0 first."""
+        """One name for each sector, starting with range_0."""
         return tuple(f"range_{sector}" for sector in range(self.bins))
 
     @property
@@ -203,11 +208,11 @@ class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):
 
     @cached_property
     def directions(self) -> FloatArray:
-        """Unit vectors to the middles of the sectors [-], Hill frame, shape (bins, 3)."""
+        """Unit vectors to the centres of the sectors [-], Hill frame, shape (bins, 3)."""
         return sphere_points("fibonacci", self.bins, 1.0)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the ranges [m]."""
+        """Return the kernel that writes the ranges [m]."""
         return RowTerm(
             scan_deputies,
             (world.num_deputies, self.max_range, self.directions, _own_index(group), EnvironmentArray("position")),

@@ -1,4 +1,4 @@
-"""Sensors of what lies ahead: the own motion without thrust, and the time that is left."""
+"""Sensors that predict: the agent's own motion without thrust, and the time that is left."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength
 
-#: Widest cell of the grid on which approaches are bracketed, as an angle of the orbit [rad].
+#: Largest cell of the grid on which approaches are bracketed, as an angle of the orbit [rad].
 _CELL = 0.25
 
 
@@ -42,7 +42,7 @@ def _times_to_limits(
     n: float,
     reading: FloatArray,
 ) -> None:
-    """Write the shares of the duration after which the range falls below `nearest` and rises above `farthest`."""
+    """Write the fractions of the duration after which the range falls below `nearest` and rises above `farthest`."""
     reading[0] = reading[1] = 1.0
     crashes = least_coasting_range(position, velocity, table, n) < nearest
     leaves = largest_coasting_range(position, velocity, table, n) > farthest
@@ -66,12 +66,12 @@ def _share_left(step: int, horizon: int, reading: FloatArray) -> None:
 class CoastingRangeSensor(Sensor, name="Sensor_CoastingRange"):
     """Closest and farthest range to the origin of Hill's frame if the thrusters stay off from now on [m], shape (R, 2).
 
-    The two are the least and the largest of ``|p(t)|`` over 0 <= t <= `duration` of the closed-form solution of the
-    Clohessy-Wiltshire equations, at all times t: approaches are bracketed on a grid of at most 0.25 rad of the orbit
-    and refined by Newton's method.
+    The values are the minimum and the maximum of ``|p(t)|`` over 0 <= t <= `duration`, at all times t, of the
+    closed-form solution of the Clohessy-Wiltshire equations. Approaches are bracketed on a grid of at most 0.25 rad of
+    the orbit and refined by Newton's method.
 
     Attributes:
-        duration: How long the deputy coasts [s]; one orbit unless given.
+        duration: How long the deputy coasts [s]; default: one orbit.
     """
 
     elements: ClassVar[tuple[str, ...]] = ("closest", "farthest")
@@ -81,21 +81,21 @@ class CoastingRangeSensor(Sensor, name="Sensor_CoastingRange"):
     duration: PositiveDuration | None = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the closest and the farthest range [m]."""
+        """Return the kernel that writes the closest and the farthest range [m]."""
         n = float(world.mean_motion)
         table = grid(n, 2.0 * math.pi / n if self.duration is None else self.duration, _CELL)
         return RowTerm(_coasting_ranges, (OwnArray("position"), OwnArray("velocity"), table, n))
 
 
 class CoastingTimeToLimitsSensor(Sensor, name="Sensor_CoastingTimeToLimits"):
-    """When coasting would end in a crash, and when beyond the largest range [-], shape (R, 2).
+    """Times until coasting would end in a crash and beyond the largest range [-], shape (R, 2).
 
-    Shares of `duration` after which the range to the origin of Hill's frame, with the thrusters off, is first below
-    `crash_region_radius` and first above `max_distance` at the end of a control step; 1 where it never is. The motion
-    is the closed-form solution of the Clohessy-Wiltshire equations.
+    The values are the fractions of `duration` after which, with the thrusters off, the range to the origin of Hill's
+    frame is first below `crash_region_radius` and first above `max_distance` at the end of a control step; 1 if that
+    never happens. The motion is the closed-form solution of the Clohessy-Wiltshire equations.
 
     Attributes:
-        duration: How long the deputy coasts [s]; one orbit unless given.
+        duration: How long the deputy coasts [s]; default: one orbit.
         crash_region_radius: Smallest range, that of `CrashDoneFunction` [m].
         max_distance: Largest range, that of `MaxDistanceDoneFunction` [m].
     """
@@ -108,7 +108,7 @@ class CoastingTimeToLimitsSensor(Sensor, name="Sensor_CoastingTimeToLimits"):
     max_distance: PositiveLength = 800.0
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the two shares."""
+        """Return the kernel that writes the two fractions."""
         n = float(world.mean_motion)
         duration = 2.0 * math.pi / n if self.duration is None else self.duration
         angles = n * world.step_size * np.arange(1, max(1, round(duration / world.step_size)) + 1)
@@ -119,10 +119,10 @@ class CoastingTimeToLimitsSensor(Sensor, name="Sensor_CoastingTimeToLimits"):
 
 
 class TimeLeftSensor(Sensor, name="Sensor_TimeLeft"):
-    """Share of the episode that is left, max(0, 1 - step / horizon) [-], shape (R, 1): 1 at the reset, 0 at the end.
+    """Fraction of the episode that is left, max(0, 1 - step / horizon) [-], shape (R, 1): 1 at the reset, 0 at the end.
 
     Attributes:
-        horizon: Number of steps after which the episode ends [-]; that of the task unless given.
+        horizon: Number of steps after which the episode ends [-]; default: that of the task.
     """
 
     elements: ClassVar[tuple[str, ...]] = ("time_left",)
@@ -131,9 +131,9 @@ class TimeLeftSensor(Sensor, name="Sensor_TimeLeft"):
     horizon: int = Field(default=1224, ge=1)
 
     def in_task(self, simulator: Simulator, horizon: int) -> Self:
-        """Return the sensor with the horizon of the task, unless one was given."""
+        """Return the sensor with the horizon of the task, unless `horizon` is set."""
         return self if "horizon" in self.model_fields_set else self.model_copy(update={"horizon": horizon})
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the share that is left [-]."""
+        """Return the kernel that writes the fraction that is left [-]."""
         return RowTerm(_share_left, (EnvironmentArray("step"), self.horizon))

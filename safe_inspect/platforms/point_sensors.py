@@ -22,7 +22,7 @@ from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.rotation import array_in_axes_of, rotating_body, turned_direction_to_nearest
 
-#: The arrays that an `UninspectedPointsSensor` remembers, in the order of `Clusters`.
+#: The declared arrays of an `UninspectedPointsSensor`, in the order of `Clusters`.
 _MEMORY = ("centres", "count", "candidates", "settled")
 
 
@@ -30,7 +30,7 @@ class InspectedPointsSensor(Sensor, name="Sensor_InspectedPoints"):
     """Number of points that one deputy was the first to inspect [-], shape (R, 1).
 
     Attributes:
-        inspector_entity_name: The deputy; the own one unless given.
+        inspector_entity_name: The deputy; default: the agent's own.
         inspection_entity_name: The body that carries the points.
     """
 
@@ -41,39 +41,42 @@ class InspectedPointsSensor(Sensor, name="Sensor_InspectedPoints"):
     inspection_entity_name: PointsName = "chief"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the count."""
+        """Return the kernel that writes the count."""
         name, inspector = f"points/{self.inspection_entity_name}/own_count", self.inspector_entity_name
         return RowTerm(copy_number, (OwnArray(name) if inspector is None else BodyArray(name, inspector),))
 
 
 class InspectedPointsScoreSensor(Sensor, name="Sensor_InspectedPointsScore"):
-    """Summed weight of the points that one deputy was the first to inspect [-], shape (R, 1).
+    """Total weight of the points that one deputy was the first to inspect [-], shape (R, 1).
 
     Attributes:
-        inspector_entity_name: The deputy; the own one unless given.
+        inspector_entity_name: The deputy; default: the agent's own.
         inspection_entity_name: The body that carries the points.
     """
 
     elements: ClassVar[tuple[str, ...]] = ("score",)
-    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)  # rounding may take a complete score above 1
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)  # rounding may raise a complete score above 1
 
     inspector_entity_name: PlatformName | None = None
     inspection_entity_name: PointsName = "chief"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the score."""
+        """Return the kernel that writes the score."""
         name, inspector = f"points/{self.inspection_entity_name}/own_score", self.inspector_entity_name
         return RowTerm(copy_number, (OwnArray(name) if inspector is None else BodyArray(name, inspector),))
 
 
 class PriorityVectorSensor(Sensor, name="Sensor_PriorityVector"):
-    """Direction in which points weigh most [-], fixed to the body, Hill frame, shape (R, 3); zeros: all weigh alike."""
+    """Direction of the points with the largest weights [-], Hill frame, shape (R, 3); zeros if all weights are equal.
+
+    It is fixed to the body.
+    """
 
     elements: ClassVar[tuple[str, ...]] = ("x_priority", "y_priority", "z_priority")
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the priority vector [-]."""
+        """Return the kernel that writes the priority vector [-]."""
         vector = EnvironmentArray("priority_vector")
         if rotating_body(world) is None:
             return RowTerm(copy_vector, (vector,))
@@ -84,13 +87,13 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
     """Direction to the nearest cluster of points that are lit and not inspected [-], shape (R, 3).
 
     The lit, uninspected points are clustered by K-means with one centre for every `points_per_cluster` of them,
-    started from the centres of the step before. The reading is the unit vector from the body's centre to the centre
-    nearest to the deputy, in Hill's frame; zeros when no point is left.
+    starting from the centres of the previous step. The reading is the unit vector from the body's centre to the cluster
+    centre nearest to the deputy, in Hill's frame; zeros if no such point is left.
 
     Attributes:
-        inspector_entity_name: The deputy; the own one unless given.
+        inspector_entity_name: The deputy; default: the agent's own.
         inspection_entity_name: The body that carries the points.
-        points_per_cluster: Candidates for each centre, rounded up.
+        points_per_cluster: Candidate points per centre; the number of centres is rounded up.
         max_iterations: Largest number of Lloyd iterations in a step.
         backend: ``native`` (compiled, over the whole batch) or ``sklearn`` (scikit-learn's KMeans from the same start).
     """
@@ -105,7 +108,7 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
     backend: Literal["native", "sklearn"] = "native"
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the centres and what tells whether they are up to date."""
+        """Declare the centres and the data that show whether they are up to date."""
         points = world.points[self.inspection_entity_name].num_points
         return {
             "centres": ArraySpec((-(-points // self.points_per_cluster), 3)),
@@ -156,7 +159,7 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
         )
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the direction [-], Hill frame."""
+        """Return the kernel that writes the direction [-], Hill frame."""
         inspector, entity = self.inspector_entity_name, self.inspection_entity_name
         position = array_in_axes_of(entity, world, "position")
         viewer = OwnArray(position) if inspector is None else BodyArray(position, inspector)

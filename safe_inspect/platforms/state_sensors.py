@@ -1,4 +1,4 @@
-"""Sensors of the own state and of the sun."""
+"""Sensors of the agent's own position and velocity, and of the sun."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TURN = 2.0 * math.pi
 
 @njit
 def _wrapped_angle(angle: float, reading: FloatArray) -> None:
-    """Write an angle within [0, 2 pi), as NumPy's `mod` does; that of a tiny negative angle rounds up to 2 pi."""
+    """Write an angle within [0, 2 pi), like NumPy's `mod`, which rounds a tiny negative angle up to 2 pi."""
     if 0.0 < angle < _TURN:
         reading[0] = angle
         return
@@ -40,7 +40,7 @@ class PositionSensor(Sensor, name="Sensor_Position"):
     symbol: ClassVar[str] = "m"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the own position [m]."""
+        """Return the kernel that writes the position [m]."""
         return RowTerm(copy_vector, (own_estimate("position", world),))
 
 
@@ -51,15 +51,15 @@ class VelocitySensor(Sensor, name="Sensor_Velocity"):
     symbol: ClassVar[str] = "m/s"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the own velocity [m/s]."""
+        """Return the kernel that writes the velocity [m/s]."""
         return RowTerm(copy_vector, (own_estimate("velocity", world),))
 
 
 class SunAngleSensor(Sensor, name="Sensor_SunAngle"):
-    """Angle of the sun [rad], shape (R, 1); the sun stands at [cos, -sin, 0] of it in Hill's frame.
+    """Angle a of the sun [rad], shape (R, 1); the direction to the sun is [cos(a), -sin(a), 0] in Hill's frame.
 
     Attributes:
-        wrap: True: within [0, 2 pi). False: it grows for ever, as the peer's does.
+        wrap: True: the angle is within [0, 2 pi). False: it grows without limit, as in safe-autonomy-sims.
     """
 
     elements: ClassVar[tuple[str, ...]] = ("theta_sun",)
@@ -70,18 +70,18 @@ class SunAngleSensor(Sensor, name="Sensor_SunAngle"):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Smallest and largest angle [rad]; none when it is not wrapped."""
+        """Smallest and largest angle [rad]; infinite if the angle is not wrapped."""
         return self.bounds if self.wrap else (-math.inf, math.inf)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the sun's angle [rad]."""
+        """Return the kernel that writes the sun's angle [rad]."""
         return RowTerm(_wrapped_angle if self.wrap else copy_number, (EnvironmentArray("sun_angle"),))
 
 
 class SunDirectionSensor(Sensor, name="Sensor_SunDirection"):
-    """Unit vector from the chief to the sun [-], Hill frame, shape (R, 3): [cos, -sin, 0] of the sun's angle.
+    """Unit vector from the chief to the sun [-], Hill frame, shape (R, 3): [cos(a), -sin(a), 0] for the sun's angle a.
 
-    Unlike the angle it has no jump where a revolution ends.
+    Unlike the angle, it does not jump at the end of a revolution.
     """
 
     elements: ClassVar[tuple[str, ...]] = ("x_sun", "y_sun", "z_sun")
@@ -89,5 +89,5 @@ class SunDirectionSensor(Sensor, name="Sensor_SunDirection"):
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the direction to the sun [-]."""
+        """Return the kernel that writes the direction to the sun [-]."""
         return RowTerm(copy_vector, (EnvironmentArray("sun_direction"),))

@@ -31,35 +31,35 @@ def _in_world(orientation: FloatArray, vector: FloatArray, reading: FloatArray) 
 
 
 class MatingPointPositionSensor(Sensor, name="Sensor_MatingPointPosition"):
-    """Position of the mating point relative to the own centre [m], shape (R, 3)."""
+    """Position of the mating point relative to the agent's own centre [m], shape (R, 3)."""
 
     elements: ClassVar[tuple[str, ...]] = ("x_mp", "y_mp", "z_mp")
     symbol: ClassVar[str] = "m"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the relative position [m]."""
+        """Return the kernel that writes the relative position [m]."""
         return RowTerm(copy_difference, (EnvironmentArray("mating_point_position"), own_estimate("position", world)))
 
 
 class MatingPointVelocitySensor(Sensor, name="Sensor_MatingPointVelocity"):
-    """Velocity of the mating point relative to the own one [m/s], shape (R, 3)."""
+    """Velocity of the mating point relative to the agent's own velocity [m/s], shape (R, 3)."""
 
     elements: ClassVar[tuple[str, ...]] = ("v_x_mp", "v_y_mp", "v_z_mp")
     symbol: ClassVar[str] = "m/s"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the relative velocity [m/s]."""
+        """Return the kernel that writes the relative velocity [m/s]."""
         return RowTerm(copy_difference, (EnvironmentArray("mating_point_velocity"), own_estimate("velocity", world)))
 
 
 class TargetAxesSensor(Sensor, name="Sensor_TargetAxes"):
-    """Attitude of the target without a jump: its first two principal axes as unit vectors [-], shape (R, 6)."""
+    """Attitude of the target without jumps: its first two principal axes as unit vectors [-], shape (R, 6)."""
 
     elements: ClassVar[tuple[str, ...]] = ("x_axis1", "y_axis1", "z_axis1", "x_axis2", "y_axis2", "z_axis2")
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the first two columns of R_WT [-]."""
+        """Return the kernel that writes the first two columns of R_WT [-]."""
         return RowTerm(_first_axes, (EnvironmentArray("target_orientation"),))
 
 
@@ -70,16 +70,16 @@ class TargetAngularVelocitySensor(Sensor, name="Sensor_TargetAngularVelocity"):
     symbol: ClassVar[str] = "rad/s"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write R_WT w [rad/s]."""
+        """Return the kernel that writes R_WT w [rad/s]."""
         return RowTerm(_in_world, (EnvironmentArray("target_orientation"), EnvironmentArray("target_angular_velocity")))
 
 
 class ClearanceSensor(Sensor, name="Sensor_Clearance"):
-    """Signed distance of the own centre to the target's shape, negative inside [m], shape (R, 1)."""
+    """Signed distance of the agent's own centre to the target's shape, negative inside [m], shape (R, 1)."""
 
     elements: ClassVar[tuple[str, ...]] = ("clearance",)
     symbol: ClassVar[str] = "m"
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the clearance [m]."""
+        """Return the kernel that writes the clearance [m]."""
         return RowTerm(copy_number, (OwnArray("clearance"),))

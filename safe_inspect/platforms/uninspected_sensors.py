@@ -1,4 +1,4 @@
-"""Sensors of all points that are not inspected: one by one, and by the moments of their directions."""
+"""Sensors of all uninspected points: point by point, and as moments of their directions."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def _uninspected(inspector: NDArray[np.int8], reading: FloatArray) -> None:
 
 
 class UninspectedPointsMapSensor(Sensor, name="Sensor_UninspectedPointsMap"):
-    """1 for each point that no deputy has inspected, 0 for each that one has [-], shape (R, num_points).
+    """1 for each point that no deputy has inspected, 0 for each inspected point [-], shape (R, num_points).
 
-    The points stand in the order of the body's sphere, fixed to the body.
+    The points are in the order of the body's sphere, fixed to the body.
 
     Attributes:
         inspection_entity_name: The body that carries the points.
-        num_points: Number of points on it; taken from the task unless given.
+        num_points: Number of points on the body; default: that of the task.
     """
 
     bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
@@ -52,14 +52,14 @@ class UninspectedPointsMapSensor(Sensor, name="Sensor_UninspectedPointsMap"):
 
     @property
     def element_names(self) -> tuple[str, ...]:
-        """One for each point, uninspected_0 first."""
+        """One name for each point, starting with uninspected_0."""
         return tuple(f"uninspected_{point}" for point in range(self.num_points))
 
     def in_task(self, simulator: Simulator, horizon: int) -> Self:
-        """Return the sensor with the number of the body's points, unless it was given.
+        """Return the sensor with the number of the body's points, unless `num_points` is set.
 
         Raises:
-            ValueError: Another number was given.
+            ValueError: `num_points` is set to another number.
         """
         for component in simulator.compose()[1]:
             if isinstance(component, InspectionPoints) and self.inspection_entity_name in component.bodies:
@@ -70,7 +70,7 @@ class UninspectedPointsMapSensor(Sensor, name="Sensor_UninspectedPointsMap"):
         return self
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write 1 for each point that is not inspected, else 0.
+        """Return the kernel that writes 1 for each point that is not inspected, else 0.
 
         Raises:
             ValueError: The body has another number of points.
@@ -80,20 +80,20 @@ class UninspectedPointsMapSensor(Sensor, name="Sensor_UninspectedPointsMap"):
 
     def _require(self, found: int) -> None:
         if self.num_points != found:
-            text = f"`num_points` is {self.num_points}, and {self.inspection_entity_name!r} has {found} points"
-            raise ValueError(f"{text}; leave `num_points` out")
+            text = f"`num_points` is {self.num_points}, but {self.inspection_entity_name!r} has {found} points"
+            raise ValueError(f"{text}; remove `num_points`")
 
 
 class UninspectedPointsMomentsSensor(Sensor, name="Sensor_UninspectedPointsMoments"):
-    """Where the points lie that no deputy has inspected, in 20 numbers [-], Hill frame, shape (R, 20).
+    """Distribution of the points that no deputy has inspected, in 20 numbers [-], Hill frame, shape (R, 20).
 
-    Ten for the points U that are lit, as seen from the own position, and ten for those that are dark: of their unit
-    vectors u from the body's centre
+    The first ten numbers describe the set U of uninspected points that are lit, as seen from the agent's own position,
+    and the other ten those that are dark. For the unit vectors u from the body's centre to the points of U they are
 
         share = |U| / P,   (x, y, z) = sum u / |U|,   (xx, yy, zz, xy, xz, yz) = sum u u^T / |U|,
 
-    with P the number of all points; zeros without any. The length of the mean says how close together they lie, the
-    second moment along which axes.
+    where P is the number of all points; all are zero if U is empty. The length of the mean indicates how close together
+    the points are, and the second moments along which axes they are spread.
 
     Attributes:
         inspection_entity_name: The body that carries the points.
@@ -126,7 +126,7 @@ class UninspectedPointsMomentsSensor(Sensor, name="Sensor_UninspectedPointsMomen
         return found
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the moments [-], Hill frame."""
+        """Return the kernel that writes the moments [-], Hill frame."""
         moments = SensorMemory(self.part_name, _MEMORY)
         if self.inspection_entity_name != rotating_body(world):
             return RowTerm(copy_vector, (moments,))

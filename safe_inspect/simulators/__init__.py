@@ -1,4 +1,4 @@
-"""Simulators: state, step, points, initialisers and reset parameters. Importing it registers their plugins."""
+"""Simulators: state, step, components, initialisers and reset parameters. Importing it registers their plugins."""
 
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.resets.attitudes import AttitudeParameter, CWHSixDOFRadialInitializer

@@ -1,4 +1,4 @@
-"""Arrays that plugins may read and not write, and arrays that compiled kernels take."""
+"""Read-only arrays for plugins, and writable contiguous arrays for compiled kernels."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ Array = TypeVar("Array", bound=NDArray[Any])
 
 
 def read_only(array: Array) -> Array:
-    """Return the same numbers as an array that cannot be written."""
+    """Return a read-only view of an array."""
     shown = array.view()
     shown.setflags(write=False)
     return shown
 
 
 def for_kernel(array: AnyArray, dtype: Any = None) -> AnyArray:
-    """Return an array that is contiguous and writable: itself, or a copy.
+    """Return a contiguous and writable array: the array itself, or a copy.
 
-    Numba takes a read-only array for another type, for which it would compile the kernel again.
+    For Numba a read-only array has a different type, for which it would compile the kernel again.
     """
     array = np.ascontiguousarray(array, dtype=dtype)
     return array if array.flags.writeable else array.copy()

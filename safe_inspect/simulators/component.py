@@ -1,4 +1,4 @@
-"""Components: what a task adds to the simulation of its vehicles. The simulator knows them by this interface alone."""
+"""Components: what a task adds to the motion of its vehicles. The simulator uses them only through this interface."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class EntityParameter(NamedTuple):
 
     Attributes:
         symbol: SI unit of the number.
-        value: Name under which a reset gives the drawn number to the components.
+        value: Name under which a reset passes the drawn number to the components.
         purpose: Purpose of the draw, see `safe_inspect.random.streams`.
     """
 
@@ -28,13 +28,12 @@ class EntityParameter(NamedTuple):
 
 
 class Component(Plugin):
-    """A part of a task, such as the sun or the points of a chief. Called, it gives the running part of a simulation.
+    """A part of a task, such as the sun or the points of a chief. Calling it returns the running part of a simulation.
 
     Class attributes:
         entity: Parameters, by name, of the entry under ``additional_entities`` whose ``entity_class`` is the
-            component's name; empty where it has no such entry.
-        parameters: SI unit by the name of each reset parameter that it reads where a configuration gives it; None for
-            a mapping of states.
+        component's name; empty if it has no such entry. parameters: SI unit by the name of each reset parameter that
+        the component reads if the configuration gives it; None for a mapping of states.
     """
 
     kind: ClassVar[str] = "component"
@@ -46,41 +45,42 @@ class Component(Plugin):
         """Return the running component of N environments.
 
         Args:
-            world: What does not change, with what the dynamics and the components before this one offer.
+            world: The constant data of the simulation, including what the dynamics and the preceding components
+                provide.
             num_envs: Number of environments, N.
         """
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds | None:
-        """Return bounds of what it does in a step of the agents to a deputy's motion, thrust and estimated state.
+        """Return bounds of the disturbance of a deputy's motion, thrust and estimated state in one step of the agents.
 
-        Safety filters count on them: an enabled filter is refused where their sum exceeds what it withstands.
-        ``NO_DISTURBANCE`` of a component that only watches; None, the default, says nothing.
+        Safety filters use these bounds: an enabled filter is rejected if their sum exceeds what it tolerates. Return
+        ``NO_DISTURBANCE`` for a component that only observes. The default, None, states nothing.
 
         Args:
-            limits: The flight for which the bounds must be valid.
+            limits: The range of motion for which the bounds must be valid.
         """
         return None
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of the bodies that it needs. None by default."""
+        """Names of the bodies that the component needs. Empty by default."""
         return ()
 
     @property
     def radii(self) -> Mapping[str, float]:
-        """Radius [m] of the bodies whose size it knows, by name. None by default."""
+        """Radius [m], by name, of the bodies whose size the component defines. Empty by default."""
         return {}
 
 
 class RunningComponent:
-    """A component in a simulation of N environments. Every method does nothing unless it is overridden.
+    """A component in a simulation of N environments. Methods that are not overridden do nothing.
 
     Attributes:
         arrays: The arrays that it adds to the state, by name.
-        recorded: Names of those arrays that recorded episodes keep at every step, and that evaluations list among the
-            initial states. Each is of real numbers, with the axis of environments first.
-        figures: Label and unit in tables of evaluations, for names of `info` and `team_info`; the name itself, without
-            a unit, for those that are missing.
+        recorded: Names of the arrays that recorded episodes contain for every step, and that evaluations list among the
+            initial states. Each must contain real numbers, with the environment axis first.
+        figures: Label and unit, in tables of evaluations, for names of `info` and `team_info`; a missing name is shown
+            as it is, without a unit.
     """
 
     arrays: Mapping[str, ArraySpec] = {}
@@ -88,23 +88,23 @@ class RunningComponent:
     figures: Mapping[str, tuple[str, str]] = {}
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
-        """Write the initial values of fresh environments.
+        """Write the initial values of new episodes.
 
         Args:
-            state: Fresh environments, R rows, whose bodies stand where their episodes start.
+            state: The environments at the start of their episodes, R rows; the states of the bodies are already set.
             values: The reset parameters and states that were drawn, by name, each with R rows.
         """
 
     def resume(self, state: State, rows: IntArray) -> None:
-        """Write what lives through resets into fresh environments.
+        """Write the values that persist across resets into the state of new episodes.
 
         Args:
-            state: Fresh environments, R rows.
+            state: The environments at the start of their episodes, R rows.
             rows: Their indices in the batch, shape (R,).
         """
 
     def actuate(self, state: State, control: FloatArray) -> FloatArray:
-        """Return the control that is flown, a new array where it differs from the commanded one.
+        """Return the control that is applied; a new array if it differs from the commanded control.
 
         Args:
             state: The state before the step, N rows.
@@ -113,69 +113,70 @@ class RunningComponent:
         return control
 
     def step(self, state: State, running: BoolArray) -> None:
-        """Follow a step: write the component's arrays for the bodies' new states, in place.
+        """Update the component's arrays in place after a step, for the new states of the bodies.
 
         Args:
-            state: The state after the dynamics, N rows; the component's arrays are those before the step.
-            running: Environments whose episode runs, shape (N,).
+            state: The state after the dynamics, N rows; the component's arrays still contain the values before the
+                step.
+            running: Mask of the environments whose episode is running, shape (N,).
         """
 
     def end(self, state: State, rows: IntArray) -> None:
-        """Take note of the environments whose episodes have just ended, shape (E,)."""
+        """Record that the episodes of some environments, shape (E,), have just ended."""
 
     def part(self, rows: IntArray) -> RunningComponent:
-        """Return what follows the steps of some environments alone, as a batch of R rows: by default itself.
+        """Return a component for a batch of R rows that contains only some environments; the default returns itself.
 
-        Override it, and `join`, where something lives through resets, so that decisions that last are stepped without
-        the environments that wait.
+        Override it together with `join` if the component has data that persist across resets. Then environments that
+        wait during decisions of several steps do not have to be stepped.
 
         Args:
-            rows: Their indices, shape (R,).
+            rows: Indices of the environments, shape (R,).
         """
         return self
 
     def join(self, part: Any, rows: IntArray) -> None:
-        """Take back what a part has kept of some environments.
+        """Copy the persistent data of some environments back from a part.
 
         Args:
-            part: What `part` returned.
-            rows: Their indices, shape (R,); they are the first R rows of the part.
+            part: The return value of `part`.
+            rows: Indices of the environments, shape (R,); they are the first R rows of the part.
         """
 
     def restart(self) -> None:
-        """Forget what lives through resets: the run starts again with another seed."""
+        """Clear the data that persist across resets, because the run restarts with another seed."""
 
     def state_dict(self) -> dict[str, AnyArray]:
-        """Return copies of what lives through resets, for a checkpoint."""
+        """Return copies of the data that persist across resets, for a checkpoint."""
         return {}
 
     def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
-        """Go on from what `state_dict` returned; called before a reset."""
+        """Restore the data that `state_dict` returned; called before a reset."""
 
     def of_world(self) -> Mapping[str, Any]:
-        """Return what plugins find by name in `World`."""
+        """Return the values that plugins can read by name from `World`."""
         return {}
 
     def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        """Return what plugins find by name in a `View`, each as a function of the view."""
+        """Return the values that plugins can read by name from a `View`, each as a function of the view."""
         return {}
 
     def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
-        """Return what plugins find by name in a `TeamView`, each as a function of the view."""
+        """Return the values that plugins can read by name from a `TeamView`, each as a function of the view."""
         return {}
 
     def of_step(self) -> Mapping[str, Callable[[Any], Any]]:
-        """Return what plugins find by name in a `Step`, each as a function of the step."""
+        """Return the values that plugins can read by name from a `Step`, each as a function of the step."""
         return {}
 
     def info(self, view: Any) -> dict[str, AnyArray]:
-        """Return what the info of an agent holds of a state (a `View`), each of shape (R,)."""
+        """Return the values for the info of an agent in a state (a `View`), each of shape (R,)."""
         return {}
 
     def team_info(self, team: Any) -> dict[str, AnyArray]:
-        """Return what the info of the whole team holds of a state (a `TeamView`), each of shape (N,)."""
+        """Return the values for the info of the whole team in a state (a `TeamView`), each of shape (N,)."""
         return {}
 
     def shared_state(self, team: Any) -> tuple[AnyArray, ...]:
-        """Return what a critic of all agents sees of a state (a `TeamView`), each of shape (N, ...)."""
+        """Return parts of the state (a `TeamView`) for a centralised critic, each of shape (N, ...)."""
         return ()

@@ -1,4 +1,4 @@
-"""What dynamics and components offer to plugins by name, in `World`, `View`, `TeamView` and `Step`."""
+"""Values that dynamics and components provide to plugins by name, in `World`, `View`, `TeamView` and `Step`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from safe_inspect.types import AnyArray
 
 
 class _Offering(Protocol):
-    """What names things for plugins: a running component, see `RunningComponent`."""
+    """A provider of named values: a running component, see `RunningComponent`."""
 
     def of_world(self) -> Mapping[str, Any]:
         """Return values of `World` by name."""
@@ -36,14 +36,14 @@ class _Offering(Protocol):
 
 @dataclass(frozen=True)
 class Offers:
-    """Names that a task adds.
+    """Names that the dynamics and components of a task provide.
 
     Attributes:
         world: Values by name.
         view: Functions of a `View` by name.
         team: Functions of a `TeamView` by name.
         step: Functions of a `Step` by name.
-        components: The running components, in the order in which they follow a step.
+        components: The running components, in the order in which they are called after a step.
     """
 
     world: dict[str, Any] = field(default_factory=dict)
@@ -53,10 +53,10 @@ class Offers:
     components: list[_Offering] = field(default_factory=list)
 
     def add(self, component: _Offering) -> None:
-        """Add what a component offers.
+        """Add the names that a component provides.
 
         Raises:
-            ValueError: Another one offers the same name.
+            ValueError: Another component provides the same name.
         """
         given: tuple[Mapping[str, Any], ...] = (
             component.of_world(), component.of_view(), component.of_team(), component.of_step()
@@ -71,7 +71,7 @@ class Offers:
 
 @dataclass(frozen=True)
 class OfView:
-    """An array of the state with the environment axis, as a `View` gives it: a row for each environment and agent."""
+    """Array of the state with the environment axis, for a `View`: one row for each environment and agent."""
 
     name: str
 
@@ -82,7 +82,7 @@ class OfView:
 
 @dataclass(frozen=True)
 class OwnOfView:
-    """An array of the state with an axis of deputies, as a `View` gives it: each agent its own."""
+    """Array of the state with a deputy axis, for a `View`: the row of each agent is its own entry."""
 
     name: str
 
@@ -93,7 +93,7 @@ class OwnOfView:
 
 @dataclass(frozen=True)
 class OfTeam:
-    """An array of the state with the environment axis, as a `TeamView` gives it: a row for each environment."""
+    """Array of the state with the environment axis, for a `TeamView`: one row for each environment."""
 
     name: str
 

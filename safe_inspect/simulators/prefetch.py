@@ -1,8 +1,8 @@
-"""`InitialStatePrefetcher`: the initial states of the next episodes, drawn for many environments at a time.
+"""`InitialStatePrefetcher`: initial states of the next episodes, drawn for many environments at a time.
 
-The initial state of an episode is a function of the run's seed, the slot and the number of the episode alone. So the
-next one of every slot can be drawn before the current one ends, for all slots together: one row takes as long as a
-hundred. A small batch draws several episodes of each slot.
+The initial state of an episode depends only on the run's seed, the slot and the number of the episode. So the next
+initial state of every slot can be drawn before the current episode ends, for all slots together: drawing one row takes
+as long as drawing a hundred. For a small batch, several episodes of each slot are drawn at once.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 from safe_inspect.simulators.state import ArraySpec, State
 from safe_inspect.types import AnyArray, IntArray
 
-#: Draws initial states: from the indices of rows and the numbers of their episodes to the fresh state of these rows and
-#: the statistics of the draw.
+#: Function that draws initial states: it takes the indices of rows and the numbers of their episodes, and returns the
+#: initial state of these rows and the statistics of the draw.
 DrawInitialStates = Callable[[IntArray, IntArray], tuple[State, dict[str, AnyArray]]]
 
-#: A smaller batch than this draws so many initial states at a time.
+#: For a batch smaller than this, this many initial states are drawn at a time.
 MIN_PREFETCH = 32
-#: States of up to this many rows are kept and used again.
+#: `State` objects of up to this many rows are cached and reused.
 _SMALL = 96
 
 
 class InitialStatePrefetcher:
-    """Keeps the next initial states of every row.
+    """Cache of the next initial states of every row.
 
     Args:
         num_envs: Number of environments, N.
@@ -36,25 +36,25 @@ class InitialStatePrefetcher:
     def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec], draw: DrawInitialStates) -> None:
         self._count, self._specs, self._draw_states = num_envs, specs, draw
         self._depth = max(1, MIN_PREFETCH // num_envs)
-        #: Number of the episode whose initial state is kept in each place, -1 for none, shape (N, depth).
+        #: Number of the episode whose initial state each place contains, -1 for none, shape (N, depth).
         self._drawn: IntArray = np.full((num_envs, self._depth), -1, dtype=np.int64)
         self._state: State | None = None
         self._statistics: dict[str, AnyArray] = {}
         self._small: dict[int, State] = {}
 
     def forget(self) -> None:
-        """Draw everything anew: the episodes have changed."""
+        """Clear the cache, because the episodes have changed."""
         self._drawn[...] = -1
 
     def take(self, rows: IntArray, episodes: IntArray) -> tuple[State, dict[str, AnyArray]]:
         """Return the initial states of the next episode of some rows.
 
         Args:
-            rows: Their indices, shape (R,).
-            episodes: Number of the current episode of every row, shape (N,); that of these rows is counted up.
+            rows: Indices of the rows, shape (R,).
+            episodes: Number of the current episode of every row, shape (N,); incremented in place for the given rows.
 
         Returns:
-            The fresh state of these rows, which the next call may overwrite, and the statistics of its draw.
+            The initial state of these rows, which the next call may overwrite, and the statistics of its draw.
         """
         if self._state is None:
             self._state = State(self._count * self._depth, self._specs)
@@ -69,7 +69,7 @@ class InitialStatePrefetcher:
         return taken, {name: array[rows * self._depth + places] for name, array in self._statistics.items()}
 
     def _draw(self, following: IntArray) -> None:
-        """Draw what is not there yet of the episodes from these on, shape (N,)."""
+        """Draw the missing initial states, starting from these episodes, shape (N,)."""
         assert self._state is not None
         wanted = following[:, None] + np.arange(self._depth)
         places = wanted % self._depth

@@ -1,4 +1,4 @@
-"""What the simulation asks of the parts of an agent; the classes themselves belong to higher layers."""
+"""Protocols for the parts of an agent that the simulation uses; the classes themselves belong to higher layers."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from safe_inspect.types import ArraySpec, FloatArray
 
 
 class DeclaresMemory(Protocol):
-    """A safety filter or a scripted policy: it may declare arrays that live in the state."""
+    """A safety filter, a scripted policy or a done function, which may declare arrays that are part of the state."""
 
     def memory(self, world: World, /) -> Mapping[str, ArraySpec]:
-        """Declare the arrays that it remembers, each with its shape for one agent or one environment."""
+        """Declare the arrays in which the part stores data, each with its shape for one agent or one environment."""
 
 
 class ReadsState(DeclaresMemory, Protocol):
@@ -29,7 +29,7 @@ class ReadsState(DeclaresMemory, Protocol):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Smallest and largest possible value, SI."""
+        """Smallest and largest possible value of a reading, SI."""
 
     def __call__(self, view: Any, /) -> FloatArray:
         """Return the reading, SI, shape (R, size)."""

@@ -1,4 +1,4 @@
-"""The kernel that copies rows from one state's memory to another's."""
+"""The kernel that copies rows from the memory of one state to that of another."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ def copy_rows(
     source_rows: IntArray,
     widths: IntArray,
 ) -> None:
-    """Copy rows of every array that lies in a block of memory.
+    """Copy rows of all arrays in a block of memory.
 
     Args:
-        target: The memory that is written, bytes.
-        target_starts: Where its arrays begin, shape (A,).
-        target_rows: The rows that are written, shape (R,).
-        source: The memory that is read, bytes.
-        source_starts: Where its arrays begin, shape (A,).
-        source_rows: The rows that are read, shape (R,).
-        widths: Bytes of a row of each array, shape (A,).
+        target: The memory to write, bytes.
+        target_starts: Start of each array in it, shape (A,).
+        target_rows: The rows to write, shape (R,).
+        source: The memory to read, bytes.
+        source_starts: Start of each array in it, shape (A,).
+        source_rows: The rows to read, shape (R,).
+        widths: Bytes per row of each array, shape (A,).
     """
     for a in range(len(widths)):
         width = widths[a]

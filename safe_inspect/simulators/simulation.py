@@ -1,4 +1,4 @@
-"""The running simulation of N environments: reset by rows, step all."""
+"""The running simulation of N environments: rows are reset separately, all environments step together."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntAr
 
 
 class Paused(NamedTuple):
-    """Environments that wait.
+    """Environments that are waiting.
 
     Attributes:
         rows: Their indices, shape (R,).
         state: Their states.
-        running: Whose episode runs, shape (R,).
+        running: Mask of those whose episode is running, shape (R,).
     """
 
     rows: IntArray
@@ -37,30 +37,30 @@ class Paused(NamedTuple):
 
 
 class Simulation:
-    """N environments with D deputies, whose motion is the dynamics' and whose task is the components'. SI units.
+    """N environments with D deputies: the dynamics define the motion, and the components define the task. SI units.
 
     Args:
-        dynamics: How the bodies move.
-        components: What the task adds, in the order in which they follow a step.
+        dynamics: Dynamics of the bodies.
+        components: Components of the task, in the order in which they are called after a step.
         masses: Mass of each deputy [kg], by platform, in agent order.
         groups: Groups of agents.
-        reset: How an episode begins.
+        reset: Plan of the initial states.
         step_size: Length of a step [s].
         decimation: Number of physics steps in a step.
         num_envs: Number of environments, N.
         seed: Seed of the run.
         first_slot: Global index of the first environment slot.
-        team_filter: What filters the thrusts of all deputies together and may declare memory, where there is one.
+        team_filter: Safety filter of all deputies together, which may declare memory, if there is one.
 
     Attributes:
-        world: What does not change.
+        world: The constant data of the simulation.
         components: The running components, by name.
-        before: State at the beginning of the last step.
+        before: State at the start of the last step.
         state: The current state.
-        views: The current state as each group of agents sees it.
-        reset_info: Statistics of the draws that began the current episodes, each of shape (N,).
-        running: Environments whose episode runs, shape (N,); see `end`.
-        flown: The control that was flown in the last step, from which the commanded one may differ, shape (N, D, C).
+        views: The current state as seen by each group of agents.
+        reset_info: Statistics of the draws of the current episodes' initial states, each of shape (N,).
+        running: Mask of the environments whose episode is running, shape (N,); see `end`.
+        flown: The control that was applied in the last step, which may differ from the commanded one, shape (N, D, C).
         trace: The arrays of the bodies after each physics step of the last step, shape (N, B, decimation, ...), by
             name; empty unless the dynamics are traced.
     """
@@ -132,12 +132,12 @@ class Simulation:
 
     @property
     def turns_thrust(self) -> bool:
-        """Whether the thrust stands in body axes."""
+        """Whether the thrust is given in body axes."""
         return self._turns_thrust
 
     @property
     def attitude(self) -> tuple[str, ...]:
-        """Names of the arrays of a body beside its position and velocity, such as ``orientation``."""
+        """Names of the arrays of a body other than its position and velocity, such as ``orientation``."""
         return self._of_body[2:]
 
     @property
@@ -147,7 +147,7 @@ class Simulation:
         return (*self._of_body, *(name for name in own if name in self._specs))
 
     def seed(self, seed: int) -> None:
-        """Begin again with another seed: the next reset starts every slot's first episode."""
+        """Restart with another seed: the next reset starts the first episode of every slot."""
         self._seed = seed
         self._episodes[:] = -1
         self._prefetcher.forget()
@@ -155,23 +155,23 @@ class Simulation:
             component.restart()
 
     def state_dict(self) -> dict[str, dict[str, AnyArray]]:
-        """Return what lives through resets, for a checkpoint, by component."""
+        """Return the data that persist across resets, for a checkpoint, by component."""
         kept = {name: component.state_dict() for name, component in self.components.items()}
         return {name: arrays for name, arrays in kept.items() if arrays}
 
     def load_state_dict(self, state: Mapping[str, Mapping[str, AnyArray]]) -> None:
-        """Go on from what `state_dict` returned; call it before a reset."""
+        """Restore the data that `state_dict` returned; call it before a reset."""
         for name, arrays in state.items():
             self.components[name].load_state_dict(arrays)
 
     def reset(self, rows: IntArray) -> State:
-        """Begin a new episode in some rows.
+        """Start a new episode in some rows.
 
         Args:
             rows: Indices of the environments, shape (R,).
 
         Returns:
-            The fresh state of these rows alone, R environments.
+            The initial state of these rows alone, R environments.
         """
         if len(rows) == self.num_envs and (self.num_envs > MIN_PREFETCH or self._episodes.min() < 0):
             self._episodes[rows] += 1
@@ -185,11 +185,11 @@ class Simulation:
         for name, array in info.items():
             self.reset_info.setdefault(name, np.zeros(self.num_envs, dtype=np.int64))[rows] = array
         self.running[rows] = True
-        self.views = self._views(self.state)  # what the old ones have computed is out of date
+        self.views = self._views(self.state)  # values cached in the old views are out of date
         return fresh
 
     def _draw_initial_states(self, rows: IntArray, episodes: IntArray) -> tuple[State, dict[str, AnyArray]]:
-        """Return an initial state for each of some rows, and the statistics of its draw."""
+        """Return an initial state for each of the given rows, and the statistics of its draw."""
         streams = Streams(self._seed, self._slots[rows], episodes)
         fresh = State(len(rows), self._specs)
         states, values = self._reset_plan.draw(streams)
@@ -211,7 +211,7 @@ class Simulation:
         return fresh, info
 
     def step(self, control: FloatArray) -> None:
-        """Hold a control over one step.
+        """Hold a control for one step.
 
         Args:
             control: Control of each deputy, in the unit of the dynamics, shape (N, D, C).
@@ -231,7 +231,7 @@ class Simulation:
         self.views = self._remember(after)
 
     def _bind(self, state: State) -> tuple[Any, tuple[Any, ...]]:
-        """Return the arguments of what advances a state, before and behind the control."""
+        """Return the arguments of the kernel that advances a state, before and after the control."""
         found = state.bound["advance"] = (
             (*self._parameters, *(state.arrays[name] for name in self._of_body), *self.trace.values()),
             (self.world.masses, *self._physics, state.delta_v, state.time, state.step),
@@ -239,9 +239,9 @@ class Simulation:
         return found
 
     def end(self, ended: BoolArray) -> None:
-        """End the episodes of a mask of environments, shape (N,), of which the components take note.
+        """End the episodes of a mask of environments, shape (N,), and notify the components.
 
-        An environment that has ended may be stepped on until it is reset: that counts for nothing.
+        An environment that has ended may still be stepped until it is reset; these steps have no effect on the results.
         """
         rows = np.flatnonzero(ended & self.running)
         self.running[rows] = False
@@ -250,20 +250,20 @@ class Simulation:
                 component.end(self.state, rows)
 
     def pause(self, rows: IntArray) -> Paused:
-        """Let some environments, shape (R,), wait: the steps until `unpause` count for nothing there."""
+        """Let some environments, shape (R,), wait: steps until `unpause` have no effect on them."""
         paused = Paused(rows, self.state.take(rows), self.running[rows].copy())
         self.running[rows] = False
         return paused
 
     def unpause(self, paused: Paused) -> None:
-        """Go on in environments that have waited."""
+        """Continue in environments that have waited."""
         self.state.put(paused.rows, paused.state)
         self.running[paused.rows] = paused.running
         self.views = self._views(self.state)
 
     @property
     def divisible(self) -> bool:
-        """Whether some of the environments can be stepped alone: every component knows what it keeps of each."""
+        """Whether some environments can be stepped separately: each component with persistent data overrides `part`."""
         kept = self.state_dict()
         components = self.components.items()
         return all(name not in kept or type(one).part is not RunningComponent.part for name, one in components)
@@ -280,7 +280,7 @@ class Simulation:
         return part
 
     def enter(self, whole: Simulation, paused: Paused, rows: IntArray) -> None:
-        """Go on, in a part of a whole simulation, where some environments wait.
+        """Continue some waiting environments of a whole simulation in this part of it.
 
         Args:
             whole: The whole simulation.
@@ -293,7 +293,7 @@ class Simulation:
         self._whole_rows[...] = rows
 
     def leave(self, whole: Simulation, rows: IntArray) -> None:
-        """Give back to the whole what the components have kept of its environments, the first rows of this part."""
+        """Copy the components' persistent data of the environments in the first rows of this part back to the whole."""
         for name, component in whole.components.items():
             component.join(self.components[name], rows)
 
@@ -301,7 +301,7 @@ class Simulation:
         return tuple([View(state, self.world, group) for group in self._groups])
 
     def _remember(self, state: State) -> tuple[View, ...]:
-        """Let the sensors remember; return the views of what they see."""
+        """Let the sensors update their memory; return the views of the state."""
         views = self._views(state)
         for view, remembering in zip(views, self._remembering, strict=True):
             for name, sensor in remembering:

@@ -1,4 +1,4 @@
-"""`Simulator`: the configuration of a simulator, a named composition of dynamics and components."""
+"""`Simulator`: the configuration of a simulation, a named composition of dynamics and components."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ from safe_inspect.simulators.view import Group
 
 
 class Simulator(Plugin):
-    """What moves how, and what the task adds. Called, it gives a running simulation.
+    """Composition of dynamics and the components of a task. Calling it returns a running simulation.
 
     Attributes:
         decimation: Number of physics steps in a step of the agents.
         disturbance: A component that disturbs the motion, the thrust or the estimated states, such as
-            `BoundedDisturbance`; it comes before those of the task. None: the motion is exactly that of the dynamics.
+            `BoundedDisturbance`; it is called before those of the task. None: the motion is exactly that of the
+            dynamics.
     """
 
     kind: ClassVar[str] = "simulator"
@@ -35,24 +36,24 @@ class Simulator(Plugin):
 
     @abstractmethod
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
-        """Return the dynamics, and the components in the order in which they follow a step."""
+        """Return the dynamics, and the components in the order in which they are called after a step."""
 
     def with_attitude(self) -> Simulator:
         """Return the simulator for platforms that turn.
 
         Raises:
-            ValueError: It has none.
+            ValueError: There is no such simulator.
         """
-        raise ValueError(f"{self.registered_name} moves points; platforms that turn need another simulator")
+        raise ValueError(f"{self.registered_name} simulates point masses; platforms that turn need another simulator")
 
     @property
     def attitude_field(self) -> str:
-        """A field that is given and has a meaning with platforms that turn alone; empty for none."""
+        """Name of a field that is set but only has a meaning for platforms that turn; empty if there is none."""
         return ""
 
     @property
     def turns(self) -> bool:
-        """Whether its deputies have an attitude."""
+        """Whether the deputies have an attitude."""
         return "orientation" in self.compose()[0].arrays
 
     def __call__(
@@ -72,12 +73,12 @@ class Simulator(Plugin):
         Args:
             masses: Mass of each deputy [kg], by platform, in agent order.
             groups: Groups of agents.
-            reset: How an episode begins.
+            reset: Plan of the initial states.
             step_size: Length of a step [s].
             num_envs: Number of environments, N.
             seed: Seed of the run.
             first_slot: Global index of the first environment slot.
-            team_filter: What filters the thrusts of all deputies together and may declare memory, where there is one.
+            team_filter: Safety filter of all deputies together, which may declare memory, if there is one.
         """
         dynamics, components = self.compose()
         return Simulation(
@@ -96,11 +97,11 @@ class Simulator(Plugin):
 
 
 class ComposedSimulator(Simulator):
-    """Dynamics and components of the user's choice.
+    """Simulator with dynamics and components that the configuration selects.
 
     Attributes:
-        dynamics: How the bodies move.
-        components: What the task adds, in the order in which they follow a step.
+        dynamics: Dynamics of the bodies.
+        components: Components of the task, in the order in which they are called after a step.
     """
 
     dynamics: functor_field("dynamics") = ClohessyWiltshire()  # type: ignore[valid-type]

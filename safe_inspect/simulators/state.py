@@ -1,4 +1,4 @@
-"""The state of N environments as arrays, and how rows of it are copied and replaced."""
+"""The state of N environments as arrays, with functions that copy and replace rows of it."""
 
 from __future__ import annotations
 
@@ -16,40 +16,41 @@ from safe_inspect.simulators.rows import copy_rows
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 from safe_inspect.types import ArraySpec as ArraySpec
 
-#: Every array of a state begins at a multiple of this many bytes.
+#: Every array of a state starts at a multiple of this many bytes.
 _ALIGNMENT = 64
 
 
 class State:
     """The state of N environments with D deputies and B bodies (the deputies first).
 
-    All arrays are created once, in one block of memory, and written in place. SI units, Hill's frame. Those of the
-    dynamics and of the task's components are attributes by their names, such as ``state.sun_angle``; one that is named
-    ``kind/owner/array`` is ``state.kind[owner].array``. Of any array, ``state[name]``.
+    All arrays are created once, in one block of memory, and written in place. SI units, Hill's frame. The arrays of the
+    dynamics and of the task's components are attributes by their names, such as ``state.sun_angle``; an array named
+    ``kind/owner/array`` is ``state.kind[owner].array``. Every array is also available as ``state[name]``.
 
     Args:
         num_envs: Number of environments, N.
         specs: The arrays, by name.
-        constants: A state of the same size that shares its arrays that are constant through an episode.
+        constants: A state of the same size with which to share the arrays that are constant during an episode.
 
     Attributes:
         time: Time since the reset [s], shape (N,).
         step: Steps since the reset [-], shape (N,).
-        key: Random key of the episode for draws inside a step, shape (N,), uint64.
+        key: Random key of the episode for draws within a step, shape (N,), uint64.
         position: Position of the bodies [m], shape (N, B, 3).
         velocity: Velocity of the bodies [m/s], shape (N, B, 3).
-        control: Control held over the last step, in the unit of the dynamics, shape (N, D, C).
+        control: Control held during the last step, in the unit of the dynamics, shape (N, D, C).
         delta_v: Velocity change spent in the episode, sum of abs(u_i) dt / m [m/s], shape (N, D).
         interventions: Steps of the episode in which a safety filter changed the thrust, shape (N, D).
-        finished: `DoneStatus` with which each deputy's agent has ended, 0 while it runs, int8, shape (N, D).
+        finished: `DoneStatus` with which each deputy's agent has ended, 0 while it is running, int8, shape (N, D).
         arrays: All arrays by name, in the order of `specs`.
-        constants: Those that are constant through an episode.
-        owned: Those that are named ``kind/owner/array``, by kind and owner.
-        floats: The memory of all arrays that are not constant as numbers of float64; see `start`.
-        wholes: The same memory as numbers of int64.
-        bound: Kernels with their arguments, for those who call them in every step; no copy keeps them.
-        memory: Declared arrays of the sensors by (agent group, part, array), a row for each environment and agent.
-        whole_rows: Indices of the environments in a larger batch of which these are a part, shape (N,); None: no part.
+        constants: The arrays that are constant during an episode.
+        owned: The arrays that are named ``kind/owner/array``, by kind and owner.
+        floats: The memory of all arrays that are not constant, as float64; see `start`.
+        wholes: The same memory as int64.
+        bound: Kernels with their arguments, a cache for code that calls them in every step; it is not copied.
+        memory: Declared arrays of the sensors by (agent group, part, array), one row for each environment and agent.
+        whole_rows: Indices of these environments in the larger batch of which they are a part, shape (N,); None if they
+            are not a part.
     """
 
     def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None = None) -> None:
@@ -69,17 +70,17 @@ class State:
                 self.arrays[name][...] = spec.fill
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy is made from: the common memory, and the constant arrays, which states may share."""
+        """Return the data for a copy: the common memory, and the constant arrays, which states may share."""
         return {"num_envs": self.num_envs, "specs": self.specs, "block": self._block, "constants": self.constants}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Attach the arrays to the copied memory: copied one by one, each would have a memory of its own."""
+        """Attach the arrays to the copied memory; if they were copied one by one, each would have separate memory."""
         self._attach(**state)
 
     def _attach(
         self, num_envs: int, specs: Mapping[str, ArraySpec], block: AnyArray, constants: dict[str, AnyArray]
     ) -> None:
-        """Make the arrays: views of the common memory, and the constant ones beside it."""
+        """Create the arrays: views of the common memory, and the constant arrays."""
         self.num_envs = num_envs
         self.whole_rows: IntArray | None = None
         self.specs = specs
@@ -108,7 +109,7 @@ class State:
             elif rest:
                 owner, _, label = rest.partition("/")
                 setattr(self.owned.setdefault(kind, {}).setdefault(owner, SimpleNamespace()), label, array)
-        vars(self).update(self.owned)  # `__getattr__` takes longer
+        vars(self).update(self.owned)  # faster than `__getattr__`
         moving = [name for name, spec in specs.items() if not spec.constant]
         self._starts: IntArray = np.array([self.start(name) for name in moving], dtype=np.int64)
         self._widths: IntArray = np.array(
@@ -116,7 +117,7 @@ class State:
         )
 
     def __getattr__(self, name: str) -> Any:
-        """Return an array of a component by its name, or what the owners of one kind hold."""
+        """Return an array of a component by its name, or the arrays of all owners of one kind."""
         known = self.__dict__
         if name in known.get("arrays", ()):
             return known["arrays"][name]
@@ -130,7 +131,7 @@ class State:
 
     @cached_property
     def read_only(self) -> State:
-        """The same state with arrays that cannot be written; plugins are given this one."""
+        """The same state with read-only arrays; this is the state that plugins get."""
         shown = object.__new__(State)
         shown.__dict__ |= {
             name: value if name.startswith("_") else _read_only(value) for name, value in self.__dict__.items()
@@ -138,12 +139,12 @@ class State:
         return shown
 
     def start(self, name: str) -> int:
-        """Return at which byte of the common memory an array begins.
+        """Return the byte of the common memory at which an array starts.
 
-        Compiled kernels read the memory from there without checking bounds.
+        Compiled kernels read the memory from there without bounds checks.
 
         Raises:
-            ValueError: The array is constant, or does not lie in the common memory.
+            ValueError: The array is constant, or is not in the common memory.
         """
         array = self.arrays[name]
         offset: int = array.ctypes.data - self._block.ctypes.data
@@ -153,7 +154,7 @@ class State:
         return offset
 
     def copy_from(self, other: State) -> None:
-        """Overwrite this state with another of the same size that shares its constant arrays."""
+        """Overwrite this state with another of the same size with which it shares its constant arrays."""
         np.copyto(self._block, other._block)
 
     def put(self, rows: IntArray, other: State) -> None:
@@ -161,7 +162,7 @@ class State:
         self._copy(rows, other, np.arange(other.num_envs))
 
     def take(self, rows: IntArray, into: State | None = None) -> State:
-        """Return a state that holds copies of some rows: a new one, or another of that many rows, overwritten."""
+        """Return a state with copies of some rows: a new state, or the given state of that many rows, overwritten."""
         taken = State(len(rows), self.specs) if into is None else into
         taken._copy(np.arange(len(rows)), self, rows)
         return taken
@@ -180,7 +181,7 @@ class State:
 
 
 def _read_only(value: Any) -> Any:
-    """Return an attribute of a state with read-only arrays in place of its own."""
+    """Return an attribute of a state with its arrays made read-only."""
     if isinstance(value, np.ndarray):
         return read_only(value)
     if isinstance(value, SimpleNamespace):
@@ -191,11 +192,11 @@ def _read_only(value: Any) -> Any:
 
 
 def _checked(rows: IntArray, count: int) -> IntArray:
-    """Return the indices of rows, those from the end counted from the beginning; the kernel itself checks nothing."""
+    """Return row indices with negative ones converted to positive ones, after a bounds check that the kernel lacks."""
     rows = np.ascontiguousarray(rows, dtype=np.int64)
     if len(rows) and (rows.min() < 0 or rows.max() >= count):
         if rows.min() < -count or rows.max() >= count:
-            raise IndexError(f"there are {count} environments, numbered from 0; {rows.tolist()} are given")
+            raise IndexError(f"there are {count} environments, numbered from 0; got {rows.tolist()}")
         return rows % count
     return rows
 
@@ -245,6 +246,6 @@ def _arrays_in(
 
 
 def _padded(num_envs: int, spec: ArraySpec) -> int:
-    """Return the bytes that an array takes in the common memory."""
+    """Return the bytes that an array occupies in the common memory, including padding."""
     size: int = num_envs * math.prod(spec.shape) * np.dtype(spec.dtype).itemsize
     return -(-size // _ALIGNMENT) * _ALIGNMENT

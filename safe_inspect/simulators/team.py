@@ -1,4 +1,4 @@
-"""What concerns all deputies together: `TeamView` of one state, `TeamStep` from one state to the next.
+"""Data about all deputies together: `TeamView` of one state, `TeamStep` from one state to the next.
 
 Arrays have one row for each environment and an axis of deputies, in agent order.
 """
@@ -19,9 +19,9 @@ from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: The name of the whole team where the names of groups of agents stand, among the remembered arrays.
+#: The name of the whole team in place of the name of a group of agents, in the keys of declared memory.
 TEAM = "whole team"
-#: Where the arrays that the team's safety filter remembers stand among those of the parts.
+#: The name of the team's safety filter in place of the name of a part, in the keys of declared memory.
 TEAM_FILTER = "team safety filter"
 
 
@@ -29,8 +29,8 @@ class TeamView:
     """One state of N environments with D deputies. The arrays are read-only. SI units, Hill's frame.
 
     Attributes:
-        writable: The state itself with arrays that can be written, for the environment and for compiled kernels.
-        world: What does not change.
+        writable: The state itself with writable arrays, for the environment and for compiled kernels.
+        world: The constant data of the simulation.
     """
 
     def __init__(self, state: State, world: World) -> None:
@@ -38,7 +38,7 @@ class TeamView:
         self.world = world
 
     def __getattr__(self, name: str) -> Any:
-        """Return what a component of the task offers, such as ``sun_angle``."""
+        """Return a value that a component of the task provides, such as ``sun_angle``."""
         offered = self.__dict__["world"].offers.team if "world" in self.__dict__ else {}
         if name not in offered:
             raise missing("view of the team", name, offered)
@@ -66,7 +66,7 @@ class TeamView:
 
     @property
     def control(self) -> FloatArray:
-        """Thrust of each deputy held over the last step [N], shape (N, D, 3)."""
+        """Thrust of each deputy held during the last step [N], shape (N, D, 3)."""
         return self.state.control
 
     @property
@@ -81,12 +81,12 @@ class TeamView:
 
     @property
     def finished(self) -> AnyArray:
-        """`DoneStatus` with which each deputy's agent has ended, 0 while it runs, int8, shape (N, D)."""
+        """`DoneStatus` with which each deputy's agent has ended, 0 while it is running, int8, shape (N, D)."""
         return self.state.finished
 
     @cached_property
     def distance(self) -> FloatArray:
-        """Distance of every pair of deputies, in the order of `pairs` [m], shape (N, D (D - 1) / 2)."""
+        """Distance between the deputies of every pair, in the order of `pairs` [m], shape (N, D (D - 1) / 2)."""
         deputies = self.world.num_deputies
         found = np.empty((self.num_envs, deputies * (deputies - 1) // 2))
         pair_distances(self.writable.position, deputies, found)
@@ -95,7 +95,7 @@ class TeamView:
 
     @property
     def pairs(self) -> tuple[IntArray, IntArray]:
-        """Indices of the deputies of every pair: 0-1, 0-2, ..., 1-2, ...; two arrays."""
+        """Indices of the deputies of every pair, as two arrays: 0-1, 0-2, ..., 1-2, ..."""
         return _pairs(self.world.num_deputies)
 
     def memory(self, array: str) -> AnyArray:
@@ -108,12 +108,14 @@ class TeamStep:
     """One step of all agents.
 
     Attributes:
-        before: State at the beginning of the step.
-        after: State at its end, before any reset.
-        fired: For each done function of the agents, by name, whose episode it ended in this step, shape (N, D).
-        status: `DoneStatus` of each agent after its own done functions, of those that ended earlier too, shape (N, D).
+        before: State at the start of the step.
+        after: State at the end of the step, before any reset.
+        fired: For each done function of the agents, by name, the mask of agents whose episode it ended in this step,
+            shape (N, D).
+        status: `DoneStatus` of each agent after its own done functions, including agents that ended earlier, shape (N,
+            D).
         dt: Length of the step [s].
-        has: For each done function of the agents, by name, which agents have it, shape (D,).
+        has: For each done function of the agents, by name, the mask of agents that have it, shape (D,).
     """
 
     before: TeamView
@@ -127,5 +129,5 @@ class TeamStep:
 @functools.lru_cache(maxsize=16)
 def _pairs(deputies: int) -> tuple[IntArray, IntArray]:
     first, second = np.triu_indices(deputies, 1)
-    first.flags.writeable = second.flags.writeable = False  # everyone gets the same
+    first.flags.writeable = second.flags.writeable = False  # all callers share these arrays
     return first, second

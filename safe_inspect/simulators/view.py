@@ -1,8 +1,7 @@
-"""What the functors of an agent see: `View` of one state, `Step` from one state to the next.
+"""Data that the functors of an agent receive: `View` of one state, `Step` from one state to the next.
 
-Agents whose parts, glues, rewards and dones are the same form a group and are
-computed together. A view has one row for each environment and agent of the
-group, R = N * G rows, environment by environment.
+Agents whose parts, glues, rewards and dones are the same form a group and are computed together. A view has one row for
+each environment and agent of the group, R = N * G rows, ordered by environment, then by agent.
 """
 
 from __future__ import annotations
@@ -22,27 +21,27 @@ from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: Where the arrays that a group's safety filter remembers stand among those of the parts.
+#: The name of a group's safety filter in place of the name of a part, in the keys of declared memory.
 SAFETY_FILTER = "safety filter"
-#: Where the arrays that a group's scripted policy remembers stand among those of the parts.
+#: The name of a group's scripted policy in place of the name of a part, in the keys of declared memory.
 SCRIPTED_POLICY = "scripted policy"
-#: Where the control steps that are left of decisions stand among the arrays of the parts.
+#: The names of part and array, in the keys of declared memory, of the control steps that are left of decisions.
 DECISION, REMAINING = "decision", "remaining"
 
 
 @dataclass(frozen=True)
 class Group:
-    """Agents with equal terms: a contiguous run of deputies.
+    """Group of agents with equal terms: consecutive deputies.
 
     Attributes:
-        name: Name of the group; the agent's name when there is one agent.
+        name: Name of the group; the agent's name if there is one agent.
         first: Index of the first deputy.
         size: Number of deputies, G.
         sensors: Sensors by part name.
-        safety_filter: What filters the group's thrust and may declare memory, where there is one.
-        scripted_policy: The scripted policy that flies the deputies, where there is one.
-        dones: Done functions that declare memory, by the name under which it stands.
-        decides: Whether an action may hold for several control steps; the state then remembers how many are left.
+        safety_filter: Safety filter of the group's thrust, which may declare memory, if there is one.
+        scripted_policy: The scripted policy that controls the deputies, if there is one.
+        dones: Done functions that declare memory, by the name of their memory.
+        decides: Whether an action may hold for several control steps; the state then contains the number of steps left.
     """
 
     name: str
@@ -56,17 +55,17 @@ class Group:
 
 
 class View:
-    """One state as a group of agents sees it; every array has R = N * G rows. SI units, Hill's frame.
+    """One state as seen by a group of agents; every array has R = N * G rows. SI units, Hill's frame.
 
-    The arrays are read-only, but for the declared memory of the plugin that may write it now; see `memory`.
+    The arrays are read-only, except for the declared memory of the plugin that may currently write it; see `memory`.
 
     Attributes:
-        writable: The state itself with arrays that can be written, for the simulation and for compiled kernels.
-        remembering: Name of the part whose declared arrays may be written now; None: no part's.
-        world: What does not change.
-        group: The agents that see it.
+        writable: The state itself with writable arrays, for the simulation and for compiled kernels.
+        remembering: Name of the part whose declared arrays may currently be written; None if there is none.
+        world: The constant data of the simulation.
+        group: The agents.
         num_rows: Number of rows, R.
-        derived: What has been computed from this state so far, for those who compute it.
+        derived: Cache of values computed from this state, for the code that computes them.
     """
 
     def __init__(self, state: State, world: World, group: Group) -> None:
@@ -80,11 +79,11 @@ class View:
         self.derived: dict[Any, Any] = {}
 
     def __reduce__(self) -> Any:
-        """Copy the view without what has been computed, which holds arrays of the state at hand."""
+        """Copy the view without cached values, which contain arrays of the current state."""
         return View, (self.writable, self.world, self.group)
 
     def __getattr__(self, name: str) -> Any:
-        """Return what a component of the task offers, such as ``sun_direction``."""
+        """Return a value that a component of the task provides, such as ``sun_direction``."""
         offered = self.__dict__["world"].offers.view if "world" in self.__dict__ else {}
         if name not in offered:
             raise missing("view", name, offered)
@@ -96,11 +95,11 @@ class View:
         return self.writable.read_only
 
     def per_environment(self, array: Array) -> Array:
-        """Give an array with the environment axis (N, ...) the rows of the view (R, ...)."""
+        """Return an array with the environment axis (N, ...) expanded to the rows of the view (R, ...)."""
         return array if self.group.size == 1 else cast(Array, array.repeat(self.group.size, axis=0))
 
     def per_agent(self, array: Array) -> Array:
-        """Give an array with a deputy or body axis (N, D, ...) the rows of the view (R, ...): each agent its own."""
+        """Return each agent's own entry of an array with an axis of deputies or bodies (N, D, ...), shape (R, ...)."""
         first, size = self.group.first, self.group.size
         own = array[:, first] if size == 1 else array[:, first : first + size].reshape(-1, *array.shape[2:])
         return cast(Array, own)
@@ -127,7 +126,7 @@ class View:
 
     @property
     def control(self) -> FloatArray:
-        """Own control held over the last step, its thrust [N] first, in the frame of the dynamics, shape (R, C)."""
+        """Own control held during the last step, the thrust [N] first, in the frame of the dynamics, shape (R, C)."""
         return self.per_agent(self.state.control)
 
     @property
@@ -137,17 +136,17 @@ class View:
 
     @property
     def interventions(self) -> IntArray:
-        """Steps of the episode in which a safety filter changed the own thrust, shape (R,)."""
+        """Steps of the episode in which a safety filter changed the agent's own thrust, shape (R,)."""
         return self.per_agent(self.state.interventions)
 
     @property
     def finished(self) -> AnyArray:
-        """`DoneStatus` with which the own episode has ended, 0 while it runs, int8, shape (R,)."""
+        """`DoneStatus` with which the agent's own episode has ended, 0 while it is running, int8, shape (R,)."""
         return self.per_agent(self.state.finished)
 
     @cached_property
     def own_index(self) -> IntArray:
-        """Index of the own deputy among all, in agent order, shape (R,)."""
+        """Index of the agent's own deputy among all deputies, in agent order, shape (R,)."""
         own = np.arange(self.group.first, self.group.first + self.group.size)
         return read_only(np.tile(own, self.writable.num_envs))
 
@@ -186,7 +185,7 @@ class View:
         return self.per_environment(self.state.velocity[:, self.world.bodies[name]])
 
     def reading(self, sensor: str) -> FloatArray:
-        """Return what a sensor of the agent reads in this state, shape (R, k); it is computed once."""
+        """Return the reading of a sensor of the agent in this state, shape (R, k); it is computed once and cached."""
         found = self._readings.get(sensor)
         if found is None:
             found = self._readings[sensor] = read_only(np.asarray(self.group.sensors[sensor](self)))
@@ -194,11 +193,11 @@ class View:
 
     @property
     def readings(self) -> Mapping[str, FloatArray]:
-        """What sensors of the agent have read in this state so far, by name."""
+        """Readings of the agent's sensors that have been computed in this state so far, by name."""
         return self._readings
 
     def range_to(self, position_sensor: str | None) -> FloatArray:
-        """Return the distance to what a sensor locates [m], shape (R,); to the origin of Hill's frame for None."""
+        """Return the distance to the position that a sensor reads [m], shape (R,); None: to the origin."""
         found = self._ranges.get(position_sensor)
         if found is None:
             offset = self.position if position_sensor is None else self.position - self.reading(position_sensor)
@@ -211,8 +210,8 @@ class View:
     def memory(self, part: str, array: str) -> AnyArray:
         """Return a declared array with the rows of the view, shape (R, ...).
 
-        It is writable for the part itself: for a sensor or a done function within `remember`, for a scripted policy
-        within its call.
+        The array is writable only for the part that declared it: for a sensor or a done function within `remember`, and
+        for a scripted policy within its call.
 
         Args:
             part: Name of the sensor, or `SAFETY_FILTER` or `SCRIPTED_POLICY`, or the key of a done function in
@@ -227,13 +226,13 @@ class Step:
     """One step of a group of agents, from the state before to the state after. The arrays are read-only.
 
     Attributes:
-        before: State at the beginning of the step.
-        after: State at its end, before any reset.
-        writable_control: `control` as an array that can be written, for the environment and for compiled kernels.
-        writable_intervening: `intervening`, likewise.
+        before: State at the start of the step.
+        after: State at the end of the step, before any reset.
+        writable_control: `control` as a writable array, for the environment and for compiled kernels.
+        writable_intervening: `intervening` as a writable array, likewise.
         dt: Length of the step [s].
-        filtered: What the safety filter gave, where one is enabled.
-        invalid: Rows whose action was NaN or infinite, shape (R,); None where such an action stops the run.
+        filtered: Result of the safety filter, if one is enabled.
+        invalid: Mask of the rows whose action was NaN or infinite, shape (R,); None if such an action stops the run.
     """
 
     def __init__(
@@ -260,7 +259,7 @@ class Step:
         self._total_thrust: FloatArray | None = None
 
     def __getattr__(self, name: str) -> Any:
-        """Return what a component of the task offers, such as ``new_points``."""
+        """Return a value that a component of the task provides, such as ``new_points``."""
         offered = self.__dict__["before"].world.offers.step if "before" in self.__dict__ else {}
         if name not in offered:
             raise missing("step", name, offered)
@@ -268,27 +267,27 @@ class Step:
 
     @property
     def action(self) -> FloatArray:
-        """What the policies asked for, shape (R, A)."""
+        """Actions of the policies, shape (R, A)."""
         return read_only(self._action)
 
     @property
     def control(self) -> FloatArray:
-        """Control held over the step, its thrust [N] first, in the frame of the dynamics, shape (R, C)."""
+        """Control held during the step, the thrust [N] first, in the frame of the dynamics, shape (R, C)."""
         return read_only(self.writable_control)
 
     @property
     def desired_control(self) -> FloatArray:
-        """Control that the policies asked for, before any safety filter, shape (R, C)."""
+        """Control that the policies commanded, before any safety filter, shape (R, C)."""
         return read_only(self._desired_control)
 
     @property
     def intervening(self) -> BoolArray:
-        """Rows in which a safety filter changed the thrust, shape (R,)."""
+        """Mask of the rows in which a safety filter changed the thrust, shape (R,)."""
         return read_only(self.writable_intervening)
 
-    @property  # a cached property of the standard library takes a lock, which costs more than this
+    @property  # `functools.cached_property` takes a lock, which costs more than this
     def first(self) -> BoolArray:
-        """Rows in which this is the first step of the episode, shape (R,)."""
+        """Mask of the rows in which this is the first step of the episode, shape (R,)."""
         found = self._first
         if found is None:
             found = self._first = np.asarray(self.before.step == 0)

@@ -1,4 +1,4 @@
-"""What does not change while N environments run: names, sizes and constants."""
+"""Data that are constant while N environments run: names, sizes and constants."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True)
 class World:
-    """The constants of a simulation, and by name what its dynamics and components offer, such as ``mean_motion``.
+    """The constants of a simulation, and by name what its dynamics and components provide, such as ``mean_motion``.
 
     Attributes:
         platforms: Names of the deputies, in agent order.
         bodies: Index of every body by name, the deputies first.
         masses: Mass of each deputy [kg], shape (D,).
         step_size: Length of a step [s].
-        offers: What dynamics and components offer.
+        offers: Values that dynamics and components provide.
     """
 
     platforms: tuple[str, ...]
@@ -30,7 +30,7 @@ class World:
     offers: Offers = field(default_factory=Offers)
 
     def __getattr__(self, name: str) -> Any:
-        """Return what dynamics or a component offers."""
+        """Return a value that the dynamics or a component provides."""
         offers = self.__dict__.get("offers")
         if offers is None or name not in offers.world:
             raise missing("world", name, {} if offers is None else offers.world)

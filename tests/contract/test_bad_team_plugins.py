@@ -140,7 +140,7 @@ class TestPolicy:
                 rows[:] = view.num_rows
                 return thrust
 
-        assert "one of shape (8, 3) is wanted" in breaches(FlatPolicy)["runs"]
+        assert "expected shape (8, 3)" in breaches(FlatPolicy)["runs"]
         assert set(breaches(ForgetfulPolicy)) >= {"no memory"}
         assert "view.state.time[:] = -1.0" in breaches(MeddlingPolicy)["inputs unchanged"]
         assert "alone than in a batch" in breaches(CrowdPolicy)["row-wise"]

@@ -38,5 +38,5 @@ def test_real_numbers_are_refused():
 def test_what_is_no_index_is_refused(action):
     flat = FlatDiscreteActions(safe_inspect.make(ID))
     flat.reset(seed=0)
-    with pytest.raises(ArgumentError, match="a whole number from 0 to 26 is wanted"):
+    with pytest.raises(ArgumentError, match="expected a whole number from 0 to 26"):
         flat.step(action)

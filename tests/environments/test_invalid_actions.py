@@ -119,26 +119,26 @@ def test_an_action_of_another_shape_is_told_as_the_caller_sees_it():
     single.reset(seed=0)
     vector.reset(seed=0)
     for action in ([1.0, 2.0], None, 0.0):
-        with pytest.raises(ArgumentError, match=r"the action has the shape .*; \(3,\) is wanted"):
+        with pytest.raises(ArgumentError, match=r"the action has the shape .*; expected \(3,\)"):
             single.step(action)
-    with pytest.raises(ArgumentError, match=r"the array of actions has the shape \(3, 3\); \(2, 3\) is wanted"):
+    with pytest.raises(ArgumentError, match=r"the array of actions has the shape \(3, 3\); expected \(2, 3\)"):
         vector.step(np.zeros((3, 3)))
 
 
 @pytest.mark.parametrize("number", [0, -1, 2.5, "8"])
 def test_a_number_of_environments_is_a_whole_one(number):
-    with pytest.raises(ValueError, match=r"num_envs is a whole number from 1 on, not "):
+    with pytest.raises(ValueError, match=r"num_envs must be a whole number of at least 1, not "):
         safe_inspect.make_vec(ID, number)
 
 
 @pytest.mark.parametrize(
     ("action", "told"),
     [
-        (None, r"has the shape \(\); \(3,\) is wanted"),
-        ([0.0, 0.0], r"has the shape \(2,\); \(3,\) is wanted"),
-        ([0.0, [0.0, 0.0], 0.0], r"is ragged; an array of the shape \(3,\) is wanted"),
-        ([0.0, "x", 0.0], r"holds other things than numbers \(.*\); numbers of the shape \(3,\) are wanted"),
-        ([0.0, None, 0.0], r"holds other things than numbers \(object\)"),
+        (None, r"has the shape \(\); expected \(3,\)"),
+        ([0.0, 0.0], r"has the shape \(2,\); expected \(3,\)"),
+        ([0.0, [0.0, 0.0], 0.0], r"is ragged; expected an array of the shape \(3,\)"),
+        ([0.0, "x", 0.0], r"contains values that are not numbers \(.*\); expected numbers of the shape \(3,\)"),
+        ([0.0, None, 0.0], r"contains values that are not numbers \(object\)"),
     ],
 )
 def test_what_is_no_array_of_numbers_is_refused(action, told):
@@ -147,7 +147,9 @@ def test_what_is_no_array_of_numbers_is_refused(action, told):
     several.reset(seed=0)
     with pytest.raises(ArgumentError, match=f"the action {told}"):
         one.step(action)
-    with pytest.raises(ArgumentError, match=r"the array of actions (has the shape|is ragged|holds other things)"):
+    with pytest.raises(
+        ArgumentError, match=r"the array of actions (has the shape|is ragged|contains values that are not numbers)"
+    ):
         several.step(action if action is None else [action])
     named = safe_inspect.make_parallel(ID)
     named.reset(seed=0)

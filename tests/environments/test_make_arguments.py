@@ -126,7 +126,7 @@ def test_a_plugin_that_raises_keyboard_interrupt_is_named_and_a_signal_is_not():
 
 @pytest.mark.parametrize("made", ["make_vec", "make_parallel_vec"])
 def test_the_number_of_environments_is_no_truth_value(made):
-    with pytest.raises(ValueError, match="num_envs is a whole number from 1 on, not True"):
+    with pytest.raises(ValueError, match="num_envs must be a whole number of at least 1, not True"):
         getattr(safe_inspect, made)(ID, num_envs=True)
 
 

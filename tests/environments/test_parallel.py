@@ -207,8 +207,8 @@ class TestErrors:
             env.step({"blue0_ctrl": np.zeros(4), "blue1_control": NONE, "blue2_ctrl": NONE})
         told = str(caught.value)
         assert "none is given for blue1_ctrl" in told
-        assert "named 'blue1_control', did you mean `blue1_ctrl`?" in told
-        assert "blue0_ctrl has the shape (4,), (3,) is wanted" in told
+        assert "no controlled agent 'blue1_control', did you mean `blue1_ctrl`?" in told
+        assert "blue0_ctrl has the shape (4,), expected (3,)" in told
         assert "blue2" not in told
         with pytest.raises(SafeInspectError, match="dictionary"):
             env.step(np.zeros((3, 3)))
@@ -225,12 +225,12 @@ class TestErrors:
     def test_a_scripted_agent_takes_none(self):
         env = InspectionParallelEnv(with_script())
         env.reset()
-        with pytest.raises(SafeInspectError, match="no agent that acts from outside is named 'blue1_ctrl'"):
+        with pytest.raises(SafeInspectError, match="there is no controlled agent 'blue1_ctrl'"):
             env.step(dict.fromkeys(NAMES, NONE))
 
     def test_the_single_agent_facades_name_the_one_to_use(self):
         for build in (make, make_vec):
-            with pytest.raises(SafeInspectError, match=r"3 act from outside here \(blue0_ctrl, .*make_parallel"):
+            with pytest.raises(SafeInspectError, match=r"this task has 3 \(blue0_ctrl, .*make_parallel"):
                 build(TASK)
         with pytest.raises(SafeInspectError, match=r"5 act .*blue3_ctrl, \.\.\.\)"):
             InspectionVectorEnv(task("blue#_ctrl.count=5", "horizon=25"))

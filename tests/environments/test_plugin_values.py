@@ -226,7 +226,7 @@ def test_a_reward_that_gives_words_is_named(shipped):
     for fused in (True, False):
         env = TeamEnvironment(spec, 2, seed=1, _fused=fused)
         env.reset()
-        with pytest.raises(PluginValueError, match="reward WordyReward gave 'much'; an array of numbers is wanted"):
+        with pytest.raises(PluginValueError, match="reward WordyReward gave 'much'; expected an array of numbers"):
             env.step([np.zeros((2, 1, 3))])
 
 

@@ -99,7 +99,7 @@ def test_what_cannot_be_rendered_is_told(monkeypatch):
         safe_inspect.make(ID).render()
     with pytest.raises(SafeInspectError, match=r"no episode has begun; call reset\(\) first"):
         safe_inspect.make(ID, render_mode="rgb_array").render()
-    with pytest.raises(ValueError, match="render_mode is one of rgb_array, human or None, not 'ansi'"):
+    with pytest.raises(ValueError, match="render_mode must be one of rgb_array, human or None, not 'ansi'"):
         safe_inspect.make(ID, render_mode="ansi")
     monkeypatch.delenv("DISPLAY", raising=False)
     with pytest.warns(RuntimeWarning, match=r"nothing is shown: .* needs Tk and a display .*; use 'rgb_array'"):

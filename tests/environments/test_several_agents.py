@@ -555,7 +555,7 @@ def test_actions_of_another_shape_are_refused(shape):
     env = TeamEnvironment(several(), 4, seed=SEED)
     env.reset()
     with pytest.raises(
-        ValueError, match=r"the actions of blue0_ctrl to blue2_ctrl have the shape .*\(4, 3, 3\) is wanted"
+        ValueError, match=r"the actions of blue0_ctrl to blue2_ctrl have the shape .*expected \(4, 3, 3\)"
     ):
         env.step([np.zeros(shape)])
 

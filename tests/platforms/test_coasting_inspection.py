@@ -73,7 +73,7 @@ LIGHT = "env_config.simulator.config.illumination_params.bin_ray_flag=False"
 
 def test_graded_light_is_refused():
     with pytest.raises(
-        ConfigError, match="Sensor_CoastingInspection takes a point to be lit or dark; set `bin_ray_flag"
+        ConfigError, match="Sensor_CoastingInspection needs points that are lit or dark; set `bin_ray_flag"
     ):
         load_experiment(TASK, [LIGHT])
     env = BatchedEnvironment(load_experiment(TASK.with_stem("experiment-outlook"), [LIGHT]).spec)
@@ -88,6 +88,6 @@ def test_a_body_that_turns_is_refused():
     def turning(entity):
         return SimpleNamespace(compose=lambda: (None, (InspectionPoints(), ChiefRotation(entity_name=entity))))
 
-    with pytest.raises(ValueError, match="a body that does not turn, and 'chief' does"):
+    with pytest.raises(ValueError, match="a body that does not turn, but 'chief' turns"):
         sensor.in_task(turning("chief"), 300)
     assert sensor.in_task(turning("other"), 300).horizon == 300

@@ -121,7 +121,7 @@ class TestUninspectedPoints:
 
     def test_a_wrong_number_of_points_is_a_mistake_of_the_configuration(self, fixed_start):
         wrong = f"{PARTS}.Sensor_UninspectedPointsMap={{part: Sensor_UninspectedPointsMap, config: {{num_points: 50}}}}"
-        with pytest.raises(ConfigError, match="`num_points` is 50, and 'chief' has 100 points; leave"):
+        with pytest.raises(ConfigError, match="`num_points` is 50, but 'chief' has 100 points; remove"):
             load_experiment(TASK, [wrong])
         env = BatchedEnvironment(fixed_start((60.0, 0.0, 0.0)))
         env.reset()

@@ -72,7 +72,7 @@ def test_attitudes_are_those_of_shoemake_or_the_given_one() -> None:
     fixed = AttitudeParameter(orientation=(0.0, 3.0, 0.0, -4.0))(Draw(STREAMS, "a"))["orientation"]
     np.testing.assert_allclose(fixed, np.tile([0.0, 0.6, 0.0, -0.8], (ROWS, 1)), rtol=1e-15)
     np.testing.assert_allclose(repeated_unit((2.0, -1.0, 2.0), 4), np.tile([2 / 3, -1 / 3, 2 / 3], (4, 1)), rtol=1e-15)
-    with pytest.raises(ValidationError, match="all components are 0, which is no direction and no attitude"):
+    with pytest.raises(ValidationError, match="all components are 0, which is neither a direction nor an attitude"):
         AttitudeParameter(orientation=(0.0, 0.0, 0.0, 0.0))
 
 
@@ -116,7 +116,7 @@ def test_an_accessor_to_nothing_names_what_there_is() -> None:
     for name, hint in (("init_state.positon", "position"), ("init_stat", "init_state"), ("init_state.position.x", "")):
         with pytest.raises(ConfigError) as refusal:
             SimAttributeAccessor(attribute_name=name)(draw)
-        assert f"`{name}` names no reset parameter; " in str(refusal.value)
+        assert f"`{name}` is not a reset parameter; " in str(refusal.value)
         assert hint in str(refusal.value)
         assert "blue0.x" in str(refusal.value)
     assert draw.child("y").purpose == "blue0.x.y"
@@ -147,7 +147,7 @@ def test_a_deputy_is_drawn_a_hundred_times_at_most(tries: int, found: bool) -> N
     with pytest.raises(InitialStateError) as refusal:
         plan.draw(STREAMS)
     assert str(refusal.value) == (
-        "c starts closer than 5 m to a or b in 7 of 7 environments; give each deputy an initial state of its own"
+        "c starts closer than 5 m to a or b in 7 of 7 environments; give each deputy its own initial state"
     )
 
 

@@ -122,7 +122,7 @@ def test_rows_are_taken_and_put() -> None:
     for rows in ([5, 0], [-6, 0]):
         with pytest.raises(IndexError) as refusal:
             whole.put(np.array(rows), part)
-        assert str(refusal.value) == f"there are 5 environments, numbered from 0; {rows} are given"
+        assert str(refusal.value) == f"there are 5 environments, numbered from 0; got {rows}"
     assert whole.take(np.zeros(0, np.int64)).num_envs == 0
     other = State(ENVS, SPECS, whole)
     assert other["points/chief/weights"] is whole["points/chief/weights"]

@@ -87,5 +87,5 @@ def test_a_vector_is_repeated_with_length_one():
 
 
 def test_a_simulator_of_points_turns_nothing():
-    with pytest.raises(ValueError, match="moves points; platforms that turn need another simulator"):
+    with pytest.raises(ValueError, match="simulates point masses; platforms that turn need another simulator"):
         super(ComposedSimulator, ComposedSimulator()).with_attitude()

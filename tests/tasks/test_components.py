@@ -30,7 +30,7 @@ from safe_inspect.tasks.inspection.points import SpherePoints
 AXES = ("x", "y", "z", "x_dot", "y_dot", "z_dot")
 SWAP = "but .* is above .*; swap them"
 FULL = r"full angle in \(0, pi\]"
-LENGTH = "all components are 0, which is no direction and no attitude"
+LENGTH = "all components are 0, which is neither a direction nor an attitude"
 
 
 @pytest.mark.parametrize(

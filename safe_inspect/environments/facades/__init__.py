@@ -1,1 +1,1 @@
-"""The batch as Gymnasium's and PettingZoo's environments."""
+"""Façades of the batched core as Gymnasium and PettingZoo environments."""

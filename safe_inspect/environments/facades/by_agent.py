@@ -1,4 +1,4 @@
-"""The agents that act from outside by their names, for façades that take and give dictionaries."""
+"""The controlled agents by name, for façades whose inputs and outputs are dictionaries."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Space = TypeVar("Space")
 
 @dataclass(frozen=True)
 class Place:
-    """Where the arrays of the core hold one agent that acts from outside.
+    """Position of a controlled agent in the arrays of the core.
 
     Attributes:
-        group: Index of its group among the acting ones.
-        member: Its index in the group.
+        group: Index of the agent's group among the acting groups.
+        member: Index of the agent in the group.
     """
 
     group: int
@@ -28,7 +28,7 @@ class Place:
 
 
 def places_of(environment: TeamEnvironment) -> dict[str, Place]:
-    """Return the place of every agent that acts from outside, in agent order."""
+    """Return the place of every controlled agent, in agent order."""
     return {
         agent: Place(index, member)
         for index, group in enumerate(environment.acting)
@@ -40,10 +40,10 @@ def space_of(spaces: Mapping[str, Space], agent: str) -> Space:
     """Return the space of an agent.
 
     Raises:
-        AgentError: No agent that acts from outside has that name.
+        AgentError: There is no controlled agent with that name.
     """
     if agent not in spaces:
-        raise AgentError(f"no agent that acts from outside is named {agent!r}; {did_you_mean(str(agent), spaces)}")
+        raise AgentError(f"there is no controlled agent {agent!r}; {did_you_mean(str(agent), spaces)}")
     return spaces[agent]
 
 
@@ -55,19 +55,19 @@ def checked_actions(
     Args:
         actions: Actions by agent.
         wanted: Agents that act now.
-        shapes: Shape of the action of every agent that may act from outside.
+        shapes: Shape of the action of every controlled agent.
 
     Raises:
-        SafeInspectError: Actions are missing, given for an agent that does not act, or of another shape; one message
-            tells all of it.
+        SafeInspectError: Actions are missing, are for an agent that does not act, or have the wrong shape; one message
+            lists all problems.
     """
     if not isinstance(actions, Mapping):
-        raise SafeInspectError(f"actions: give a dictionary of them by agent, not a {type(actions).__name__}")
+        raise SafeInspectError(f"actions: expected a dictionary of actions by agent, got a {type(actions).__name__}")
     found = {agent: action_array(action, shapes.get(agent)) for agent, action in actions.items()}
     problems = [f"none is given for {agent}" for agent in wanted if agent not in found]
     for agent, (_, mistake) in found.items():
         if agent not in shapes:
-            problems.append(f"no agent that acts from outside is named {agent!r}, {did_you_mean(str(agent), shapes)}")
+            problems.append(f"there is no controlled agent {agent!r}, {did_you_mean(str(agent), shapes)}")
         elif agent not in wanted:
             problems.append(f"{agent} has ended and takes none until the next reset")
         elif mistake:

@@ -1,4 +1,4 @@
-"""What the façades make of the arguments that an environment is made with."""
+"""Checks of the arguments with which the façades make environments."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.keys.other_words import OTHER_WORDS
 from safe_inspect.errors import ArgumentError, ConfigError, KeywordError, did_you_mean
 
-#: The last slot, so that the slots of a batch are 64-bit numbers.
+#: Largest first slot, so that all slots of a batch fit in 64 bits.
 _LAST_SLOT = 2**62
 
 
 def checked_gamma(gamma: Any) -> float:
-    """Return the discount of a control step.
+    """Return the discount per control step.
 
     Raises:
-        ArgumentError: It is no number from 0 to 1.
+        ArgumentError: The discount is not a number from 0 to 1.
     """
     if isinstance(gamma, bool) or not isinstance(gamma, Real) or not 0.0 <= float(gamma) <= 1.0:
         raise ArgumentError(f"gamma: a number from 0 to 1 is expected, not {gamma!r}")
@@ -34,7 +34,7 @@ def checked_slot(slot: Any, name: str) -> int:
     """Return the index of an environment slot.
 
     Raises:
-        ArgumentError: It is no whole number, below 0, or too large.
+        ArgumentError: The slot is not a whole number, is below 0, or is too large.
     """
     if isinstance(slot, bool) or not isinstance(slot, Integral) or not 0 <= int(slot) <= _LAST_SLOT:
         raise ArgumentError(f"{name}: a whole number from 0 to 2**62 is expected, not {slot!r}")
@@ -45,20 +45,20 @@ def checked_overrides(overrides: Any) -> list[str]:
     """Return overrides as a list.
 
     Raises:
-        ArgumentError: They are one text, a mapping, or hold something else than texts.
+        ArgumentError: The overrides are a single string or a mapping, or contain something other than strings.
     """
-    hint = 'a list of texts is expected, such as ["horizon=600"]'
+    hint = 'a list of strings is expected, such as ["horizon=600"]'
     if isinstance(overrides, str | Mapping) or not isinstance(overrides, Iterable):
         raise ArgumentError(f"overrides: {hint}, not {overrides!r}")
     given = list(overrides)
     wrong = next((override for override in given if not isinstance(override, str)), None)
     if wrong is not None:
-        raise ArgumentError(f"overrides: {hint}; {wrong!r} is no text")
+        raise ArgumentError(f"overrides: {hint}; {wrong!r} is not a string")
     return given
 
 
 def checked_autoreset(mode: Any) -> AutoresetMode:
-    """Return when ended environments begin again.
+    """Return the mode that sets when ended environments are reset.
 
     Raises:
         ArgumentError: There is no such mode.
@@ -67,16 +67,16 @@ def checked_autoreset(mode: Any) -> AutoresetMode:
         return AutoresetMode(mode)
     except ValueError:
         known = [known.value for known in AutoresetMode]
-        raise ArgumentError(f"autoreset_mode: there is no {mode!r}; {did_you_mean(str(mode), known)}") from None
+        raise ArgumentError(f"autoreset_mode: there is no mode {mode!r}; {did_you_mean(str(mode), known)}") from None
 
 
 def check_keywords(
     made: type[Any], given: Mapping[str, Any], cfg: str | PathLike[str], overrides: Iterable[str]
 ) -> None:
-    """Check that a class of environments takes the keywords that it is to be made with.
+    """Check that an environment class accepts the given keywords.
 
     Raises:
-        KeywordError: It does not take one; a key of the configuration is an override.
+        KeywordError: A keyword is not accepted; for a key of the configuration, the message shows the override.
     """
     taken = [*list(inspect.signature(made).parameters)[1:], "overrides"]  # the first is the task
     problems = []

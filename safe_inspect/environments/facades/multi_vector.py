@@ -1,4 +1,4 @@
-"""`MultiAgentVectorEnv`: the batch with all its agents as dictionaries of arrays. A façade; it holds no formula."""
+"""`MultiAgentVectorEnv`: façade of the batch with all controlled agents, as dictionaries of arrays."""
 
 from __future__ import annotations
 
@@ -28,33 +28,35 @@ ByAgent: TypeAlias = dict[str, AnyArray]
 class MultiAgentVectorEnv:
     """N environments of one or more agents that step together.
 
-    Everything is a dictionary by agent of arrays with N rows. The agents are those that act from outside. An agent
-    that has ended while others of its environment go on stays in the arrays, and its row counts for nothing: its reward
-    is 0, it ends no second time, its action may be anything. When an episode is over for all agents, the environment
-    begins again as `autoreset_mode` says.
+    Inputs and outputs are dictionaries by agent of arrays with N rows. The agents are the controlled ones, whose
+    actions the caller gives. An agent that has ended while other agents of its environment continue remains in the
+    arrays. Its row is then meaningless: its reward is 0, it does not end a second time, and its action may be anything.
+    When an episode is over for all agents, the environment is reset as `autoreset_mode` says.
 
-    Infos hold:
+    Infos contain:
 
-    - ``active``, by agent, shape (N,): the agent acts in the next step;
-    - the facts of `InspectionEnv` by their names, each by agent, shape (N,), ``status`` as a number (`DoneStatus`);
-    - ``team/NAME`` for each of `team_info`, shape (N,), and the statistics of the draws that began the episodes;
-    - in a step in which episodes were over, in the mode ``SAME_STEP``: ``final_obs``, by agent, and ``final_info``,
-      both from before the reset, and ``_final_obs`` and ``_final_info``, shape (N,), the environments in question.
+    - ``active``, by agent, shape (N,): whether the agent acts in the next step;
+    - the values of `InspectionEnv` under the same names, each by agent, shape (N,), with ``status`` as a number
+      (`DoneStatus`);
+    - ``team/NAME`` for each value of `team_info`, shape (N,), and the statistics of the reset that started the
+      episodes;
+    - in the mode ``SAME_STEP``, in a step in which episodes were over: ``final_obs``, by agent, and ``final_info``,
+      both from before the reset, and the masks ``_final_obs`` and ``_final_info`` of these environments, shape (N,).
 
-    Where actions say for how many control steps they hold, a step lasts in each environment until one of its agents
-    decides anew; see `InspectionParallelEnv`.
+    If actions set for how many control steps they hold, a step lasts in each environment until one of its agents needs
+    a new decision; see `InspectionParallelEnv`.
 
     Args:
         spec: The task.
         num_envs: Number of environments, N.
-        autoreset_mode: When environments whose episode is over for all agents begin again: within the same step, or
-            never by themselves (``DISABLED``; call ``reset(options={"reset_mask": mask})``).
-        seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn.
+        autoreset_mode: When to reset environments whose episode is over for all agents: within the same step
+            (``SAME_STEP``), or never automatically (``DISABLED``; call ``reset(options={"reset_mask": mask})``).
+        seed: Seed of the first reset, unless that call gives one; default: a fresh seed is drawn.
         first_slot: Global index of the first environment slot.
-        gamma: Discount of a control step within a decision.
+        gamma: Discount per control step within a decision.
 
     Attributes:
-        agents: Names of the agents, in their order.
+        agents: Names of the agents, in order.
         single_observation_spaces: Space of one observation, by agent.
         single_action_spaces: Space of one action, by agent.
         observation_spaces: Space of the observations of N environments, by agent.
@@ -75,7 +77,7 @@ class MultiAgentVectorEnv:
         self._gamma = checked_gamma(gamma)
         self.autoreset_mode = checked_autoreset(autoreset_mode)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            raise ValueError("several agents begin again in the SAME_STEP, or by reset() alone (DISABLED)")
+            raise ValueError("environments with several agents support the autoreset modes SAME_STEP and DISABLED only")
         self.core = TeamEnvironment(spec, num_envs, seed=seed, first_slot=checked_slot(first_slot, "first_slot"))
         self.num_envs = num_envs
         self._seed = seed
@@ -103,17 +105,18 @@ class MultiAgentVectorEnv:
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[ByAgent, dict[str, Any]]:
-        """Begin new episodes: in all environments, or in those of ``options["reset_mask"]``.
+        """Start new episodes in all environments, or in those of ``options["reset_mask"]``.
 
         Args:
-            seed: The first episodes of this seed follow.
+            seed: Restart with the first episodes of this seed.
             options: ``reset_mask`` of shape (N,), bool.
 
         Returns:
             Observations by agent, float32, each of shape (N, O), and infos.
 
         Raises:
-            ArgumentError: An option is unknown, or the mask has another shape or type, or stands beside a seed.
+            ArgumentError: An option is unknown, the mask has the wrong shape or type, or both a mask and a seed are
+                given.
             SafeInspectError: A mask is given before the first reset.
         """
         rows = masked_rows(options, self.num_envs, seed)
@@ -131,18 +134,18 @@ class MultiAgentVectorEnv:
         return self._by_agent(self._observations), self._now()
 
     def step(self, actions: Mapping[str, AnyArray]) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, dict[str, Any]]:
-        """Hold the actions over one step.
+        """Hold the actions for one step.
 
         Args:
-            actions: Actions of all agents, clipped to their bounds unless they are discrete, each of shape (N, A).
+            actions: Actions of all agents, each of shape (N, A); clipped to their bounds unless they are discrete.
 
         Returns:
-            Observations (N, O), rewards (N,), terminations (N,), truncations (N,), each by agent, and infos.
+            Observations (N, O), rewards (N,), terminations (N,) and truncations (N,), each by agent, and infos.
 
         Raises:
             ArgumentError: A discrete action is a fraction or out of range.
-            SafeInspectError: No episode has begun; an environment that is over is stepped in the mode ``DISABLED``; or
-                an action is missing, of another shape, or for an agent that does not act.
+            SafeInspectError: No episode has started; an environment that is over is stepped in the mode ``DISABLED``;
+                or an action is missing, has the wrong shape, or is for an agent that does not act.
         """
         if not self._observations:
             raise SafeInspectError("no episode has begun; call reset() first")
@@ -189,7 +192,7 @@ class MultiAgentVectorEnv:
         return stacked
 
     def _begin(self, rows: NDArray[np.int64]) -> None:
-        """Begin new episodes in some rows; the arrays that the caller holds stay as they are."""
+        """Start new episodes in some rows; arrays that were returned to the caller are not changed."""
         self._observations = [observation.copy() for observation in self._observations]
         self._over = self._over.copy()
         if len(rows):

@@ -1,4 +1,4 @@
-"""`InspectionParallelEnv`: one environment as a `pettingzoo.ParallelEnv`. A façade; it holds no formula."""
+"""`InspectionParallelEnv`: façade of one environment as a `pettingzoo.ParallelEnv`."""
 
 from __future__ import annotations
 
@@ -25,27 +25,28 @@ Infos: TypeAlias = dict[str, dict[str, Any]]
 
 
 class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]
-    """One environment of one or more agents.
+    """One environment of one or more agents, for PettingZoo.
 
-    The agents are those that act from outside; deputies that scripted policies fly are part of the world. An agent that
-    has ended leaves `agents`, and its spacecraft flies on while the others do. Infos hold for every agent what
-    `InspectionEnv` tells of its one; ``inspected_count`` and ``inspected_fraction`` are the team's, and
-    ``own_inspected_count`` is the agent's share. A safety filter of the whole team tells ``rta/intervening``,
-    ``rta/infeasible`` and ``rta/backup``.
+    The agents are the controlled ones, whose actions the caller gives; deputies with scripted policies are part of the
+    environment. An agent that has ended is removed from `agents`, and its spacecraft continues to fly while other
+    agents are active. Infos contain for every agent the values of `InspectionEnv`; ``inspected_count`` and
+    ``inspected_fraction`` are the team's, and ``own_inspected_count`` is the agent's share. A safety filter of the
+    whole team adds ``rta/intervening``, ``rta/infeasible`` and ``rta/backup``.
 
-    Where actions say for how many control steps they hold (`CoastGlue`), a step lasts until an agent decides anew or
-    ends. Infos tell ``elapsed_steps``, ``discount`` (gamma^elapsed_steps) and ``decides``: the agent's next action is
-    taken; those of agents that coast have no effect. Rewards are sum gamma^i r_i over the control steps.
+    If actions set for how many control steps they hold (`CoastGlue`), a step lasts until an agent needs a new decision
+    or ends. Infos then contain ``elapsed_steps``, ``discount`` (gamma^elapsed_steps) and ``decides``: whether the
+    agent's next action is used; actions of agents that are coasting have no effect. Rewards are sum gamma^i r_i over
+    the control steps.
 
     Args:
         spec: The task.
         slot: Global index of the environment slot.
-        gamma: Discount of a control step within a decision.
-        render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step is shown in a window; None: neither.
+        gamma: Discount per control step within a decision.
+        render_mode: ``rgb_array``: `render` returns images; ``human``: every step is shown in a window; None: neither.
 
     Attributes:
-        possible_agents: Names of the agents, in their order.
-        agents: Those that act in the next step.
+        possible_agents: Names of the agents, in order.
+        agents: Names of the agents that act in the next step.
         state_space: Space of `state`.
         np_random_seed: The seed of the episodes; None before the first reset.
     """
@@ -81,30 +82,30 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         self.state_space = Box(-np.inf, np.inf, self.state().shape, dtype=np.float32)
 
     def observation_space(self, agent: str) -> Box:
-        """Return the space of an agent's observations, always the same object.
+        """Return the space of an agent's observations; it is always the same object.
 
         Raises:
-            AgentError: No agent that acts from outside has that name.
+            AgentError: There is no controlled agent with that name.
         """
         return space_of(self.observation_spaces, agent)
 
     def action_space(self, agent: str) -> Box | MultiDiscrete:
-        """Return the space of an agent's actions, always the same object.
+        """Return the space of an agent's actions; it is always the same object.
 
         Raises:
-            AgentError: No agent that acts from outside has that name.
+            AgentError: There is no controlled agent with that name.
         """
         return space_of(self.action_spaces, agent)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], Infos]:
-        """Begin a new episode.
+        """Start a new episode.
 
         Args:
-            seed: The first episode of this seed follows. Without one the next episode of the seed before follows; a
-                fresh environment draws a seed, `np_random_seed`.
-            options: None are known, and all are ignored: PettingZoo's own test of an environment passes one.
+            seed: Restart with the first episode of this seed. Without a seed, the next episode of the current seed
+                follows; a new environment draws a seed, `np_random_seed`.
+            options: Ignored, since there are no options and PettingZoo's own environment test passes one.
         """
         if seed is None and self.np_random_seed is None:
             seed = fresh_seed()
@@ -131,15 +132,15 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
     def step(
         self, actions: dict[str, Observation]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """Hold the actions over one step.
+        """Hold the actions for one step.
 
         Args:
-            actions: The action of every agent of `agents`, clipped to its bounds unless it is discrete.
+            actions: The action of every agent in `agents`, clipped to its bounds unless it is discrete.
 
         Raises:
             ArgumentError: A discrete action is a fraction or out of range.
-            SafeInspectError: The episode has not begun or is over for all; or an action is missing, of another shape,
-                or for an agent that does not act.
+            SafeInspectError: The episode has not started or is over for all agents; or an action is missing, has the
+                wrong shape, or is for an agent that does not act.
         """
         if not self.agents:
             raise SafeInspectError("the episode has not begun or is over; call reset() first")
@@ -171,10 +172,10 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         return observations, rewards, terminations, truncations, infos
 
     def state(self) -> Observation:
-        """Return the state of the environment, for a critic of all agents, float32.
+        """Return the state of the environment, for a centralised critic, float32.
 
-        In this order: position [m] and velocity [m/s] of each deputy (x, y, z, Hill's frame), 1 for each deputy whose
-        agent has ended, the unit vector to the sun, and 1 for each point that is inspected.
+        It contains, in this order: position [m] and velocity [m/s] of each deputy (x, y, z, Hill's frame), 1 for each
+        deputy whose agent has ended, the unit vector to the sun, and 1 for each inspected point.
         """
         team = self.core.team()
         seen = [part for component in team.world.offers.components for part in component.shared_state(team)]

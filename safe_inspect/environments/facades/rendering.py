@@ -1,4 +1,4 @@
-"""`Rendering`: pictures of environments while they are stepped, drawn by Pillow, and the `Window` that shows them."""
+"""`Rendering`: images of environments, drawn with Pillow, and the `Window` that shows them."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from safe_inspect.geometry.picture import (
 )
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: Pictures a second of a recording, for Gymnasium's wrappers: an episode of 400 steps is a film of 16 s.
+#: Frames per second of a recording, for Gymnasium's wrappers: an episode of 400 steps becomes a video of 16 s.
 RENDER_FPS = 25
 RENDER_MODES = ("rgb_array", "human")
 
 _SIZE, _FINE = 480, 2  # pixels; drawn at twice the size and averaged, so that lines are smooth
-_CORNERS = 73  # of circles and rings
+_CORNERS = 73  # number of corners of the polygons that draw circles and rings
 
 
 def checked_mode(render_mode: str | None) -> str | None:
     """Return a render mode.
 
     Raises:
-        ValueError: It is unknown.
+        ValueError: The mode is unknown.
         MissingLibraryError: Pillow is not installed.
     """
     if render_mode is not None:
         if render_mode not in RENDER_MODES:
-            raise ValueError(f"render_mode is one of {', '.join(RENDER_MODES)} or None, not {render_mode!r}")
+            raise ValueError(f"render_mode must be one of {', '.join(RENDER_MODES)} or None, not {render_mode!r}")
         try:
             import PIL  # noqa: F401
         except ModuleNotFoundError:
@@ -53,11 +53,11 @@ def checked_mode(render_mode: str | None) -> str | None:
 
 
 class Rendering:
-    """Draws environments as they are: the chief with its points, the sun, each deputy with its way and its thrust.
+    """Images of environments: the chief with its points, the sun, and each deputy with its path and its thrust.
 
     Args:
-        environment: The batch; its state is read when pictures are drawn.
-        render_mode: ``human``: the first environment is shown in a window at every state.
+        environment: The batch; its state is read whenever an image is drawn.
+        render_mode: With ``human``, the first environment is shown in a window at every state.
     """
 
     def __init__(self, environment: TeamEnvironment, render_mode: str) -> None:
@@ -71,21 +71,21 @@ class Rendering:
         self._ways: list[list[FloatArray]] = [[] for _ in range(environment.num_envs)]
 
     def begin(self, rows: IntArray | None = None) -> None:
-        """Take note that episodes have begun: in some rows, or in all."""
+        """Record that new episodes have started in some rows, or in all rows."""
         positions = self._positions()
         for row in range(len(self._ways)) if rows is None else rows.tolist():
             self._ways[row] = [positions[row]]
         self._show()
 
     def follow(self, rows: BoolArray | None = None) -> None:
-        """Take note of the state after a step, which a mask of environments has taken, shape (N,); all unless given."""
+        """Record the state after a step of a mask of environments, shape (N,), or of all environments."""
         positions = self._positions()
         for row in range(len(self._ways)) if rows is None else np.flatnonzero(rows).tolist():
             self._ways[row].append(positions[row])
         self._show()
 
     def render(self) -> Any:
-        """Return the picture of the first environment; None where a window shows it."""
+        """Return the image of the first environment; None if it is shown in a window."""
         return self.picture() if self._window is None else None
 
     def close(self) -> None:
@@ -98,10 +98,10 @@ class Rendering:
             self._window.show(self.picture())
 
     def picture(self, row: int = 0) -> AnyArray:
-        """Return an environment as it is now: red, green and blue, uint8, shape (480, 480, 3).
+        """Return an image of the current state of an environment: red, green and blue, uint8, shape (480, 480, 3).
 
         Raises:
-            SafeInspectError: No episode has begun.
+            SafeInspectError: No episode has started.
         """
         if not self._ways[row]:
             raise SafeInspectError("no episode has begun; call reset() first")
@@ -176,15 +176,15 @@ class Rendering:
 
 
 class Rendered:
-    """What environments of one slot offer of `Rendering`, for Gymnasium and for PettingZoo."""
+    """Methods of `Rendering` for environments of one slot, for Gymnasium and for PettingZoo."""
 
     _view: Rendering | None = None
 
     def render(self) -> Any:
-        """Return the picture of the current state, uint8, shape (480, 480, 3); None where a window shows it.
+        """Return the image of the current state, uint8, shape (480, 480, 3); None if it is shown in a window.
 
         Raises:
-            SafeInspectError: The environment was made without a render mode, or no episode has begun.
+            SafeInspectError: The environment was made without a render mode, or no episode has started.
         """
         return require_rendering(self._view).render()
 
@@ -195,10 +195,10 @@ class Rendered:
 
 
 def require_rendering(view: Rendering | None) -> Rendering:
-    """Return a rendering.
+    """Return a rendering after checking that it is not None.
 
     Raises:
-        SafeInspectError: There is none.
+        SafeInspectError: There is no rendering.
     """
     if view is None:
         raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array' or 'human'")
@@ -206,7 +206,7 @@ def require_rendering(view: Rendering | None) -> Rendering:
 
 
 class Window:
-    """Shows pictures on a display, by Tk. It is opened by the first picture."""
+    """Tk window that shows images on a display. It is opened when the first image is shown."""
 
     def __init__(self) -> None:
         self._missing = False
@@ -215,10 +215,10 @@ class Window:
         self._image: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Window, ()  # a copy opens one of its own
+        return Window, ()  # a copy opens its own window
 
     def show(self, picture: AnyArray) -> None:
-        """Show a picture; without a display, or without Tk, warn once."""
+        """Show an image; without a display or without Tk, warn once."""
         if self._missing:
             return
         from PIL import Image
@@ -255,14 +255,17 @@ class Window:
 
 
 def _round_radius(reach: float) -> float:
-    """Return a round radius of at least 1.1 times the reach [m]; it grows by a quarter, so that the scale stays."""
+    """Return a round radius of at least 1.1 times the reach [m].
+
+    Successive radii differ by about a quarter, so that the scale rarely changes.
+    """
     power = 10.0 ** np.floor(np.log10(max(1.1 * reach, 1e-3)))
     sizes = power * np.array([1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0])
     return float(sizes[np.searchsorted(sizes, 1.1 * reach)])
 
 
 def _runs(shown: BoolArray) -> list[tuple[int, int]]:
-    """Return first and last + 1 of each run of true values."""
+    """Return the first index and the last index + 1 of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], shown, [False])).astype(np.int8)))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 

@@ -1,4 +1,4 @@
-"""What the façades make of the arguments of `reset`."""
+"""Checks of the arguments of `reset` in the façades."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MASK = "reset_mask"
 
 
 def fresh_seed() -> int:
-    """Return a seed that the operating system draws, for an environment that is given none."""
+    """Return a seed from the operating system, for an environment without a given seed."""
     return secrets.randbits(64)
 
 
@@ -23,7 +23,7 @@ def check_options(options: Mapping[str, Any] | None, known: Collection[str] = ()
     """Check the options of a reset.
 
     Raises:
-        ArgumentError: An option is unknown, or they are no dictionary.
+        ArgumentError: An option is unknown, or the options are not a dictionary.
     """
     if options is not None and not isinstance(options, Mapping):
         raise ArgumentError(f"reset: options: a dictionary is expected, not {options!r}")
@@ -34,10 +34,10 @@ def check_options(options: Mapping[str, Any] | None, known: Collection[str] = ()
 
 
 def masked_rows(options: Mapping[str, Any] | None, num_envs: int, seed: int | None) -> IntArray | None:
-    """Return the indices of the environments that ``options["reset_mask"]`` chooses; None without one.
+    """Return the indices of the environments that ``options["reset_mask"]`` selects; None without a mask.
 
     Raises:
-        ArgumentError: An option is unknown, the mask is not bool of shape (N,), or a seed is given beside it.
+        ArgumentError: An option is unknown, the mask is not bool of shape (N,), or both a mask and a seed are given.
     """
     check_options(options, (_MASK,))
     mask = (options or {}).get(_MASK)

@@ -1,4 +1,4 @@
-"""`InspectionEnv`: one environment as a `gymnasium.Env`. A façade over the batch of one; it holds no formula."""
+"""`InspectionEnv`: façade of a batch of one environment as a `gymnasium.Env`."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from safe_inspect.types import Observation
 
 
 class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
-    """One environment.
+    """One environment with one agent, for Gymnasium.
 
-    The info of every step holds ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
-    the episode [m/s]), ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every term. With
-    a safety filter it also holds what `transition_info` lists, ``rta/active`` as names, and ``desired_control`` and
-    ``control`` [N].
+    The info of every step contains ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v``
+    (of the episode [m/s]), ``status`` (the name of a `DoneStatus`, in lower case) and ``reward/NAME`` for every reward
+    term. With a safety filter it also contains the values that `transition_info` lists, with ``rta/active`` as names,
+    and ``desired_control`` and ``control`` [N].
 
-    Where actions say for how many control steps they hold (`CoastGlue`), a step is a decision: its reward is sum
-    gamma^i r_i over its control steps, and info holds ``elapsed_steps`` and ``discount``, gamma^elapsed_steps.
+    If actions set for how many control steps they hold (`CoastGlue`), a step is a decision: its reward is sum gamma^i
+    r_i over its control steps, and info contains ``elapsed_steps`` and ``discount``, which is gamma^elapsed_steps.
 
     Args:
         spec: The task.
         slot: Global index of the environment slot.
-        gamma: Discount of a control step within a decision.
-        render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step is shown in a window; None: neither.
+        gamma: Discount per control step within a decision.
+        render_mode: ``rgb_array``: `render` returns images; ``human``: every step is shown in a window; None: neither.
     """
 
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}  # noqa: RUF012 - Gymnasium declares it so
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}  # noqa: RUF012 - as Gymnasium does
 
     def __init__(
         self, spec: EnvironmentSpec, *, slot: int = 0, gamma: float = 1.0, render_mode: str | None = None
@@ -54,12 +54,12 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a new episode.
+        """Start a new episode.
 
         Args:
-            seed: The first episode of this seed follows. Without one the next episode of the seed before follows; a
-                fresh environment draws a seed, `np_random_seed`.
-            options: None are known.
+            seed: Restart with the first episode of this seed. Without a seed, the next episode of the current seed
+                follows; a new environment draws a seed, `np_random_seed`.
+            options: Must be None or empty; there are no options.
 
         Raises:
             ArgumentError: An option is given.
@@ -81,14 +81,14 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         self._running = False
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold an action over one step, or until the decision has elapsed.
+        """Hold an action for one step, or until the decision has elapsed.
 
         Args:
-            action: The action, clipped to its bounds unless it is discrete, shape (A,).
+            action: The action, shape (A,); clipped to its bounds unless it is discrete.
 
         Raises:
-            ArgumentError: A discrete action is a fraction or out of range, or the action has another shape.
-            SafeInspectError: The episode has not begun, is over, or was closed.
+            ArgumentError: A discrete action is a fraction or out of range, or the action has the wrong shape.
+            SafeInspectError: The episode has not started, is over, or was closed.
         """
         if not self._running:
             raise SafeInspectError("the episode has not begun or is over; call reset() first")

@@ -9,7 +9,7 @@ from safe_inspect.environments.layout import Layout
 
 
 def box(layout: Layout) -> Box:
-    """Return the float32 box of a layout; a bound that float32 cannot hold is rounded outwards."""
+    """Return the float32 box of a layout; a bound that float32 cannot represent is rounded outwards."""
     low, high = layout.low.astype(np.float32), layout.high.astype(np.float32)
     low = np.where(low > layout.low, np.nextafter(low, np.float32(-np.inf)), low)
     high = np.where(high < layout.high, np.nextafter(high, np.float32(np.inf)), high)
@@ -17,5 +17,5 @@ def box(layout: Layout) -> Box:
 
 
 def action_space(layout: Layout) -> Box | MultiDiscrete:
-    """Return the space of an action: indices of levels where the layout is discrete, else a box."""
+    """Return the space of an action: indices of levels if the layout is discrete, else a box."""
     return MultiDiscrete(list(layout.choices)) if layout.choices else box(layout)

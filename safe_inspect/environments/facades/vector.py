@@ -1,4 +1,4 @@
-"""`InspectionVectorEnv`: the batch as a `gymnasium.vector.VectorEnv`. A façade; it holds no formula."""
+"""`InspectionVectorEnv`: façade of the batch as a `gymnasium.vector.VectorEnv`."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.errors import ArgumentError, SafeInspectError
 from safe_inspect.types import AnyArray, BoolArray, Observation
 
-#: What the infos of a step hold of environments that it resets, where that is not 0.
+#: Non-zero values in the infos of a step for environments that the step resets.
 _OF_RESETS = {"rta/phi_min": np.inf, DISCOUNT: 1.0}
 
 
 class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, AnyArray]):
-    """N environments that step together.
+    """N environments that step together, each with one agent.
 
-    Infos hold arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v`` (of
-    the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every term; and for each ``_NAME``, the
-    environments that it concerns, shape (N,), bool.
+    Infos contain arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v``
+    (of the episode [m/s]), ``status`` (`DoneStatus`, int8) and ``reward/NAME`` for every reward term; and for each of
+    them ``_NAME``, the mask of the environments for which it is valid, shape (N,), bool.
 
-    Where actions say for how many control steps they hold (`CoastGlue`), a step is a decision of every environment; see
-    `InspectionEnv`. Those with short decisions wait for the longest one without being stepped.
+    If actions set for how many control steps they hold (`CoastGlue`), a step is a decision of every environment; see
+    `InspectionEnv`. Environments with short decisions are not stepped while they wait for the longest one.
 
     Args:
         spec: The task.
         num_envs: Number of environments, N.
-        autoreset_mode: When ended environments begin again: at the next step (which ignores their action), within
-            the same step (the last observation and info are then in ``final_obs`` and ``final_info``), or never by
-            themselves (``reset(options={"reset_mask": mask})``).
-        seed: Seed of the first reset, unless that gives one; without either a fresh one is drawn, `np_random_seed`.
+        autoreset_mode: When to reset ended environments: at the next step (which ignores their action), within the same
+            step (the last observation and info are then in ``final_obs`` and ``final_info``), or never automatically
+            (call ``reset(options={"reset_mask": mask})``).
+        seed: Seed of the first reset, unless that call gives one; default: a fresh seed, `np_random_seed`, is drawn.
         first_slot: Global index of the first environment slot.
-        gamma: Discount of a control step within a decision.
-        render_mode: ``rgb_array``: `render` gives pictures; ``human``: every step of the first environment is shown in
+        gamma: Discount per control step within a decision.
+        render_mode: ``rgb_array``: `render` returns images; ``human``: every step of the first environment is shown in
             a window; None: neither.
     """
 
@@ -96,14 +96,16 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin new episodes: in all environments, or in those of ``options["reset_mask"]``.
+        """Start new episodes in all environments, or in those of ``options["reset_mask"]``.
 
         Args:
-            seed: The first episodes of this seed follow. A list is taken only as Gymnasium makes it, seed + index.
+            seed: Restart with the first episodes of this seed. A list must be of the form that Gymnasium makes of one
+                seed, seed + index.
             options: ``reset_mask`` of shape (N,), bool.
 
         Raises:
-            ArgumentError: An option is unknown, or the mask has another shape or type, or stands beside a seed.
+            ArgumentError: An option is unknown, the mask has the wrong shape or type, or both a mask and a seed are
+                given.
             SafeInspectError: A mask is given before the first reset.
         """
         one = _one(seed, self.num_envs)
@@ -125,20 +127,20 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         return self._observation.copy(), self._masked(state_info(self.core.view())) | self._drawn(began)
 
     def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Hold the actions over one step; ended environments begin again as `autoreset_mode` says.
+        """Hold the actions for one step; ended environments are reset as `autoreset_mode` says.
 
         Args:
-            actions: Actions, clipped to their bounds unless they are discrete, shape (N, A).
+            actions: Actions, shape (N, A); clipped to their bounds unless they are discrete.
 
         Raises:
-            ArgumentError: A discrete action is a fraction or out of range, or the actions have another shape.
-            SafeInspectError: No episode has begun, or an environment that has ended is stepped in the mode
+            ArgumentError: A discrete action is a fraction or out of range, or the actions have the wrong shape.
+            SafeInspectError: No episode has started, or an environment that has ended is stepped in the mode
                 ``DISABLED``.
         """
         if not self._begun or self._closed:
             what = "the environments were closed" if self._closed else "no episode has begun"
             raise SafeInspectError(f"{what}; call reset() first")
-        ended = self._ended.copy()  # a reset below clears the flags themselves
+        ended = self._ended.copy()  # a copy, since a reset below clears the flags in place
         if ended.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise SafeInspectError(
                 f"the episodes of the environments {np.flatnonzero(ended)[:8].tolist()} are over; reset them first"
@@ -179,15 +181,15 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             infos = {"final_obs": final, "final_info": dict(infos), "_final_obs": mask, "_final_info": mask} | infos
             self._begin(rows)
             infos |= state_info(self.core.view()) | self._drawn(mask)
-        elif self.autoreset_mode is AutoresetMode.SAME_STEP:  # TorchRL wants the names of the first reset in every step
+        elif self.autoreset_mode is AutoresetMode.SAME_STEP:  # TorchRL needs the names of the first reset in every step
             infos |= self._drawn(self._ended)
         return self._observation.copy(), reward, terminated, truncated, infos
 
     def render(self) -> Any:
-        """Return a picture of each environment, uint8, shape (480, 480, 3); None where a window shows the first.
+        """Return an image of each environment, uint8, shape (480, 480, 3); None if the first is shown in a window.
 
         Raises:
-            SafeInspectError: The batch was made without a render mode, or no episode has begun.
+            SafeInspectError: The batch was made without a render mode, or no episode has started.
         """
         view = require_rendering(self._view)
         if self.render_mode == "human":
@@ -201,12 +203,12 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             self._view.close()
 
     def _masked(self, infos: dict[str, Any], rows: BoolArray | None = None) -> dict[str, Any]:
-        """Return infos with the mask of the environments that each concerns, ``_NAME``, as Gymnasium has it."""
+        """Return infos with a mask ``_NAME`` for each, as Gymnasium does: the environments for which it is valid."""
         mask = self._everyone if rows is None else rows.copy()
         return infos | {f"_{name}": mask for name in infos}
 
     def _drawn(self, rows: BoolArray) -> dict[str, AnyArray]:
-        """Return the statistics of the draws that began the episodes of some environments, each of shape (N,)."""
+        """Return the reset statistics of the current episodes of some environments, each of shape (N,)."""
         drawn = {name: array.copy() for name, array in self.core.simulation.reset_info.items()}
         return self._masked(drawn, rows)
 
@@ -219,10 +221,10 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
 
 
 def _one(seed: int | list[int | None] | tuple[int | None, ...] | AnyArray | None, num_envs: int) -> int | None:
-    """Return the one seed of all environments.
+    """Return the single seed of all environments.
 
     Raises:
-        ArgumentError: A list is not that which Gymnasium makes of one seed.
+        ArgumentError: A list is not of the form that Gymnasium makes of one seed.
     """
     if not isinstance(seed, list | tuple | np.ndarray):
         return seed
@@ -230,5 +232,5 @@ def _one(seed: int | list[int | None] | tuple[int | None, ...] | AnyArray | None
         raise ArgumentError(f"reset: {len(seed)} seeds are given for {num_envs} environments; give one number for all")
     first = seed[0]
     if not isinstance(first, Integral) or any(value != first + index for index, value in enumerate(seed)):
-        raise ArgumentError("reset: one seed serves all environments: give a number, each slot has a stream of its own")
+        raise ArgumentError("reset: one seed serves all environments: give a number, each slot has its own stream")
     return int(first)

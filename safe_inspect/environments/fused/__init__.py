@@ -1,5 +1,6 @@
-"""The fused step: the row terms of a group of agents, called one after the other by one compiled kernel.
+"""The fused step: one compiled kernel calls the row terms of a group of agents one after the other.
 
-A sensor, reward or done function that a row kernel defines is called by the address of its loop; every other plugin is
-called as ever, its result handed to the kernel. The numbers are the same to the bit either way.
+A sensor, reward or done function that is defined by a row kernel is called by the address of its loop. Every other
+plugin is called in Python as usual, and its result is passed to the kernel. The numbers are bit-identical in both
+cases.
 """

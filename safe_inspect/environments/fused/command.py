@@ -1,4 +1,4 @@
-"""The kernel that turns actions into the control when every controller passes on a value of its own axis."""
+"""The kernel that computes the control from actions when every controller passes on the value of a different axis."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def command(
     clipped: FloatArray,
     control: FloatArray,
 ) -> bool:
-    """Write the actions within their bounds, shape (R, A), and the control [N, N m], shape (R, C).
+    """Write the clipped actions, shape (R, A), and the control [N, N m], shape (R, C).
 
     Args:
         action: The actions, shape (N, G, A).
-        low: Their smallest values, shape (A,).
-        high: Their largest, shape (A,).
-        least: Smallest value of each controller [N, N m], shape (A,).
-        most: Largest value of each [N, N m], shape (A,).
+        low: Lower bounds of the actions, shape (A,).
+        high: Upper bounds of the actions, shape (A,).
+        least: Lower limit of each controller [N, N m], shape (A,).
+        most: Upper limit of each controller [N, N m], shape (A,).
         axes: Axis of each controller, all different, shape (A,).
-        clipped: Takes the actions.
-        control: Takes the control.
+        clipped: Output: the clipped actions.
+        control: Output: the control.
 
     Returns:
         Whether all actions are finite.

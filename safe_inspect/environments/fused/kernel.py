@@ -1,4 +1,4 @@
-"""The kernel of the fused step: it calls the row terms of a group by their addresses, and combines what they give."""
+"""The kernel of the fused step: it calls the row terms of a group by their addresses, and combines their results."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from safe_inspect.compiling import njit
 from safe_inspect.compiling.addresses import call_at
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: Bits of what `evaluate_step` returns.
+#: Bits of the result of `evaluate_step`.
 NOT_FINITE, ENDED = 1, 2
-#: What a call gives: the first column of `calls`.
+#: Kinds of result of a call: the first column of `calls`.
 READING, REWARD, DONE, STATUS = 0, 1, 2, 3
 
 
 @njit(error_model="numpy", forceinline=True)
 def _address(array: AnyArray) -> int:
-    """Return the address of an array's numbers; that of Numba is unsigned, and with an index it would be a float."""
+    """Return the address of an array's numbers; Numba's own is unsigned, and adding an index would make it a float."""
     return int64(array.ctypes.data)  # type: ignore[return-value]
 
 
 @njit(error_model="numpy")
 def _call(c: int, calls: IntArray, bases: IntArray, out: int, environments: int, agents: int) -> bool:
-    """Call the loop of a row term, see `row_terms`, at its address; return whether it raised no exception."""
+    """Call the loop of a row term (see `row_terms`) at its address; return whether it raised no exception."""
     given = (calls[c, 3], _address(bases), out, environments, agents)
     return call_at(calls[c, 2], int64, given) != 0  # type: ignore[call-arg]
 
 
 @njit(error_model="numpy")
 def _map(readings: FloatArray, factors: FloatArray, asked: BoolArray, observation: NDArray[np.float32]) -> bool:
-    """Write the observations that are asked for from the readings; return whether all of both are finite."""
+    """Write the requested observations from the readings; return whether all readings and observations are finite."""
     finite, size = True, observation.shape[1]
     for row in range(observation.shape[0]):
         if not asked[row]:
@@ -54,7 +54,7 @@ def observe(
     calls: IntArray, bases: IntArray, environments: int, factors: FloatArray, readings: FloatArray,
     asked: BoolArray, observation: NDArray[np.float32],
 ) -> bool:  # fmt: skip
-    """Write the observations of a group; the arguments are those of `evaluate_step`. Return whether all is finite."""
+    """Write the observations of a group; return whether all values are finite. Arguments as for `evaluate_step`."""
     agents, sound = observation.shape[0] // max(environments, 1), True
     for c in range(calls.shape[0]):
         if calls[c, 0] == READING:
@@ -68,22 +68,25 @@ def evaluate_step(
     calls: IntArray, bases: IntArray, endings: IntArray, factors: FloatArray, readings: FloatArray,
     observation: NDArray[np.float32], values: FloatArray, flags: BoolArray, status: NDArray[np.int8],
 ) -> int:  # fmt: skip
-    """Write what a step gives for the agents of a group, R = N * G rows.
+    """Write the result of a step for the agents of a group, R = N * G rows.
 
     Args:
-        calls: The row terms: what each gives, the index of the column, reward or done, and the addresses of its loop
-            and its table, shape (C, 4).
-        bases: Where the memory begins that the terms read, see `MemoryBase`.
-        endings: Of each done its status, and whether it truncates; behind them, N and how many calls at the end only
-            the observations want, shape (K + 1, 2).
-        factors: Scale, and what `Affine` subtracts, multiplies by, divides by and adds, of each element of an
-            observation, shape (5, O).
-        readings: Takes the readings, those of the observation first, shape (R, S); what is foreign stands there.
-        observation: Takes the observations that are asked for, shape (R, O); the others are NaN.
-        values: Takes the rewards and the terms, shape (1 + T, R); what is foreign stands there.
-        flags: Takes who is terminated and who truncated, and what each done said; likewise. The last row says whose
-            observations are asked for; those who end in this step are added. Shape (2 + K + 1, R).
-        status: Takes the statuses, shape (R,).
+        calls: The row terms: kind of the result, index of the column, reward or done, and the addresses of the loop and
+            of its table, shape (C, 4).
+        bases: Start addresses of the memory that the terms read, see `MemoryBase`.
+        endings: Status of each done, and whether it truncates; the last row contains N and the number of calls at the
+            end that only the observations need, shape (K + 1, 2).
+        factors: For each element of an observation: its scale, then the numbers that `Affine` subtracts, multiplies by,
+            divides by and adds, shape (5, O).
+        readings: Output: the readings, those of the observation first, shape (R, S). Readings of plugins that are
+            called in Python must already be in it.
+        observation: Output: the requested observations, shape (R, O); the others are NaN.
+        values: Output: the rewards and the terms, shape (1 + T, R). Terms of plugins that are called in Python must
+            already be in it.
+        flags: Output: terminated, truncated, and the result of each done, with those of Python plugins already in it.
+            The last row is the mask of the requested observations, to which agents that end in this step are added.
+            Shape (2 + K + 1, R).
+        status: Output: the statuses, shape (R,).
 
     Returns:
         `NOT_FINITE` when a reading, an observation or a reward is not finite, or a row kernel raised an exception, plus

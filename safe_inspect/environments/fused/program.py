@@ -1,4 +1,4 @@
-"""`Program`: what the kernel of the fused step calls for a group of agents, and which plugins are called in Python."""
+"""`Program`: the calls of the fused step's kernel for a group of agents, and the plugins that are called in Python."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FLOAT = np.dtype(np.float64).itemsize
 
 @njit
 def _copy(number: int) -> int:
-    """Return a number."""
+    """Return the argument."""
     return number
 
 
@@ -32,10 +32,10 @@ class TermCall(NamedTuple):
     """A row term that the kernel calls.
 
     Attributes:
-        kind: What it gives: `kernel.READING`, `REWARD`, `DONE` or `STATUS`.
-        target: The first column of the readings, or which reward or done it is.
+        kind: Kind of its result: `kernel.READING`, `REWARD`, `DONE` or `STATUS`.
+        target: Index of the first column of the readings, or of the reward or done.
         term: The term.
-        result: Type of its elements, and their number where its kernel writes them.
+        result: Type of the elements of its result, and their number if its kernel writes them.
     """
 
     kind: int
@@ -49,12 +49,13 @@ class PlacedProgram:
     """A program for states of one size.
 
     Attributes:
-        calls: See `kernel.evaluate_step`, as of the others.
+        calls: See `kernel.evaluate_step`; likewise `endings` and `readings`.
         endings: Statuses of the dones.
-        readings: Takes the readings, shape (R, S).
-        intervening: Takes the rows in which a safety filter changed the thrust, shape (R,); None: no term asks.
+        readings: The readings, shape (R, S).
+        intervening: Input of the terms: mask of the rows in which a safety filter changed the thrust, shape (R,); None
+            if no term reads it.
         specs: The arrays of the states.
-        terms: What the addresses in `calls` lead to.
+        terms: The terms at the addresses in `calls`; the references keep the memory alive.
     """
 
     calls: IntArray
@@ -66,20 +67,20 @@ class PlacedProgram:
 
 
 class Program:
-    """What is worked out for a group in every step.
+    """The calculations of every step for a group.
 
     Args:
         group: The group.
-        world: What does not change.
+        world: The constant data of the simulation.
 
     Attributes:
         size: Number of elements of an observation, O.
         width: Number of columns of the readings, S.
-        factors: Scale and affine map of each of them, shape (5, O).
+        factors: Scale and affine map of each element of an observation, shape (5, O).
         glues: Glues that are called in Python, and their columns.
-        sensors: Sensors that are called in Python since a row term is given their reading, and their columns.
-        rewards: Rewards that are called in Python, by their index.
-        dones: Dones that are called in Python, by their index.
+        sensors: Sensors that are called in Python because a row term reads them, and their columns.
+        rewards: Indices of the rewards that are called in Python.
+        dones: Indices of the dones that are called in Python.
     """
 
     def __init__(self, group: AgentGroup, world: World) -> None:
@@ -103,14 +104,14 @@ class Program:
         self._endings = [(int(named.functor.status), int(named.functor.truncates)) for named in group.dones]
 
     def place(self, state: State, readings: FloatArray) -> PlacedProgram:
-        """Return the program for states of the size of one.
+        """Return the program for states of the same size as the given one.
 
         Args:
             state: A state of that size.
-            readings: Takes the readings, of shape (R, `width`) or with further rows.
+            readings: Memory for the readings, of shape (R, `width`) or with further rows.
 
         Raises:
-            ValueError: An input does not lie in the memory of the state: the kernel reads there without checking.
+            ValueError: An input is not in the memory of the state; the kernel reads it without a check.
         """
         scene = Scene(self._world, self._group, state, self._columns, self.width)
         rows, terms, calls = state.num_envs * self._group.size, [], []
@@ -132,7 +133,7 @@ class Program:
         )
 
     def _observed(self) -> list[TermCall]:
-        """Return the calls whose readings no reward and no done is given, directly or through another reading."""
+        """Return the calls whose readings no reward or done uses, neither directly nor through another reading."""
         wanted: set[int] = set()
         observed = []
         for call in reversed(self._calls):
@@ -155,7 +156,7 @@ class Program:
         return foreign
 
     def _observe(self, glue: Any, columns: slice) -> None:
-        """Add a glue, which has these columns of the observation."""
+        """Add a glue that fills these columns of the observation."""
         self.factors[:, columns] = np.concatenate((np.ones(1), *Affine()))[:, None]
         if type(glue) is ObserveSensor:
             scale, normalizer, low, high = glue.prepared(self._group.sensors[glue.sensor])
@@ -174,7 +175,7 @@ class Program:
         self.glues.append((glue, columns))
 
     def _read(self, term: RowTerm) -> None:
-        """Let the readings that a term is given stand in columns of their own, unless they stand in some already."""
+        """Give the readings that a term reads separate columns, unless they already have columns."""
         for reading in term.read:
             if reading.key in self._columns:
                 continue
@@ -188,13 +189,13 @@ class Program:
                 self.sensors.append((reading.sensor, columns))
 
     def _call_glue(self, glue: Any, columns: slice) -> bool:
-        """Add the call of a glue whose values stand there as they are; return whether it has a row kernel."""
+        """Add the call of a glue whose values are used unchanged; return whether it has a row kernel."""
         if not isinstance(glue, DerivedGlue) or glue.normalization.active is not None:
             return False
         return self._call_values(glue, columns)
 
     def _call_values(self, glue: DerivedGlue, columns: slice) -> bool:
-        """Add the call of the row kernel of a glue's values; return whether it has one."""
+        """Add the call of the row kernel of a glue's values; return whether there is one."""
         term = glue.row(self._world, self._group)
         if term is None:
             return False
@@ -203,7 +204,7 @@ class Program:
         return True
 
     def _call_sensor(self, name: str, columns: slice) -> bool:
-        """Add the call of a sensor; return whether it is one that a row kernel defines."""
+        """Add the call of a sensor; return whether it is defined by a row kernel."""
         sensor: Any = self._group.sensors[name]
         term = sensor.row(self._world, self._group)
         if term is None:

@@ -1,4 +1,4 @@
-"""`FusedGroup`: observations, rewards and ends of a group of agents, most of them by the kernel."""
+"""`FusedGroup`: observations, rewards and ends of a group of agents, computed mostly by the compiled kernel."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
 class FusedGroup:
-    """Works out what a step gives for a group, the same to the bit as `AgentGroup` with its plugins.
+    """Compiled computation of a step for a group; the results are bit-identical to those of `AgentGroup`.
 
     Args:
         group: The group.
-        world: What does not change.
+        world: The constant data of the simulation.
     """
 
     def __init__(self, group: AgentGroup, world: World) -> None:
@@ -36,12 +36,12 @@ class FusedGroup:
         self._bases: dict[int, tuple[State, State, PlacedProgram, IntArray, Any]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out of copies what belongs to the memory of this process and of the states at hand."""
+        """Exclude from copies the data that belong to the memory of this process and of the current states."""
         return self.__dict__ | {"_placed": {}, "_bases": {}, "_readings": self._readings[:0].copy()}
 
     @property
     def called_in_python(self) -> tuple[str, ...]:
-        """Names of the rewards, dones and sensors, and of the glues, that no row kernel defines."""
+        """Names of the rewards, dones, sensors and glues that are not defined by a row kernel."""
         program, group = self._program, self._group
         return (
             *(group.title(glue) for glue, _ in program.glues),
@@ -51,19 +51,19 @@ class FusedGroup:
         )
 
     def command(self, action: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return the actions within their bounds, shape (R, A), and their control [N, N m], shape (R, C).
+        """Return the clipped actions, shape (R, A), and the control that they command [N, N m], shape (R, C).
 
-        None when the controllers are no plain ones, or an action is not finite.
+        The result is None if the controllers are not plain, or an action is not finite.
 
         Args:
-            action: Actions of the right shape, (N, G, A), contiguous.
+            action: Actions of shape (N, G, A), contiguous.
         """
         plain = self._group.thrusters.plain
         if plain is None:
             return None
         axes, least, most = plain
         if not action.flags.writeable:
-            action = action.copy()  # another type for Numba, which would compile the kernel again
+            action = action.copy()  # read-only is a different type for Numba, which would compile the kernel again
         rows = len(action) * self._group.size
         clipped, control = np.empty((rows, len(axes))), np.empty((rows, self._group.thrusters.size))
         layout = self._group.action_layout
@@ -71,11 +71,11 @@ class FusedGroup:
         return (clipped, control) if finite else None
 
     def observe(self, view: View, asked: BoolArray | None = None) -> AnyArray | None:
-        """Return the observations, float32, shape (R, O); None when something is not finite.
+        """Return the observations, float32, shape (R, O); None if a value is not finite.
 
         Args:
             view: The state.
-            asked: Whose observations are asked for, shape (R,); the others' are NaN. None: all.
+            asked: Mask of the requested observations, shape (R,); the others are NaN. Default: all.
         """
         state, program = view.writable, self._program
         placed = self._place(state)
@@ -91,12 +91,12 @@ class FusedGroup:
         return observation if finite else None
 
     def evaluate_step(self, step: Step, asked: BoolArray | None = None) -> StepOutcome | None:
-        """Return what a step gives; None when something is not finite.
+        """Return the result of a step; None if a value is not finite.
 
         Args:
             step: The step.
-            asked: Whose observations are asked for besides those of agents that end, shape (R,); the others' are NaN.
-                None: all.
+            asked: Mask of the requested observations, shape (R,). Those of agents that end are computed as well; the
+                others are NaN. Default: all.
         """
         view, program = step.after, self._program
         rows = view.num_rows
@@ -127,17 +127,17 @@ class FusedGroup:
         return StepOutcome(observation, values, flags[:-1], status, bool(found & kernel.ENDED))
 
     def _place(self, state: State) -> PlacedProgram:
-        """Return the program for a state: where its inputs lie depends on the number of environments alone."""
+        """Return the program for a state; the locations of its inputs depend only on the number of environments."""
         found = self._placed.get(state.num_envs)
         if found is None or found.specs is not state.specs:
             rows = state.num_envs * self._group.size
-            if len(self._readings) < rows:  # NaN: what a kernel leaves out is found
+            if len(self._readings) < rows:  # NaN, so that a reading that no kernel writes is detected
                 self._readings = np.full((rows, self._program.width), np.nan)
             found = self._placed[state.num_envs] = self._program.place(state, self._readings)
         return found
 
     def _call(self, step: Step, readings: FloatArray, values: FloatArray, flags: BoolArray) -> None:
-        """Call the plugins without a row kernel, and write what they give where the kernel reads it."""
+        """Call the plugins without a row kernel, and write their results where the kernel reads them."""
         self._call_sensors(step.after, readings)
         rows = (step.after.num_rows,)
         for index in self._program.rewards:
@@ -167,7 +167,7 @@ class FusedGroup:
 
 
 def _bases(before: State, after: State, placed: PlacedProgram) -> IntArray:
-    """Return where the memory begins that the terms read."""
+    """Return the start addresses of the memory that the terms read."""
     bases = np.zeros(len(MemoryBase), dtype=np.int64)
     bases[MemoryBase.AFTER], bases[MemoryBase.BEFORE] = address_of(after.floats), address_of(before.floats)
     bases[MemoryBase.READINGS] = address_of(placed.readings)

@@ -1,1 +1,1 @@
-"""What a reset draws: parameters, initialisers and the plan of an episode's initial state."""
+"""Resets: parameters, initialisers and the plan from which the initial state of an episode is drawn."""

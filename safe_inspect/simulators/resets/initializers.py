@@ -1,4 +1,4 @@
-"""Initialisers: from drawn parameters to the states of a body."""
+"""Initialisers: functions from drawn parameters to the states of a body."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from safe_inspect.types import FloatArray
 
 
 class Initializer(Plugin):
-    """Turns drawn parameters into named states of R rows.
+    """Function from drawn parameters to named states of R rows.
 
     Class attributes:
-        parameters: SI unit by the name of each parameter that it takes; None for a mapping of states.
-        gives: Number of elements by the name of each state that it returns, where the class knows them.
-        defaults: Parameters that are drawn where the configuration gives none of their name.
+        parameters: SI unit by the name of each parameter; None for a mapping of states. gives: Number of elements by
+        the name of each returned state, if the class defines them. defaults: Parameters that are used if the
+        configuration has none with their name.
     """
 
     kind: ClassVar[str] = "initializer"
@@ -40,11 +40,11 @@ def polar(radius: FloatArray, azimuth: FloatArray, elevation: FloatArray) -> Flo
 
 
 class CWH3DRadialWithSunInitializer(Initializer):
-    """Position and velocity in polar form, and the sun's angle.
+    """Position and velocity in polar form, and the angle of the sun.
 
     position = radius [cos(az) cos(el), sin(az) cos(el), sin(el)], and the velocity likewise. Hill frame.
 
-    It gives ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3) and ``sun_angle`` [rad] (R,).
+    It returns ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3) and ``sun_angle`` [rad] (R,).
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {
@@ -59,7 +59,7 @@ class CWH3DRadialWithSunInitializer(Initializer):
     gives: ClassVar[Mapping[str, int]] = {"position": 3, "velocity": 3, "sun_angle": 1}
 
     def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
-        """Return the states of the drawn polar values."""
+        """Return the states that follow from the drawn polar values."""
         return {
             "position": polar(values["radius"], values["azimuth_angle"], values["elevation_angle"]),
             "velocity": polar(values["vel_mag"], values["vel_azimuth_angle"], values["vel_elevation_angle"]),
@@ -70,7 +70,7 @@ class CWH3DRadialWithSunInitializer(Initializer):
 class PositionVelocityInitializer(Initializer):
     """Position and velocity by their components, Hill frame.
 
-    It gives ``position`` [m] (R, 3) and ``velocity`` [m/s] (R, 3).
+    It returns ``position`` [m] (R, 3) and ``velocity`` [m/s] (R, 3).
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {
@@ -79,7 +79,7 @@ class PositionVelocityInitializer(Initializer):
     gives: ClassVar[Mapping[str, int]] = {"position": 3, "velocity": 3}
 
     def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
-        """Return the states of the drawn components."""
+        """Return the states that consist of the drawn components."""
         return {
             "position": np.stack([values[name] for name in ("x", "y", "z")], axis=-1),
             "velocity": np.stack([values[name] for name in ("x_dot", "y_dot", "z_dot")], axis=-1),
@@ -87,10 +87,10 @@ class PositionVelocityInitializer(Initializer):
 
 
 class RejectionSamplerInitializer(Initializer):
-    """The states that the rejection sampler accepted, taken over as they are.
+    """The states that the rejection sampler accepted, without changes.
 
     Attributes:
-        states: Names of the states to take.
+        states: Names of the states to use.
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {"init_state": None}

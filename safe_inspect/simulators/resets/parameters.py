@@ -17,21 +17,22 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 from safe_inspect.units import unit
 
-#: A drawn value: one number for each row, or named states of one body.
+#: A drawn value: one number per row, or named states of one body.
 Value = FloatArray | dict[str, FloatArray]
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Everything that a draw may depend on.
+    """All inputs of a draw.
 
     Attributes:
-        streams: Random streams of the R episodes that begin.
-        purpose: What is drawn, such as ``init_state.radius``.
-        index: Number of the try, for repeated draws.
+        streams: Random streams of the R episodes that start.
+        purpose: Purpose of the draw, such as ``init_state.radius``.
+        index: Number of the attempt, for repeated draws.
         values: Reset parameters drawn before, by name.
-        fixed: States that are given and not drawn, by name, each with R rows.
-        test: Returns for states of some rows, and the indices of these rows, which of them to refuse, by the reason.
+        fixed: States that are given instead of drawn, by name, each with R rows.
+        test: Function of the states of some rows and of the indices of these rows that returns, by reason, a mask of
+            the rows to reject.
     """
 
     streams: Streams
@@ -42,14 +43,14 @@ class Draw:
     test: Callable[[Mapping[str, FloatArray], IntArray], dict[str, BoolArray]] | None = None
 
     def child(self, name: str) -> Draw:
-        """Return the draw of a part of this one."""
+        """Return the draw of a part of this draw."""
         return replace(self, purpose=f"{self.purpose}.{name}" if self.purpose else name)
 
 
 class Parameter(Plugin):
-    """A value drawn at every reset.
+    """A value that is drawn at every reset.
 
-    Called, it returns the SI value, shape (R,), or a mapping of named states.
+    Calling it returns the SI value, shape (R,), or a mapping of named states.
     """
 
     kind: ClassVar[str] = "parameter"
@@ -60,16 +61,16 @@ class Parameter(Plugin):
 
     @property
     def symbol(self) -> str | None:
-        """SI unit of the value; None when the configuration names none."""
+        """SI unit of the value; None if the configuration does not state a unit."""
         return None
 
 
 class ScalarParameter(Parameter):
-    """Base of the parameters that give one number; `units` is the unit of all its numbers.
+    """Base class of parameters whose value is one number; `units` is the unit of all numbers in the configuration.
 
     Attributes:
-        name: Label, for the reader.
-        units: Unit of the numbers; SI of whatever takes the parameter unless given.
+        name: Label, for readers of the configuration.
+        units: Unit of the numbers; default: the SI unit that the user of the parameter expects.
     """
 
     name: str = ""
@@ -84,12 +85,12 @@ class ScalarParameter(Parameter):
 
     @property
     def symbol(self) -> str | None:
-        """SI unit of the value; None when the configuration names none."""
+        """SI unit of the value; None if the configuration does not state a unit."""
         return None if self.units is None else unit(self.units).symbol
 
     @property
     def factor(self) -> float:
-        """Turns a number of the configuration into SI."""
+        """Factor that converts a number of the configuration to SI."""
         return 1.0 if self.units is None else unit(self.units).factor
 
 
@@ -157,18 +158,18 @@ class TruncatedNormalParameter(ScalarParameter):
 
     @property
     def _span(self) -> tuple[float, float]:
-        """The bounds in standard deviations; mirrored when both lie above the mean, where a tail keeps no digits."""
+        """The bounds in standard deviations; mirrored if both are above the mean, where the tail loses precision."""
         low, high = (self.low - self.mu) / self.std, (self.high - self.mu) / self.std
         return (-high, -low) if low > 0.0 else (low, high)
 
     @staticmethod
     def _tail(bound: float) -> float:
-        """Return the standard normal's probability below a bound."""
+        """Return the probability of the standard normal distribution below a bound."""
         return 0.5 * math.erfc(-bound / math.sqrt(2.0))
 
     def __call__(self, draw: Draw) -> FloatArray:
         """Return the quantile of the truncated normal at a uniform draw, shape (R,)."""
-        from scipy.special import ndtri  # slow to import, and the shipped tasks draw uniformly
+        from scipy.special import ndtri  # slow to import, and not needed by the shipped tasks, which draw uniformly
 
         draws = draw.streams.interior(draw.purpose, index=draw.index)[:, 0]
         below, above = (self._tail(bound) for bound in self._span)
@@ -187,10 +188,10 @@ class SimAttributeAccessor(Parameter):
     attribute_name: str = Field(default="init_state", min_length=1)
 
     def __call__(self, draw: Draw) -> Value:
-        """Return the value that was drawn under that name.
+        """Return the value of the reset parameter with that name.
 
         Raises:
-            ConfigError: There is none.
+            ConfigError: There is no such parameter.
         """
         value: Any = draw.values
         for part in self.attribute_name.split("."):
@@ -198,7 +199,7 @@ class SimAttributeAccessor(Parameter):
                 known = value if isinstance(value, Mapping) else ()
                 raise ConfigError(
                     Problem(
-                        f"`{self.attribute_name}` names no reset parameter; {did_you_mean(part, map(str, known))}",
+                        f"`{self.attribute_name}` is not a reset parameter; {did_you_mean(part, map(str, known))}",
                         path=draw.purpose,
                     )
                 )

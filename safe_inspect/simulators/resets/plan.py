@@ -14,22 +14,22 @@ from safe_inspect.simulators.resets.initializers import Initializer
 from safe_inspect.simulators.resets.parameters import Draw, Parameter, SimAttributeAccessor, Value
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-#: States that are a deputy's own; all others that a parameter gives, such as the sun's angle, are the environment's.
+#: States that belong to a deputy; all other states of a parameter, such as the sun's angle, belong to the environment.
 OWN_STATES = ("position", "velocity", "orientation", "angular_velocity")
-#: Draws of a further deputy that may start too near to those before it.
+#: Maximum number of draws for a deputy that starts too close to the preceding ones.
 _MAX_DRAWS = 100
 
-#: From the states of one deputy (R, ...), the index of the deputy and those of the deputies before it (R, d, 3) to the
-#: rows that it refuses, by the reason.
+#: Function of the states of one deputy (R, ...), the index of the deputy and the states of the preceding deputies
+#: (R, d, 3); it returns masks of the rows to reject, by reason.
 TeamTest = Callable[[Mapping[str, FloatArray], int, Mapping[str, FloatArray]], dict[str, BoolArray]]
 
-#: Takes the states of every body (R, ...) and the values that were drawn, both by name.
+#: Function of the states of every body (R, ...) and of the drawn values, both by name.
 StartWatch = Callable[[Mapping[str, Mapping[str, FloatArray]], Mapping[str, Value]], None]
 
 
 @dataclass(frozen=True)
 class BodyReset:
-    """The initial state of one body: an initialiser and the parameters that it takes."""
+    """The initial state of one body: an initialiser and the parameters that it needs."""
 
     initializer: Initializer
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
@@ -41,12 +41,12 @@ class BodyReset:
 
     @property
     def draws(self) -> bool:
-        """Whether it draws anything itself, and does not take over reset parameters alone."""
+        """Whether the body draws values itself, instead of only using reset parameters."""
         return any(not isinstance(item, SimAttributeAccessor) for item in self.parameters.values())
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Names of the reset parameters that the body takes."""
+        """Names of the reset parameters that the body uses."""
         taken = [item for item in self.parameters.values() if isinstance(item, SimAttributeAccessor)]
         return tuple(dict.fromkeys(item.attribute_name.partition(".")[0] for item in taken))
 
@@ -61,20 +61,20 @@ class EnvironmentDraw(NamedTuple):
 
 @dataclass(frozen=True)
 class ResetPlan:
-    """What initial states are drawn from.
+    """The parameters and initialisers from which initial states are drawn.
 
-    A reset parameter that gives the states of a body is drawn for each deputy that takes it: the first has the draw
-    itself, the others draws of their own, in which only what is the environment's (such as the sun's angle) stays. A
-    parameter that gives one number is drawn once for all.
+    A reset parameter whose value is the state of a body is drawn separately for each deputy that uses it: the first
+    deputy has the first draw, and the others have further draws with the same values of the environment (such as the
+    sun's angle). A parameter whose value is one number is drawn once for all deputies.
 
     Attributes:
         parameters: Reset parameters by name, drawn in order.
         deputies: Initial state of each deputy, by platform.
         entities: Initial state of each other body, by name.
-        environment: What is drawn for components, such as ``sun_angle``.
-        separation: Smallest distance of two deputies in an initial state [m].
-        tests: Further tests of the states of a deputy against those of the deputies before it.
-        watches: Called with the states of every body and the values that were drawn, at each reset.
+        environment: Values that are drawn for components, such as ``sun_angle``.
+        separation: Minimum distance between two deputies in an initial state [m].
+        tests: Further tests of the states of a deputy against those of the preceding deputies.
+        watches: Functions that are called at each reset with the states of every body and the drawn values.
     """
 
     parameters: Mapping[str, Parameter]
@@ -89,10 +89,10 @@ class ResetPlan:
         """Draw the initial states of R episodes.
 
         Returns:
-            The states of every body by name; and the reset parameters with what the components draw, by name.
+            The states of every body by name; and the reset parameters together with the components' draws, by name.
 
         Raises:
-            InitialStateError: Two deputies begin too near to each other, and no draw can mend it.
+            InitialStateError: Two deputies start too close to each other, and no further draw can fix it.
         """
         first = next(iter(self.deputies.values()), None)
         lead = () if first is None else first.sources
@@ -121,7 +121,7 @@ class ResetPlan:
         index: int,
         placed: Mapping[str, FloatArray],
     ) -> dict[str, Value]:
-        """Return the reset parameters with those that give a body's states drawn anew for a further deputy."""
+        """Return the reset parameters for a further deputy, with new draws of those whose value is a body's state."""
         own = dict(values)
         for name in body.sources:
             base = values[name]
@@ -132,13 +132,13 @@ class ResetPlan:
             drawn = self.parameters[name](self._tested(draw, index, placed))
             assert isinstance(drawn, dict), "a parameter always gives the same kind of value"
             own[name] = drawn
-            for key in drawn:  # statistics of the draw: of all deputies together
+            for key in drawn:  # sum the statistics of the draw over all deputies
                 if "/" in key:
                     base[key] = base[key] + drawn[key] if key in base else drawn[key]
         return own
 
     def _apart(self, body: BodyReset, draw: Draw, placed: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return a body's states, drawn anew where it starts too near to those before it and draws of its own."""
+        """Return a body's states; rows that are too close to preceding bodies are drawn again if the body draws."""
         states = body(draw)
         if not placed or self.separation == 0.0:
             return states
@@ -179,12 +179,12 @@ class ResetPlan:
             names = list(self.deputies)
             raise InitialStateError(
                 f"{names[index]} starts closer than {self.separation:g} m to {' or '.join(names[:index])} in "
-                f"{int(near.sum())} of {len(near)} environments; give each deputy an initial state of its own"
+                f"{int(near.sum())} of {len(near)} environments; give each deputy its own initial state"
             )
 
 
 def _too_near(position: FloatArray, others: FloatArray, separation: float) -> BoolArray:
-    """Return the rows in which a position (R, 3) is closer to one of others (R, d, 3) than the separation [m]."""
+    """Return a mask of rows in which a position (R, 3) is closer than the separation [m] to one of others (R, d, 3)."""
     x, y, z = (others[:, :, axis] - position[:, None, axis] for axis in range(3))
     return np.asarray((x * x + y * y + z * z < separation * separation).any(axis=1))
 

@@ -1,4 +1,4 @@
-"""Terms that one row kernel defines: `RowTerm`, what a kernel can be given, and the base of such plugins."""
+"""Terms that are defined by one row kernel: `RowTerm`, the inputs of kernels, and the base class of such plugins."""
 
 from safe_inspect.simulators.row_terms.inputs import (
     AgentParameter,

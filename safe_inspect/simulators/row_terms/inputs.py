@@ -1,7 +1,7 @@
-"""Inputs of a row kernel: what it is given for one agent in one environment.
+"""Inputs of a row kernel for one agent in one environment.
 
-An input is found in memory once, as an offset and two distances in bytes, those between environments and between
-agents, so that a kernel can read it for every row of every state of that size.
+The memory location of an input is found once, as an offset and two strides in bytes, between environments and between
+agents. With it, a kernel can read the input for every row of every state of that size.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from safe_inspect.types import AnyArray
 
 
 class MemoryBase(IntEnum):
-    """The memory that an input lies in."""
+    """The block of memory that contains an input."""
 
     ABSOLUTE = 0
     AFTER = 1
     BEFORE = 2
     READINGS = 3
     INTERVENING = 4
-    ASKED = 5  # whether a row's reading is asked for, a byte for each row; at no address: all are
+    ASKED = 5  # mask of the requested readings, one byte per row; address 0: all are requested
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Where inputs are looked up.
+    """Data in which the locations of inputs are looked up.
 
     Attributes:
-        world: What does not change.
+        world: The constant data of the simulation.
         group: The agents.
-        state: A state of the wanted number of environments.
-        columns: Columns of the readings of sensors in a matrix with a row for each environment and agent.
+        state: A state with the required number of environments.
+        columns: Columns of the sensors' readings in a matrix with one row for each environment and agent.
         width: Number of columns of that matrix.
     """
 
@@ -51,20 +51,20 @@ class Scene:
 
     @property
     def rows(self) -> tuple[int, int]:
-        """Numbers of environments and of agents, N and G."""
+        """Number of environments and number of agents, N and G."""
         return self.state.num_envs, self.group.size
 
 
 class InputPlace(NamedTuple):
-    """Where an input lies.
+    """Memory location of an input.
 
     Attributes:
-        base: The memory.
-        offset: Its offset there [byte].
-        dtype: Type of its elements.
-        shape: (environments, agents, ...), each of the first two in full or 1.
-        strides: Distances along these axes [byte].
-        keeps: The array of a parameter.
+        base: The block of memory.
+        offset: Offset in the block [byte].
+        dtype: Type of the elements.
+        shape: (environments, agents, ...); each of the first two is the full number or 1.
+        strides: Strides along these axes [byte].
+        keeps: The array of a parameter, referenced so that its memory stays valid.
     """
 
     base: MemoryBase
@@ -77,30 +77,30 @@ class InputPlace(NamedTuple):
 
 @dataclass(frozen=True)
 class OwnArray:
-    """The agent's own part of an array of the state with an axis of deputies or bodies.
+    """The agent's own entry of an array of the state with an axis of deputies or bodies.
 
     Attributes:
         name: Name of the array, such as ``position``.
-        before: Whether the state before the step is read.
+        before: Whether to read the state before the step.
     """
 
     name: str
     before: bool = False
 
     def place(self, scene: Scene) -> InputPlace:
-        """Return where the input lies."""
+        """Return the memory location of the input."""
         first = scene.group.first
         return _in_state(scene, self.name, slice(first, first + scene.group.size), self.before)
 
 
 @dataclass(frozen=True)
 class BodyArray:
-    """A body's part of an array of the state with an axis of deputies or bodies.
+    """A body's entry of an array of the state with an axis of deputies or bodies.
 
     Attributes:
         name: Name of the array, such as ``position``.
         body: Name of the body.
-        before: Whether the state before the step is read.
+        before: Whether to read the state before the step.
     """
 
     name: str
@@ -108,31 +108,31 @@ class BodyArray:
     before: bool = False
 
     def place(self, scene: Scene) -> InputPlace:
-        """Return where the input lies."""
+        """Return the memory location of the input."""
         index = scene.world.bodies[self.body]
         return _in_state(scene, self.name, slice(index, index + 1), self.before)
 
 
 @dataclass(frozen=True)
 class EnvironmentArray:
-    """An environment's part of an array of the state, such as ``sun_angle``, or ``position`` of all its bodies.
+    """An environment's row of an array of the state, such as ``sun_angle``, or ``position`` of all its bodies.
 
     Attributes:
         name: Name of the array.
-        before: Whether the state before the step is read.
+        before: Whether to read the state before the step.
     """
 
     name: str
     before: bool = False
 
     def place(self, scene: Scene) -> InputPlace:
-        """Return where the input lies."""
+        """Return the memory location of the input."""
         return _in_state(scene, self.name, None, self.before)
 
 
 @dataclass(frozen=True)
 class SensorMemory:
-    """The agent's own part of an array that a sensor remembers.
+    """The agent's own entry of an array in which a sensor stores data.
 
     Attributes:
         part: Name of the sensor.
@@ -143,13 +143,13 @@ class SensorMemory:
     name: str
 
     def place(self, scene: Scene) -> InputPlace:
-        """Return where the input lies."""
+        """Return the memory location of the input."""
         return _in_state(scene, f"memory/{scene.group.name}/{self.part}/{self.name}", slice(None), False)
 
 
 @dataclass(frozen=True)
 class SensorReading:
-    """What a sensor of the agent reads after the step, shape (k,).
+    """Reading of a sensor of the agent after the step, shape (k,).
 
     Attributes:
         sensor: Name of the sensor.
@@ -159,29 +159,29 @@ class SensorReading:
 
     @property
     def key(self) -> str:
-        """Name of its columns."""
+        """Key of its columns."""
         return self.sensor
 
     def place(self, scene: Scene) -> InputPlace:
-        """Return where the input lies."""
+        """Return the memory location of the input."""
         return _in_readings(scene, self.key)
 
     def size_of(self, group: Group) -> int:
-        """Return its number of elements."""
+        """Return the number of elements."""
         return group.sensors[self.sensor].size
 
     def read(self, view: View) -> AnyArray:
-        """Return it for all rows, shape (R, k)."""
+        """Return the reading for all rows, shape (R, k)."""
         return view.reading(self.sensor)
 
 
 @dataclass(frozen=True, eq=False)
 class GlueReading:
-    """What a glue of the agent observes after the step, shape (k,).
+    """Observation of a glue of the agent after the step, shape (k,).
 
     Attributes:
         glue: The glue, called with a `View`.
-        size: Its number of elements, k.
+        size: Number of elements, k.
     """
 
     glue: Any
@@ -189,19 +189,19 @@ class GlueReading:
 
     @property
     def key(self) -> str:
-        """Name of its columns, the same for equal glues."""
+        """Key of its columns, the same for equal glues."""
         return repr(self.glue)
 
     def place(self, scene: Scene) -> InputPlace:
-        """Return where the input lies."""
+        """Return the memory location of the input."""
         return _in_readings(scene, self.key)
 
     def size_of(self, group: Group) -> int:
-        """Return its number of elements."""
+        """Return the number of elements."""
         return self.size
 
     def read(self, view: View) -> AnyArray:
-        """Return it for all rows, shape (R, k)."""
+        """Return the reading for all rows, shape (R, k)."""
         return np.asarray(self.glue(view))
 
 
@@ -210,7 +210,7 @@ class Intervening:
     """Whether a safety filter changed the agent's thrust in the step."""
 
     def place(self, scene: Scene) -> InputPlace:
-        """Return where the input lies."""
+        """Return the memory location of the input."""
         return InputPlace(MemoryBase.INTERVENING, 0, np.dtype(np.bool_), scene.rows, (scene.group.size, 1))
 
 
@@ -225,7 +225,7 @@ class AgentParameter:
     values: AnyArray
 
     def place(self, scene: Scene) -> InputPlace:
-        """Return where the input lies."""
+        """Return the memory location of the input."""
         return _absolute(np.ascontiguousarray(self.values[None]))
 
 
@@ -244,10 +244,10 @@ RowInput = (
 
 
 def place_of(given: RowInput, scene: Scene) -> InputPlace:
-    """Return where an input lies; a number or an array is a parameter that is the same for all rows.
+    """Return the memory location of an input; a number or an array is a parameter that is the same for all rows.
 
     Raises:
-        ValueError: An array of the state does not lie in the state's memory, or is constant through an episode.
+        ValueError: An array of the state is not in the state's memory, or is constant during an episode.
     """
     if isinstance(given, (bool, int, float, np.ndarray)):
         return _absolute(np.ascontiguousarray(np.asarray(given)[None, None]))
@@ -259,7 +259,7 @@ def _absolute(array: AnyArray) -> InputPlace:
 
 
 def _in_readings(scene: Scene, key: str) -> InputPlace:
-    """Return where the columns lie that have a name."""
+    """Return the location of the columns with a given key."""
     columns = scene.columns[key]
     shape = (*scene.rows, columns.stop - columns.start)
     strides = (8 * scene.width * scene.group.size, 8 * scene.width, 8)
@@ -267,7 +267,7 @@ def _in_readings(scene: Scene, key: str) -> InputPlace:
 
 
 def _in_state(scene: Scene, name: str, agents: slice | None, before: bool) -> InputPlace:
-    """Return where an array of the state lies: some of its second axis, or the whole of it for each environment."""
+    """Return the location of an array of the state: some entries of its second axis, or each environment's row."""
     if name not in scene.state.arrays:
         raise missing("state", name, scene.state.arrays)
     whole: Any = scene.state.arrays[name]
@@ -278,13 +278,13 @@ def _in_state(scene: Scene, name: str, agents: slice | None, before: bool) -> In
 
 
 def own_estimate(name: str, world: World) -> OwnArray:
-    """Return the agent's estimate of its ``position`` or ``velocity``, the array itself where nothing disturbs it."""
+    """Return the agent's estimate of its ``position`` or ``velocity``, or the array itself if nothing disturbs it."""
     estimate = f"estimated_{name}"
     return OwnArray(estimate if estimate in world.offers.view else name)
 
 
 def range_inputs(sensor: str | None) -> tuple[RowInput, RowInput]:
-    """Return the own position and what a position sensor reads, of which the range to it follows.
+    """Return the agent's own position and the reading of a position sensor, from which the range follows.
 
     Args:
         sensor: Name of the sensor; None: the origin of Hill's frame.

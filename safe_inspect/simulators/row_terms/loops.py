@@ -1,12 +1,12 @@
-"""Terms that are given by one row kernel: the same machine code serves a batch call and the fused step.
+"""Terms that are defined by one row kernel: the same machine code is used for a batch call and for the fused step.
 
-A loop over environments and agents is generated around the kernel. It depends on the kernel and on the types of its
-inputs alone, is compiled once and called by its address:
+A loop over environments and agents is generated around the kernel. It depends only on the kernel and on the types of
+its inputs, is compiled once and called by its address:
 
     loop(table, bases, out, environments, agents)
 
-`table` says where the inputs lie, `bases` where the memory begins that they lie in, `out` where the result goes. The
-loop of a sensor leaves out the rows that `MemoryBase.ASKED` says are not asked for.
+`table` contains the locations of the inputs, `bases` the start addresses of the blocks of memory that contain them, and
+`out` is the address of the result. The loop of a sensor skips the rows that are not requested by `MemoryBase.ASKED`.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ class RowTerm:
     """A row kernel and its inputs.
 
     Attributes:
-        kernel: Called with the inputs of one agent in one environment, in order: numbers and arrays. It returns a
-            number or a bool; that of a sensor is given an array at the end, shape (size,), which takes the reading.
-        inputs: What it is given; see `safe_inspect.simulators.row_terms.inputs`. Numbers and arrays are parameters.
+        kernel: Function of the inputs of one agent in one environment, in order: numbers and arrays. It returns a
+            number or a bool; the kernel of a sensor instead writes the reading into an additional last argument, an
+            array of shape (size,).
+        inputs: Inputs of the kernel; see `safe_inspect.simulators.row_terms.inputs`. Numbers and arrays are parameters.
     """
 
     kernel: Kernel[..., Any]
@@ -49,7 +50,7 @@ class RowTerm:
 
     @property
     def read(self) -> tuple[SensorReading | GlueReading, ...]:
-        """The readings of sensors and glues that it is given, each once."""
+        """The readings of sensors and glues among the inputs, each once."""
         return tuple(
             {given.key: given for given in self.inputs if isinstance(given, SensorReading | GlueReading)}.values()
         )
@@ -57,13 +58,14 @@ class RowTerm:
 
 @dataclass(frozen=True, eq=False)
 class PlacedTerm:
-    """A row term whose inputs have been found in memory.
+    """A row term whose inputs have been located in memory.
 
     Attributes:
         address: Address of the compiled loop.
         call: The loop, callable from Python.
         table_address: Its first argument.
-        keeps: What the addresses lead to: the loop, the table, and where the inputs lie.
+        keeps: References that keep the memory at the addresses valid: the loop, the table, and the locations of the
+            inputs.
     """
 
     address: int
@@ -75,8 +77,8 @@ class PlacedTerm:
         """Write the term for all rows; return whether the kernel raised no exception.
 
         Args:
-            starts: Where the memory begins that the inputs lie in, an address for each `MemoryBase`.
-            out: Takes the result, shape (R,) or (R, size).
+            starts: Start addresses of the blocks of memory, one for each `MemoryBase`.
+            out: Output: the result, shape (R,) or (R, size).
             agents: Number of agents of an environment, G.
         """
         bases = np.array(starts, dtype=np.int64)
@@ -84,14 +86,14 @@ class PlacedTerm:
 
 
 def place_term(term: RowTerm, scene: Scene, dtype: type[Any], stride: int, size: int = 0) -> PlacedTerm:
-    """Return a term with its inputs found in memory.
+    """Return a term with its inputs located in memory.
 
     Args:
         term: The term.
-        scene: Where they are looked up.
+        scene: Data in which the inputs are looked up.
         dtype: Type of the elements of the result.
         stride: Distance between the results of two rows [byte].
-        size: Elements of the result where the kernel writes it; 0: the kernel returns it.
+        size: Number of elements of the result if the kernel writes it; 0 if the kernel returns it.
 
     Raises:
         PluginValueError: The kernel does not compile for these inputs.
@@ -112,7 +114,7 @@ def place_term(term: RowTerm, scene: Scene, dtype: type[Any], stride: int, size:
 
 
 def _check(given: RowInput, place: InputPlace, scene: Scene) -> None:
-    """Check that an input has a contiguous part for every row, or the same for all."""
+    """Check that an input has a contiguous part for every row, or the same part for all rows."""
     expected = place.dtype.itemsize
     sound = all(length in (1, wanted) for length, wanted in zip(place.shape, scene.rows, strict=False))
     for length, stride in zip(place.shape[:1:-1], place.strides[:1:-1], strict=True):
@@ -124,7 +126,7 @@ def _check(given: RowInput, place: InputPlace, scene: Scene) -> None:
 
 @functools.cache
 def _compiled(kernel: Kernel[..., Any], inputs: tuple[tuple[str, int], ...], dtype: str, writes: bool) -> Any:
-    from safe_inspect.compiling.addresses import compiled_at  # loads Numba: not when only validated
+    from safe_inspect.compiling.addresses import compiled_at  # imports Numba, which validation does not need
 
     try:
         return compiled_at(generate("loop", _source(inputs, dtype, writes), {"row": kernel}), _SIGNATURE)
@@ -183,6 +185,6 @@ def _entry(index: int) -> str:
 
 
 def address_of(array: AnyArray) -> int:
-    """Return the address of an array's numbers; several times as fast as ``array.ctypes.data``."""
+    """Return the address of an array's data; several times as fast as ``array.ctypes.data``."""
     address: int = array.__array_interface__["data"][0]
     return address

@@ -1,4 +1,4 @@
-"""Base of the plugins that a row kernel can define: sensors, rewards and done functions."""
+"""Base class of the plugins that can be defined by a row kernel: sensors, rewards and done functions."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _Call = TypeVar("_Call", bound=Callable[..., Any])
 def batch_call(function: _Call) -> _Call:
     """Mark the ``__call__`` of a kind of plugins as abstract until a class defines it or `row`.
 
-    Type checkers, which do not see that defining `row` is enough, take it as concrete.
+    Type checkers cannot see that defining `row` is sufficient, so they treat the method as concrete.
     """
     return abstractmethod(function)
 
 
 class _Known(NamedTuple):
-    """A term as it was last placed for states of one size, and for what."""
+    """A term as last placed for states of one size, with the data for which it was placed."""
 
     world: World
     group: Group
@@ -40,19 +40,19 @@ class _Known(NamedTuple):
 
 
 class RowCalls(Plugin):
-    """A plugin that may define a row kernel, by `row`; see `RowPlugin`."""
+    """A plugin that may define a row kernel with `row`; see `RowPlugin`."""
 
     def row(self, world: World, group: Group) -> RowTerm | None:
-        """Return the row kernel with its inputs; None: the plugin is called with the whole batch.
+        """Return the row kernel with its inputs; None if the plugin is called with the whole batch instead.
 
         Args:
-            world: What does not change.
-            group: The agents, whose `sensors` the plugin may name.
+            world: The constant data of the simulation.
+            group: The agents; the plugin may use their `sensors` as inputs.
         """
         return None
 
     def call_rows(self, seen: View | Step) -> AnyArray:
-        """Return what the row kernel gives for every row, shape (R,), or (R, size) for a sensor.
+        """Return the result of the row kernel for every row, shape (R,), or (R, size) for a sensor.
 
         Raises:
             PluginValueError: The kernel raised an exception.
@@ -79,7 +79,7 @@ class RowCalls(Plugin):
         return out
 
     def row_result(self) -> tuple[type[Any], int]:
-        """Return the type of the result's elements, and their number for a kernel that writes them, else 0."""
+        """Return the type of the result's elements, and their number if the kernel writes them, else 0."""
         return np.float64, 0
 
     def _place(self, world: World, group: Group, state: State) -> _Known:
@@ -99,13 +99,13 @@ class RowCalls(Plugin):
 
 
 class RowPlugin(RowCalls):
-    """A plugin that defines ``__call__`` on a batch, or `row`, of which the batch call follows.
+    """A plugin that defines either ``__call__`` for a batch, or `row`, from which the batch call is derived.
 
-    A class that defines both is called where `row` returns None, and must give the same otherwise.
+    If a class defines both, ``__call__`` is used when `row` returns None, and must return the same result otherwise.
     """
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Give a class that defines `row` its batch call."""
+        """Add the batch call to a class that defines `row`."""
         super().__init_subclass__(**kwargs)
         if "row" in vars(cls) and "__call__" not in vars(cls):
             cls.__call__ = RowPlugin.call_rows  # type: ignore[method-assign]
