@@ -158,7 +158,7 @@ class TestRefusals:
 
     def test_a_task_that_was_not_prepared(self, exported):
         experiment, _, file = exported["discrete"]
-        with pytest.raises(SafeInspectError, match=r"fly in `policy.prepare\(task\)`"):
+        with pytest.raises(SafeInspectError, match=r"use `policy.prepare\(task\)`"):
             rollout(experiment.spec, load_onnx(file), 1)
 
     def test_rows_that_are_not_known(self, exported):
