@@ -1,4 +1,4 @@
-"""`acceptance`: how many of the drawn initial states are safe, and which constraint refuses the others."""
+"""`acceptance`: the share of sampled initial states that are safe, and the share that each constraint refuses."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from safe_inspect.types import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Acceptance:
-    """First draws of a rejection sampler, and what its constraints say of them.
+    """First samples of a rejection sampler, and which of them its constraints refuse.
 
     Attributes:
         parameter: Name of the reset parameter.
-        states: The drawn states by name, each with R rows.
-        refused: For each constraint the rows that it refuses, shape (R,).
-        accepted: Rows that no constraint refuses, shape (R,).
+        states: The sampled states by name, each with R rows.
+        refused: For each constraint the mask of the rows that it refuses, shape (R,).
+        accepted: Mask of the rows that no constraint refuses, shape (R,).
     """
 
     parameter: str
@@ -46,19 +46,19 @@ class Acceptance:
 
 
 def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> Acceptance:
-    """Draw initial states once each, without a second try, and test them.
+    """Sample initial states once each, without retries, and check them against the constraints.
 
     Args:
-        spec: The task; one of its reset parameters is a rejection sampler.
-        draws: Number of draws, R.
-        seed: Seed of the draws.
+        spec: The task; one of its reset parameters must be a rejection sampler.
+        draws: Number of samples, R.
+        seed: Seed of the samples.
 
     Raises:
         ConfigError: The task has no rejection sampler.
         ValueError: `draws` is not positive.
     """
     if draws < 1:
-        raise ValueError(f"draws is at least 1, not {draws}")
+        raise ValueError(f"`draws` must be at least 1, got {draws}")
     streams = Streams(seed, np.arange(draws), np.zeros(draws, dtype=np.int64))
     values: dict[str, Value] = {}
     for name, parameter in spec.reset.parameters.items():

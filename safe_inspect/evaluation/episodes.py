@@ -1,4 +1,4 @@
-"""`Episodes`: a row of figures for each episode of a rollout, for the team and for every agent."""
+"""`Episodes`: the figures of each episode of a rollout, for the team and for every agent."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from safe_inspect.dones.base import DoneStatus
 from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
-#: The figure that a reference adds: delta-v less that of the open-loop optimum.
+#: The figure that is added when a reference is given: delta-v minus that of the open-loop optimum.
 GAP = "gap to the open-loop optimum"
-#: The usual figures, and their units.
+#: The standard figures and their units.
 FIGURES = {
     "return": "-",
     "delta-v": "m/s",
@@ -24,32 +24,35 @@ FIGURES = {
     GAP: "m/s",
 }
 
-#: Label and unit of what components say, by its name.
+#: Label and unit of each quantity that components report, by the quantity's name.
 Labels = Mapping[str, tuple[str, str]]
 
 _T = TypeVar("_T")
 
 
 class _Informed:
-    """What components say stands in `info`, and can be read by its name, as in ``episodes.inspected_fraction``."""
+    """Base class that makes the entries of `info` readable as attributes, such as ``episodes.inspected_fraction``.
+
+    `info` contains the quantities that components report.
+    """
 
     info: Mapping[str, AnyArray]
 
     def __getattr__(self, name: str) -> AnyArray:
         info: Mapping[str, AnyArray] = self.__dict__.get("info", {})
         if name not in info:
-            known = f"; its components offer {', '.join(info)}" if info else ""
+            known = f"; its components report {', '.join(info)}" if info else ""
             raise AttributeError(f"the episodes of this task have no {name!r}{known}")
         return info[name]
 
     def labelled(self, labels: Labels) -> dict[str, FloatArray]:
-        """Return what components say by its label."""
+        """Return the quantities that components report, by label."""
         return {labels.get(name, (name, "-"))[0]: values.astype(np.float64) for name, values in self.info.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class AgentEpisodes(_Informed):
-    """The figures of one agent in E episodes.
+    """Figures of one agent in E episodes.
 
     Attributes:
         returns: Sum of the rewards [-], shape (E,).
@@ -57,7 +60,8 @@ class AgentEpisodes(_Informed):
         length: Number of steps until the agent ended, shape (E,).
         status: `DoneStatus` with which it ended, 0 if it did not, int8, shape (E,).
         delta_v: Velocity change spent [m/s], shape (E,).
-        info: What components say of the agent alone at the end, such as ``own_inspected_count``, each of shape (E,).
+        info: Quantities that components report for this agent at the end, such as ``own_inspected_count``, each of
+            shape (E,).
         metrics: Metrics of the agent by label, NaN where there was nothing to measure, each of shape (E,).
     """
 
@@ -75,36 +79,37 @@ class AgentEpisodes(_Informed):
         return np.asarray(self.status == DoneStatus.WIN)
 
     def figures(self, labels: Labels) -> dict[str, FloatArray]:
-        """Return the usual figures by label, without terms and metrics, each of shape (E,)."""
+        """Return the standard figures by label, without terms and metrics, each of shape (E,)."""
         usual = {"delta-v": self.delta_v, "length": self.length.astype(np.float64)}
         return {"return": self.returns, **self.labelled(labels), **usual}
 
 
 @dataclass(frozen=True, eq=False)
 class Episodes(_Informed):
-    """E episodes; row k is the first episode of environment slot k. With one agent the figures are its own.
+    """Figures of E episodes; row k is the first episode of environment slot k.
 
-    The return of a team is the sum over its agents, as RLlib's is: what they earn together. Scripted agents count.
+    With one agent the figures of the team are those of the agent. The return of a team is the sum of the rewards of all
+    its agents, scripted agents included, as in RLlib.
 
     Attributes:
         seed: Seed of the run.
         returns: Sum of the rewards of all agents [-], shape (E,).
         terms: Sum of each reward term [-] by its name, over all agents that have it, each of shape (E,).
-        length: Number of steps until the episode ended for all agents that act from outside, shape (E,).
+        length: Number of steps until the episode ended for all controlled agents, shape (E,).
         status: `DoneStatus` at the end, int8, shape (E,); for a team: lost when any agent lost, else won when any won.
         delta_v: Velocity change spent, mean over the deputies [m/s], shape (E,).
-        info: What components say at the end, such as ``inspected_fraction``; of what they say of each agent the mean.
-            Each of shape (E,).
-        trajectories: The recorded episodes, the first ones, in order.
-        closest: Least distance between two deputies at the reset and at any step [m], shape (E,); None with one.
+        info: Quantities that components report at the end, such as ``inspected_fraction``; the mean over the agents of
+            those reported for each agent. Each of shape (E,).
+        trajectories: The recorded episodes, which are the first ones, in order.
+        closest: Least distance between two deputies at the reset and at any step [m], shape (E,); None with one deputy.
         agents: Figures of every agent by its name.
-        metrics: Metrics of the environment by label; those of the agents taken together, see `BaseMetric.team_reduce`.
+        metrics: Metrics of the environment by label; those of the agents are combined as `BaseMetric.team_reduce` says.
             NaN where there was nothing to measure, each of shape (E,).
         units: Unit of every metric by label.
-        labels: Label and unit of what components say, by its name.
-        initial_states: ``position`` [m] and ``velocity`` [m/s] of each deputy at the reset, Hill frame, shape
-            (E, D, 3), and the arrays that components record, such as ``sun_angle`` [rad], shape (E,).
-        causes: Why each episode was lost, empty for one that was not, shape (E,); None where nothing says it.
+        labels: Label and unit of each quantity that components report, by the quantity's name.
+        initial_states: ``position`` [m] and ``velocity`` [m/s] of each deputy at the reset, Hill frame, shape (E, D,
+            3), and the arrays that components record, such as ``sun_angle`` [rad], shape (E,).
+        causes: Why each episode was lost, empty for one that was not, shape (E,); None if no causes are reported.
     """
 
     seed: int
@@ -125,7 +130,7 @@ class Episodes(_Informed):
 
     @classmethod
     def of(cls, agents: Mapping[str, AgentEpisodes], **others: Any) -> Episodes:
-        """Return the episodes of a team: sums and means over its agents, and the other fields by their names."""
+        """Return the episodes of a team: sums and means over its agents, and the other fields as given."""
         terms: dict[str, FloatArray] = {}
         for agent in agents.values():
             for name, values in agent.terms.items():
@@ -149,7 +154,7 @@ class Episodes(_Informed):
         return np.asarray(self.status == DoneStatus.WIN)
 
     def figures(self) -> dict[str, FloatArray]:
-        """Return the usual figures by label, without terms and metrics, each of shape (E,)."""
+        """Return the standard figures by label, without terms and metrics, each of shape (E,)."""
         spent = "delta-v per deputy" if len(self.agents) > 1 else "delta-v"
         usual = {spent: self.delta_v, "length": self.length.astype(np.float64)}
         if self.closest is not None:
@@ -158,7 +163,7 @@ class Episodes(_Informed):
 
 
 def join(parts: Sequence[_T]) -> _T:
-    """Return the episodes of several batches one after the other: arrays and tuples joined, in mappings too."""
+    """Return the episodes of several batches, concatenated: arrays and tuples are joined, also within mappings."""
     first: Any = parts[0]
     if isinstance(first, np.ndarray):
         return np.concatenate(parts)  # type: ignore[arg-type,return-value]

@@ -1,4 +1,4 @@
-"""Policies for `rollout`: functions of observations, and the baselines that a trained policy is compared with."""
+"""Policies for `rollout`: functions of observations, and the baselines that trained policies are compared with."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 ObservationRows: TypeAlias = NDArray[np.float32]
 
-#: From observations, float32, shape (R, O), to actions, shape (R, A). There are R = N * K rows for the K agents that it
-#: flies in N environments, environment by environment. A policy that keeps something from step to step has a method
+#: Maps observations (float32, shape (R, O)) to actions (shape (R, A)). A policy that controls K agents in N
+#: environments gets R = N * K rows, ordered by environment. A policy that keeps a state between steps has a method
 #: ``begin(flight: Flight)``, which is called before the first step of every batch.
 #:
-#: A policy that has a method ``decide(observation, rows, step)``, and no attribute ``recurrent`` that is true, is asked
-#: by that instead, and only for rows whose episode runs and whose action is taken in the step: for observations (Q, O)
-#: and the indices of their rows among R, shape (Q,), it returns actions (Q, A). `step` counts the steps from 0.
+#: If a policy has a method ``decide(observation, rows, step)`` and no true attribute ``recurrent``, `decide` is called
+#: instead, and only for the rows whose episode is running and whose action is used in the step. It maps observations
+#: (Q, O), with their row indices among the R rows, shape (Q,), to actions (Q, A). `step` counts the steps from 0.
 Policy: TypeAlias = Callable[[ObservationRows], AnyArray]
 
-#: The baselines: the scripted policy of each, with its defaults.
+#: Name of each baseline -> name of its scripted policy, which is used with its default values.
 BASELINES: Mapping[str, str] = MappingProxyType(
     {"zero-thrust": "ZeroThrust", "random": "RandomThrust", "inspector": "NaturalMotionInspector"}
 )
@@ -40,7 +40,7 @@ BASELINES: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Flight:
-    """What a policy gets before the first step of a batch of episodes.
+    """Description of a batch of episodes, passed to a policy before the first step.
 
     Attributes:
         slots: Global index of the environment slot of each row, shape (R,).
@@ -62,7 +62,7 @@ class Flight:
 
 
 def require_finite_rows(observation: ObservationRows) -> None:
-    """Refuse observations for which a policy has no meaningful action.
+    """Raise an error if observations contain NaN or infinity, for which a policy has no meaningful action.
 
     Args:
         observation: Observations, shape (R, O).
@@ -79,10 +79,10 @@ def require_finite_rows(observation: ObservationRows) -> None:
 
 
 def baseline(name: str) -> ScriptedPolicy:
-    """Return a baseline, or any scripted policy with its defaults, by its name.
+    """Return a baseline, or any scripted policy with its default values, by name.
 
     Raises:
-        SafeInspectError: There is none of that name, or it has no defaults.
+        SafeInspectError: There is no policy of that name, or it has fields without defaults.
     """
     try:
         plugin = build("policy", BASELINES.get(name, name))
@@ -91,22 +91,23 @@ def baseline(name: str) -> ScriptedPolicy:
         if name not in known and "." not in name:
             raise SafeInspectError(f"no scripted policy {name!r}; {did_you_mean(name, known)}") from None
         raise SafeInspectError(f"scripted policy {name!r}: {functor_mistakes(error)}") from None
-    assert isinstance(plugin, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
+    assert isinstance(plugin, ScriptedPolicy), "the registry returns a plugin of the requested kind"
     return plugin
 
 
 def with_scripted(
     spec: EnvironmentSpec, policy: ScriptedPolicy | str, agents: Iterable[str] | None = None
 ) -> EnvironmentSpec:
-    """Return the task with agents that a scripted policy flies inside the environment.
+    """Return the task with agents that a scripted policy controls inside the environment.
 
     Args:
         spec: The task.
         policy: The plugin, or the name of a baseline or of any scripted policy.
-        agents: Names of the agents; all of them unless given.
+        agents: Names of the agents; all agents by default.
 
     Raises:
-        SafeInspectError: There is no such policy or agent, or the policy names something that the task lacks.
+        SafeInspectError: There is no such policy or agent, or the policy refers to something that the task does not
+            have.
     """
     plugin = baseline(policy) if isinstance(policy, str) else policy
     names = [agent.name for agent in spec.agents]

@@ -1,4 +1,4 @@
-"""`safety_report`: does the safety filter keep its constraints against adversaries, at the steps and between them?"""
+"""`safety_report`: checks a safety filter's constraints against adversaries, at the steps and between them."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class SafetyReport:
-    """What came of a run against adversaries.
+    """Result of a run against adversaries.
 
     Attributes:
-        names: The constraints, C of them.
-        units: Unit of each one's plain safety quantity.
-        steps: Filtered steps, over all environments.
-        starts_refused: Initial states that were unsafe by the constraints themselves.
-        least_at_steps: Smallest plain safety quantity at the beginning and end of holds, shape (C,).
-        least_between: Smallest between them, shape (C,).
-        violations_at_steps: Steps with a negative quantity at their end, shape (C,).
-        violations_between: Moments within holds with a negative quantity, shape (C,).
-        moments: Moments within holds that were looked at.
-        interventions: Steps in which the filter changed the thrust, by adversary, shape (K,).
-        flown: Steps of each adversary, shape (K,).
-        infeasible: Steps in which the filter could promise nothing.
-        ends: Episodes that ended, by `DoneStatus`, shape (4,).
+        names: Names of the C constraints.
+        units: Unit of the plain safety quantity of each constraint.
+        steps: Number of filtered steps, over all environments.
+        starts_refused: Number of initial states that violate a constraint.
+        least_at_steps: Smallest plain safety quantity at the start and end of holds, shape (C,).
+        least_between: Smallest plain safety quantity at moments within holds, shape (C,).
+        violations_at_steps: Number of steps with a negative quantity at their end, shape (C,).
+        violations_between: Number of moments within holds with a negative quantity, shape (C,).
+        moments: Number of moments within holds that were checked.
+        interventions: Number of steps in which the filter changed the thrust, by adversary, shape (K,).
+        flown: Number of steps of each adversary, shape (K,).
+        infeasible: Number of steps in which the filter could not guarantee safety.
+        ends: Number of episodes that ended, by `DoneStatus`, shape (4,).
         step_size: Length of a step [s].
-        worst: Quantities of the environment that came nearest to a violation, over its steps, shape (T, C).
+        worst: Quantities, over the steps, of the environment that came nearest to a violation, shape (T, C).
     """
 
     names: tuple[str, ...]
@@ -57,7 +57,7 @@ class SafetyReport:
 
     @property
     def violations(self) -> int:
-        """All violations, at the steps and between them."""
+        """Number of all violations, at the steps and between them."""
         return int(self.violations_at_steps.sum() + self.violations_between.sum())
 
     def __str__(self) -> str:
@@ -87,22 +87,22 @@ def safety_report(
     substeps: int = 10,
     progress: Callable[[int, int], None] | None = None,
 ) -> SafetyReport:
-    """Fly the adversaries under the task's own safety glue and look at every constraint.
+    """Let adversaries act under the task's safety glue and check every constraint.
 
     Args:
-        spec: The task. Its agent has a safety glue, enabled or not; without it enabled nothing is filtered.
-        steps: Filtered steps, over all environments; rounded up to whole steps of the batch.
+        spec: The task. Its agent must have a safety glue; if the glue is disabled, nothing is filtered.
+        steps: Number of filtered steps, over all environments; rounded up to whole steps of the batch.
         num_envs: Number of environments, N.
         seed: Seed of the initial states and of the random adversary.
-        substeps: Every hold is looked at in this many equal parts.
-        progress: Called with the steps done and the steps asked for.
+        substeps: Number of equal parts into which every hold is divided for the checks.
+        progress: Called with the number of steps done and the number of steps requested.
 
     Raises:
         ConfigError: The agent has no safety glue.
         ValueError: A number is not positive.
     """
     if min(steps, num_envs, substeps) < 1:
-        raise ValueError(f"steps, num_envs and substeps are at least 1, not {steps}, {num_envs} and {substeps}")
+        raise ValueError(f"`steps`, `num_envs` and `substeps` must be at least 1, got {steps}, {num_envs}, {substeps}")
     glues = [glue for glue in spec.agents[0].action_glues if isinstance(glue, SafetyGlue)]
     if not glues:
         raise ConfigError(f"the agent {spec.agents[0].name!r} has no safety glue, so there is nothing to report")
@@ -157,7 +157,7 @@ def safety_report(
 
 
 class _Watch:
-    """Looks at the constraints along the holds, in double precision; the history is kept in single."""
+    """Checks of the constraints along the holds, in double precision; the returned history is in single precision."""
 
     def __init__(self, glue: SafetyGlue, environment: BatchedEnvironment, substeps: int) -> None:
         self._glue, self._environment, self._substeps = glue, environment, substeps
@@ -171,13 +171,13 @@ class _Watch:
         self.violations_at_steps, self.violations_between = np.zeros((2, count), dtype=np.int64)
 
     def begin(self) -> AnyArray:
-        """Look at the states in which the run begins, shape (N, C)."""
+        """Check the initial states and return their safety quantities, shape (N, C)."""
         phi = self._phi(self._states())
         self.least_at_steps = np.minimum(self.least_at_steps, phi.min(axis=0))
         return phi.astype(np.float32)
 
     def end(self, control: FloatArray) -> AnyArray:
-        """Look along the hold that has just ended, and at its end, shape (N, C)."""
+        """Check the hold that has just ended, and return the safety quantities at its end, shape (N, C)."""
         before, world = self._environment.simulation.before, self._environment.simulation.world
         position, velocity = before.position[:, 0].copy(), before.velocity[:, 0].copy()
         acceleration = control / world.masses[0]

@@ -1,4 +1,4 @@
-"""What makes episodes comparable, and what is measured of a task by default."""
+"""Conditions under which two evaluations are comparable, and the default metrics of a task."""
 
 from __future__ import annotations
 
@@ -32,14 +32,15 @@ from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import constraint_set
 
-#: Fields of a simulator that decide on rewards alone.
+#: Fields of a simulator that affect nothing but rewards.
 _PRICES = ("steps_until_update", "delta_v_scale_bounds", "delta_v_scale_step", "inspected_points_update_bounds")
 
 
 def task_of(spec: EnvironmentSpec) -> dict[str, Any]:
-    """Return what two evaluations must have in common to be compared: simulator, deputies, ends and filters.
+    """Return the part of a task that two evaluations must share to be comparable.
 
-    Observations, actions and rewards may differ. The states in which episodes begin are compared themselves.
+    It consists of the simulator, the step size, the masses of the agents and the end conditions. Observations, actions,
+    rewards and safety filters may differ. The initial states of the episodes are compared separately.
     """
     simulator = describe(spec.simulator)
     config = {name: value for name, value in simulator["config"].items() if name not in _PRICES}
@@ -57,7 +58,7 @@ def task_of(spec: EnvironmentSpec) -> dict[str, Any]:
 
 
 def price_of(spec: EnvironmentSpec) -> str:
-    """Return a short hash of what decides on rewards: where it differs, returns are of different tasks."""
+    """Return a short hash of everything that determines the rewards; returns are comparable only if it is the same."""
     simulator = describe(spec.simulator)["config"]
     prices = {name: simulator.get(name) for name in _PRICES}
     rewards = {agent.name: _described(agent.rewards) for agent in spec.agents}
@@ -66,15 +67,15 @@ def price_of(spec: EnvironmentSpec) -> str:
 
 
 def points_of(spec: EnvironmentSpec) -> tuple[str, ...]:
-    """Return the names of the bodies that carry points."""
+    """Return the names of the bodies that have inspection points."""
     return tuple(getattr(spec.simulator, "inspection_points_map", ()))
 
 
 def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
-    """Return what an evaluation measures of a task: ranges, speed, interventions, coverage, and phi of each constraint.
+    """Return the default metrics of a task: ranges, speed, interventions, coverage and the phi of each constraint.
 
-    The constraints are those of the agents' safety glues and of the team's filter, with their parameters, enabled or
-    not.
+    The constraints are those of the agents' safety glues and of the team filter, with their parameters, whether or not
+    these are enabled.
     """
     filters = [*(glue for agent in spec.agents for glue in _glues(agent)), spec.team_safety]
     metrics: list[BaseMetric] = [Interventions()]
@@ -103,14 +104,14 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
 
 
 def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
-    """Return the metrics that a command line names.
+    """Return the metrics that are named on the command line.
 
     Args:
-        texts: For each a registered name, a dotted path to a class, or a mapping of YAML such as
-            ``{functor: TimeToCoverage, config: {fraction: 0.5}}``.
+        texts: One text per metric: a registered name, a dotted path to a class, or a YAML mapping such as ``{functor:
+            TimeToCoverage, config: {fraction: 0.5}}``.
 
     Raises:
-        SafeInspectError: There is no such metric, or its fields are wrong.
+        SafeInspectError: There is no such metric, or its fields are invalid.
     """
     made: list[BaseMetric] = []
     for text in texts:
@@ -119,9 +120,9 @@ def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
             plugin = build("metric", value)
         except PydanticCustomError as error:
             raise SafeInspectError(f"--metric {text}: {functor_mistakes(error)}") from None
-        assert isinstance(plugin, BaseMetric), "the registry gives a plugin of the kind that is asked for"
+        assert isinstance(plugin, BaseMetric), "the registry returns a plugin of the requested kind"
         if plugin.label in FIGURES and not type(plugin).__module__.startswith("safe_inspect."):
-            raise SafeInspectError(f"--metric {text}: every table has a figure {plugin.label!r}; give it another label")
+            raise SafeInspectError(f"--metric {text}: every table has a figure {plugin.label!r}; choose another label")
         made.append(plugin)
     return made
 
@@ -131,7 +132,10 @@ def _glues(agent: AgentSpec) -> list[SafetyGlue]:
 
 
 def _constraints(filtering: Any) -> list[SmallestPhi]:
-    """Return the metrics of a filter's constraints; none of one that names none, as this package's filters do."""
+    """Return a metric for each constraint that a filter lists in its field `constraints`, as this package's filters do.
+
+    Other filters give an empty list.
+    """
     fields = {name: getattr(filtering, name) for name in type(filtering).model_fields}
     names = fields.get("constraints")
     if not isinstance(names, tuple):
@@ -149,7 +153,7 @@ def _described(items: Iterable[Any]) -> list[Mapping[str, Any]]:
 
 
 def differing_keys(one: Any, other: Any, path: str = "") -> Iterable[str]:
-    """Yield the paths of keys at which two tasks differ."""
+    """Yield the paths of the keys at which two tasks differ."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         for key in dict.fromkeys([*one, *other]):
             yield from differing_keys(one.get(key), other.get(key), f"{path}.{key}" if path else str(key))

@@ -15,7 +15,7 @@ from safe_inspect.types import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """One recorded episode of T steps with D deputies. SI units, Hill's frame.
+    """One recorded episode of T steps with D deputies, in SI units and Hill's frame.
 
     Attributes:
         time: Time since the reset [s], shape (T + 1,).
@@ -27,15 +27,16 @@ class Trajectory:
         status: How the episode ended.
         slot: Global index of the environment slot.
         deputies: Name of each deputy.
-        arrays: What components record, such as ``sun_angle`` [rad], each of shape (T + 1, ...). They can be read by
-            their names too, as in ``trajectory.sun_angle``.
-        points: Position of the inspection points about the chief's centre [m], shape (P, 3); P is 0 in a task without.
+        arrays: Arrays that components record, such as ``sun_angle`` [rad], each of shape (T + 1, ...). They can also be
+            read as attributes, such as ``trajectory.sun_angle``.
+        points: Position of the inspection points about the chief's centre [m], shape (P, 3); P is 0 in a task without
+            points.
         inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
         inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
-        mean_motion: Mean motion of the chief's orbit [rad/s], 0 where there is none.
-        in_body_axes: Whether the thrust in `control` stands in body axes; else in Hill's frame.
+        mean_motion: Mean motion of the chief's orbit [rad/s], 0 if there is none.
+        in_body_axes: Whether the thrust in `control` is in body axes; else it is in Hill's frame.
         camera: Axis in body axes and half angle [rad] of the cone of a camera that turns with each deputy, if any.
-        docking_radius: Radius of the docking region about the chief [m], 0 where there is none.
+        docking_radius: Radius of the docking region about the chief [m], 0 if there is none.
     """
 
     time: FloatArray
@@ -64,13 +65,13 @@ class Trajectory:
 
     @property
     def thrust(self) -> FloatArray:
-        """Thrust of each deputy along Hill's axes at the beginning of each step [N], shape (T, D, 3)."""
+        """Thrust of each deputy along Hill's axes at the start of each step [N], shape (T, D, 3)."""
         thrust = self.control[..., :3]
         return rotate(self.orientation[:-1], thrust) if self.in_body_axes else thrust
 
     @property
     def boresight(self) -> FloatArray | None:
-        """Unit vector of each deputy's camera, Hill frame, shape (T + 1, D, 3); None without one that turns."""
+        """Unit vector of each deputy's camera, Hill frame, shape (T + 1, D, 3); None without a camera that turns."""
         if self.camera is None:
             return None
         return rotate(self.orientation, np.broadcast_to(np.array(self.camera[0]), self.position.shape))
@@ -94,12 +95,16 @@ class Trajectory:
         return np.searchsorted(when, self.time, side="right") / len(when)
 
     def coverage_of(self, deputy: int) -> FloatArray:
-        """Fraction of the points that a deputy, by its index, was the first to inspect so far [-], shape (T + 1,)."""
+        """Return the fraction of the points that a deputy was the first to inspect so far [-], shape (T + 1,).
+
+        Args:
+            deputy: Index of the deputy.
+        """
         when = np.sort(np.where(self.inspector == deputy, self.inspected_at, np.inf))
         return np.searchsorted(when, self.time, side="right") / len(when)
 
     def until(self, time: float) -> Trajectory:
-        """Return the episode up to a time since its reset [s]; it runs on when it is cut before its end."""
+        """Return the episode up to a time since its reset [s]; its status is RUNNING if it is cut before its end."""
         last = max(int(np.searchsorted(self.time, time, side="right")), 1)
         if last >= len(self.time):
             return self

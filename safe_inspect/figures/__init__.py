@@ -1,4 +1,4 @@
-"""All pictures: figures, films, interactive pages. Matplotlib is imported when a picture is drawn."""
+"""Figures, films and interactive pages. Matplotlib is imported only when a picture is drawn."""
 
 from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import save

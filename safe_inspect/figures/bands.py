@@ -1,4 +1,4 @@
-"""Learning curves of several seeds as one: a centre and its confidence band over the environment steps."""
+"""Combination of the learning curves of several seeds: a centre and its confidence band over the environment steps."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.types import FloatArray, IntArray
 
-#: How the seeds are taken together: the arithmetic mean, or the mean of the middle half.
+#: How the seeds are combined: by the arithmetic mean, or by the mean of the middle half.
 Centre = Literal["mean", "iqm"]
 
 
@@ -20,10 +20,10 @@ class Band:
 
     Attributes:
         steps: Environment steps, shape (S,).
-        centre: Mean or interquartile mean over the curves that are known there, NaN where none is, shape (S,).
+        centre: Mean or interquartile mean over the curves that are known at a step, NaN if there is none, shape (S,).
         low: Lower end of the interval, NaN where fewer than two curves are known, shape (S,).
-        high: Upper end, likewise.
-        curves: How many curves are known, shape (S,).
+        high: Upper end of the interval, NaN as in `low`, shape (S,).
+        curves: Number of curves that are known, shape (S,).
     """
 
     steps: FloatArray
@@ -36,7 +36,7 @@ class Band:
 def centre_of(values: FloatArray, centre: Centre) -> FloatArray:
     """Return the centre over the second to last axis, shape (..., S), of values of shape (..., K, S).
 
-    The interquartile mean leaves out floor(K / 4) of the sorted values at each end.
+    The interquartile mean excludes floor(K / 4) of the sorted values at each end.
     """
     if centre == "iqm":
         cut = values.shape[-2] // 4
@@ -53,14 +53,14 @@ def band(
     resamples: int = 1000,
     seed: int = 0,
 ) -> Band:
-    """Return the band of curves that may have other steps and lengths each.
+    """Return the band of curves with possibly different steps and lengths.
 
-    Every curve is interpolated between its own points and is unknown outside of them; the interval is the percentile
-    bootstrap over the curves that are known at a step.
+    Every curve is interpolated between its points and is unknown outside of them. The interval is the percentile
+    bootstrap interval over the curves that are known at a step.
 
     Args:
-        curves: Steps and values of each curve, in the order of the steps; values that are not finite are left out.
-        centre: How the curves are taken together.
+        curves: Steps and values of each curve, sorted by steps; values that are not finite are left out.
+        centre: How the curves are combined.
         points: Size of the grid.
         level: Confidence level.
         resamples: Number of resamples.
@@ -72,13 +72,13 @@ def band(
         empty = np.empty(0)
         return Band(empty, empty, empty, empty, np.empty(0, dtype=np.int64))
     first, last = min(steps[0] for steps, _ in known), max(steps[-1] for steps, _ in known)
-    ends = np.unique([end for steps, _ in known for end in (steps[0], steps[-1])])  # where a curve begins or ends
+    ends = np.unique([end for steps, _ in known for end in (steps[0], steps[-1])])  # where a curve starts or ends
     grid = np.unique(np.concatenate((np.linspace(first, last, points), ends)))
     rows = np.stack([np.interp(grid, steps, values, left=np.nan, right=np.nan) for steps, values in known])
     there = np.isfinite(rows)
     middle, low, high = (np.full(len(grid), np.nan) for _ in range(3))
     generator = np.random.default_rng(seed)
-    for pattern in np.unique(there, axis=1).T:  # the same curves are known over a whole stretch of steps
+    for pattern in np.unique(there, axis=1).T:  # groups the steps at which the same curves are known
         columns = (there == pattern[:, None]).all(axis=0)
         values = rows[np.ix_(pattern, columns)]
         count = len(values)

@@ -1,4 +1,4 @@
-"""What a camera far from the chief sees of an episode: plain projections for animations."""
+"""`Moment`: an episode at one time, interpolated between recorded states for animations."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Moment:
         position: Position of each deputy [m], shape (D, 3).
         delta_v: Velocity change that each deputy has spent [m/s], shape (D,).
         sun: Unit vector to the sun, shape (3,); None in a task without a sun.
-        seen: Points that are inspected, shape (P,).
-        lit: Points on the sun's side, shape (P,); none without a sun.
-        points: Where the points are about the chief's centre [m], shape (P, 3).
-        row: The last recorded state that is not later.
+        seen: Mask of the inspected points, shape (P,).
+        lit: Mask of the points on the sun's side, shape (P,); all False without a sun.
+        points: Position of the points about the chief's centre [m], shape (P, 3).
+        row: Index of the last recorded state that is not later.
     """
 
     time: float
@@ -38,7 +38,7 @@ class Moment:
 
 
 def moment(episode: Trajectory, time: float) -> Moment:
-    """Return an episode at a time [s]; between two recorded states the deputies follow the cubic through both.
+    """Return an episode at a time [s]; between two recorded states the deputies follow a cubic.
 
     The cubic has the recorded positions and velocities at its ends.
     """

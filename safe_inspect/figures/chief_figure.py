@@ -1,4 +1,4 @@
-"""The chief in the figure of an episode: its points from two sides, when they were inspected and by whom."""
+"""The chief in the figure of an episode: its points from two sides, with when and by whom they were inspected."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ENDINGS = {
 
 
 def clock(episode: Trajectory) -> tuple[float, str]:
-    """Return the unit in which the figure tells the time, in seconds, and its symbol."""
+    """Return the unit of time of the figure, in seconds, and its symbol."""
     return (3600.0, "h") if episode.time[-1] >= 86_400.0 else (60.0, "min")
 
 
@@ -36,27 +36,28 @@ def radius_of(episode: Trajectory) -> float:
 
 
 def reach_of(episode: Trajectory) -> float:
-    """Return the largest range that is shown [m]: a deputy that is lost drifts far away, and would dwarf all others.
+    """Return the largest range that is shown [m].
 
-    It is 1 km, or half as much again as the deputies' ranges at the start.
+    A deputy that drifts far away would make everything else too small, so ranges are shown up to 1 km, or 1.5 times the
+    deputies' largest range at the start if that is more.
     """
     most = max(_FARTHEST, 1.5 * float(episode.range[0].max()))
     return float(episode.range[episode.range <= most].max())
 
 
 def point_colours(episode: Trajectory) -> list[tuple[BoolArray, str]]:
-    """Return the colour of each deputy's points and that of the points that nobody has seen, with the points."""
+    """Return masks of points with their colours: the points of each deputy, and those that nobody has inspected."""
     owners = [(episode.inspector == index, deputy_line(index)["color"]) for index in range(len(episode.deputies))]
     return [*owners, (~np.isfinite(episode.inspected_at), GREY)]
 
 
 def ending(episode: Trajectory) -> str:
-    """Return how an episode ended, in words; empty while it runs."""
+    """Return how an episode ended, in words; empty while it is running."""
     return _ENDINGS.get(episode.status, "")
 
 
 def draw_chief(figure: Figure, episode: Trajectory) -> None:
-    """Draw the chief from two opposite sides, so that every point is seen, and beside it the key of the colours."""
+    """Draw the chief from two opposite sides, so that every point is visible, and a legend of the colours."""
     radius = radius_of(episode)
     seen = np.isfinite(episode.inspected_at)
     several = len(episode.deputies) > 1
@@ -79,7 +80,7 @@ def draw_chief(figure: Figure, episode: Trajectory) -> None:
 
 
 def draw_summary(figure: Figure, episode: Trajectory) -> None:
-    """Write the line at the top: what was inspected and spent until when, and how the episode ended."""
+    """Write the line at the top: inspected points, time, delta-v, and how the episode ended."""
     scale, unit = clock(episode)
     text = f"after {episode.time[-1] / scale:.1f} {unit}"
     if len(episode.points):
@@ -91,7 +92,7 @@ def draw_summary(figure: Figure, episode: Trajectory) -> None:
 
 
 def time_norm(episode: Trajectory) -> Any:
-    """Return the scale of the colours that tell the time, in minutes."""
+    """Return the colour scale of time, in the figure's unit of time."""
     from matplotlib.colors import Normalize
 
     return Normalize(0.0, float(episode.time[-1]) / clock(episode)[0])
@@ -105,7 +106,7 @@ def _by_time(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray)
 
 
 def _by_inspector(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray) -> None:
-    """Draw the points with the colour of who saw them first; the earlier, the larger."""
+    """Draw the points in the colour of the deputy that inspected them first; points inspected earlier are larger."""
     for index in range(len(episode.deputies)):
         own = shown & (episode.inspector == index)
         size = 34.0 - 22.0 * episode.inspected_at[own] / episode.time[-1]
@@ -123,7 +124,7 @@ def _time_key(figure: Figure, episode: Trajectory) -> None:
 
 
 def _inspectors_key(figure: Figure, episode: Trajectory) -> None:
-    """Tell how many points each deputy was the first to inspect."""
+    """Draw a legend with the number of points that each deputy was the first to inspect."""
     from matplotlib.lines import Line2D
 
     counts = [int((episode.inspector == index).sum()) for index in range(len(episode.deputies))]

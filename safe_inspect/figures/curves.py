@@ -18,7 +18,7 @@ from safe_inspect.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: How a figure names each way to take seeds together.
+#: Name in a figure of each way to combine seeds.
 _CENTRES = {"mean": "mean", "iqm": "interquartile mean"}
 
 
@@ -27,14 +27,14 @@ def curves_figure(
 ) -> Figure:
     """Draw return, success, inspected points and delta-v of recipes over the environment steps.
 
-    A line is the mean or the interquartile mean over the seeds of a recipe, and the band around it the 95 % bootstrap
-    interval. Where some seeds of a recipe have no value, at its start or past the end of a shorter training, the line
-    is dotted.
+    A line is the mean or the interquartile mean over the seeds of a recipe, and the band around it is the 95 %
+    bootstrap interval. The line is dotted where some seeds of a recipe have no value: at its start, or after the end of
+    a shorter training.
 
     Args:
         recipes: For each recipe, by its label, the ``progress.csv`` of each of its seeds.
-        centre: How the seeds are taken together.
-        each: Whether the seeds are drawn too, as thin lines.
+        centre: How the seeds are combined.
+        each: Whether the seeds are also drawn, as thin lines.
 
     Raises:
         SafeInspectError: A file cannot be read, there is none, or Matplotlib is not installed.
@@ -69,7 +69,7 @@ def _draw(
     axes: Any, runs: Sequence[Mapping[str, FloatArray]], name: str, factor: float, scale: float, centre: Centre,
     each: bool, line: Mapping[str, Any],
 ) -> bool:  # fmt: skip
-    """Draw one recipe in one panel; return whether anything is known."""
+    """Draw one recipe in one panel and return whether any value is known."""
     curves = [_curve(run[STEPS] / scale, run[name] * factor) for run in runs]
     if each:
         for steps, values in curves:
@@ -83,7 +83,7 @@ def _draw(
         axes.plot(found.steps, found.centre, linestyle="", marker="o", markersize=4, color=line["color"])
     axes.plot(found.steps, np.where(whole, found.centre, np.nan), **line)
     partial = ~whole
-    partial[:-1] |= ~whole[1:]  # the pieces meet
+    partial[:-1] |= ~whole[1:]  # connects the dotted pieces to the solid ones
     partial[1:] |= ~whole[:-1]
     if not whole.all():
         axes.plot(found.steps, np.where(partial, found.centre, np.nan), color=line["color"], linestyle=":")
@@ -91,7 +91,7 @@ def _draw(
 
 
 def _curve(steps: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a curve in the order of its steps, each step once."""
+    """Return a curve sorted by its steps, without duplicate steps."""
     steps, values = steps[np.isfinite(steps)], values[np.isfinite(steps)]
     order = np.unique(steps, return_index=True)[1]
     return steps[order], values[order]

@@ -1,4 +1,4 @@
-"""What all figures share: Matplotlib when it is wanted, colours and type sizes.
+"""Common parts of all figures: lazy import of Matplotlib, colours and font sizes.
 
 Figures are made without pyplot, so that none stays in memory and no display is needed.
 """
@@ -15,9 +15,9 @@ from safe_inspect.outputs import new_file
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Endings of the files that `save` writes.
+#: File name endings that `save` supports.
 FIGURE_ENDINGS = (".png", ".pdf", ".svg")
-#: Perceptually uniform, and as readable for colour-blind eyes and in grey.
+#: Colour map that is perceptually uniform and readable in grey and for colour-blind people.
 SEQUENTIAL = "viridis"
 
 _STYLE: Any = {
@@ -44,7 +44,7 @@ _STYLE: Any = {
 
 
 def deputy_line(index: int) -> dict[str, Any]:
-    """Return colour and dashes of a deputy's lines; after five deputies the colours come again, with other dashes."""
+    """Return colour and dashes of a deputy's lines; after five deputies the colours repeat with other dashes."""
     return {
         "color": DEPUTY_COLOURS[index % len(DEPUTY_COLOURS)],
         "linestyle": ("-", (0, (4, 1.5)), (0, (1, 1)))[index // len(DEPUTY_COLOURS) % 3],
@@ -57,10 +57,10 @@ def deputy_marker(index: int) -> str:
 
 
 def require_matplotlib() -> None:
-    """Check that Matplotlib is installed.
+    """Raise an error if Matplotlib is not installed.
 
     Raises:
-        SafeInspectError: It is not.
+        SafeInspectError: Matplotlib is not installed.
     """
     try:
         import matplotlib  # noqa: F401
@@ -84,7 +84,7 @@ def style() -> Any:
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 150) -> None:
-    """Write a figure to a file; the ending says the format (png, pdf, svg).
+    """Write a figure to a file; the ending of its name determines the format (png, pdf, svg).
 
     Raises:
         OutputError: The file cannot be written, or the format is unknown.
@@ -92,5 +92,5 @@ def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 150) -> None:
     try:
         with new_file(path) as work, style():
             figure.savefig(work, dpi=dpi)
-    except ValueError as error:  # of the format
+    except ValueError as error:  # raised for an unknown format
         raise OutputError(f"{os.fspath(path)}: the file cannot be written ({error}); give another file") from None

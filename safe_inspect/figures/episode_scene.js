@@ -1,4 +1,4 @@
-// The scene of an episode: deputies, their ways and burns; the chief and the sun, or the docking region.
+// The scene of an episode: deputies with their trajectories and burns, the chief and the sun, or the docking region.
 const { position, sun, points, radius, rings, deputies, orientation, cone } = episode;
 const BODY = [[[1, 0, 0], "#D55E00"], [[0, 1, 0], "#0072B2"], [[0, 0, 1], "#009E73"]];
 const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
@@ -6,19 +6,19 @@ const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
 const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => scaled(a, 1 / (Math.hypot(...a) || 1));
 
-/** R(q) v of a unit quaternion, scalar last. */
+/** Return R(q) v for a unit quaternion with the scalar last. */
 function turned(q, v) {
   const t = scaled(cross3(q, v), 2), s = cross3(q, t);
   return v.map((x, i) => x + q[3] * t[i] + s[i]);
 }
 
-/** The attitude between two recorded ones. */
+/** Return the attitude between two recorded ones. */
 function attitudeAt(rows, row, next, u) {
   const a = rows[row], b = rows[next], sign = a.reduce((sum, x, i) => sum + x * b[i], 0) < 0 ? -1 : 1;
   return unit(a.map((x, i) => (1 - u) * x + u * sign * b[i]));
 }
 
-/** The state at a time, between two recorded ones by a straight line. */
+/** Return the state at a time, interpolated linearly between two recorded states. */
 function stateAt(t) {
   const row = rowAt(t), next = Math.min(row + 1, last);
   const u = next > row ? (t - time[row]) / (time[next] - time[row]) : 0;
@@ -33,7 +33,7 @@ function stateAt(t) {
   };
 }
 
-/** Draw the chief with its day side and the points on the reader's side; r in pixels. */
+/** Draw the chief with its day side and the points on the viewer's side; r is in pixels. */
 function drawChief(pen, x, y, r, view, { light, dots }, t) {
   if (!points.length || !light) {
     if (episode.docking_radius) disc(pen, x, y, r, null, INK);
@@ -81,7 +81,7 @@ function drawScene(t) {
   pen.textAlign = "center";
   pen.textBaseline = "middle";
   const left = (camera.azimuth - 90) * Math.PI / 180;
-  let free = null;  // where the label of a larger ring ends, inward
+  let free = null;  // inner end of the label of the next larger ring
   for (const ring of [...rings].reverse()) {
     polyline(pen, circle(ring).map(flat), PALE, 1);
     const [x, y] = flat([ring * Math.cos(left), ring * Math.sin(left), 0]), label = `${ring} m`;
@@ -152,7 +152,7 @@ function drawSun(pen, flat, light, outer) {
   pen.fillText("sun", ...flat(scaled(light, 1.1 * outer)));
 }
 
-/** The axes of each deputy's body, and the cone that its camera sees. */
+/** Draw the axes of each deputy's body and the cone of its camera. */
 function drawAttitudes(pen, flat, view, { places, attitudes }, outer) {
   places.forEach((p, index) => {
     const along = (direction, length) => p.map((x, i) => x + length * outer * direction[i]);
@@ -183,7 +183,7 @@ function drawAttitudes(pen, flat, view, { places, attitudes }, outer) {
   });
 }
 
-/** A stroke in the direction of the thrust at each burn so far. */
+/** Draw a stroke in the direction of the thrust at each burn so far. */
 function drawBurns(pen, flat, hidden, row, outer) {
   episode.burns.forEach((burns, index) => burns.forEach(({ step, thrust }) => {
     const foot = position[index][step];

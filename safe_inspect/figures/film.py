@@ -1,4 +1,4 @@
-"""`Film`: the pictures of an animated episode, one after the other."""
+"""`Film`: the pictures of an animated episode."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ _DPI = 100
 
 
 class Film(Pictures):
-    """Draws the pictures of an episode: the way so far and counters, and what the task is about.
+    """Pictures of an episode: the trajectory so far, counters, and panels that depend on the task.
 
-    Of an inspection that is the chief from two sides, the sun and coverage; of a task without points, speed over range
-    with the speed limit, and range over time.
+    For an inspection these are the chief from two sides, the sun and the coverage; for a task without points, speed
+    over range with the speed limit, and range over time.
 
     Args:
         episode: The episode.
-        frames: How many pictures, at least 2; they are equally far apart in time.
+        frames: Number of pictures, at least 2; they are equally spaced in time.
         width: Width of a picture [pixels]; it is 1.6 times its height.
-        turn: How far the camera goes round the chief from the first picture to the last [degrees].
+        turn: Angle by which the camera turns around the chief from the first picture to the last [degrees].
 
     Raises:
         SafeInspectError: Matplotlib is not installed.
@@ -62,7 +62,7 @@ class Film(Pictures):
         from matplotlib.figure import Figure
 
         width, height = self._size
-        # type and lines keep their share of the picture
+        # The resolution grows with the width, so that fonts and lines keep their relative sizes.
         figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
         self._canvas = FigureCanvasAgg(figure)
         self._build_scene(figure)

@@ -19,7 +19,7 @@ from safe_inspect.figures.pictures import Pictures
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
 
-#: Told the number of drawn pictures and of all of them.
+#: Called with the number of drawn pictures and the total number.
 FilmProgress = Callable[[int, int], None]
 
 _COLOURS = 96
@@ -28,28 +28,29 @@ _COLOURS = 96
 def save_film(
     film: Pictures, path: str | os.PathLike[str], fps: float = 25.0, progress: FilmProgress | None = None
 ) -> None:
-    """Write a film; the ending of the file's name says the format (gif, mp4).
+    """Write a film; the ending of the file's name determines the format (gif, mp4).
 
     Args:
         film: The film.
         path: The file.
-        fps: Pictures a second.
+        fps: Pictures per second.
         progress: Called after each picture.
 
     Raises:
         OutputError: The file cannot be written, or the format is unknown.
-        SafeInspectError: What writes the format is not installed.
+        SafeInspectError: The program or package that writes the format is not installed.
+        ValueError: `fps` is out of range.
     """
     target = Path(path)
     writers = {".gif": _write_gif, ".mp4": _write_mp4}
     if target.suffix.lower() not in writers:
-        raise OutputError(f"cannot write the film {os.fspath(path)!r}: its name ends in .gif or .mp4")
+        raise OutputError(f"cannot write the film {os.fspath(path)!r}: its name must end in .gif or .mp4")
     if not 1.0 <= fps <= 100.0:
-        raise ValueError(f"a film has 1 to 100 pictures a second, not {fps:g}")
+        raise ValueError(f"a film must have 1 to 100 pictures per second, got {fps:g}")
     if target.suffix.lower() == ".mp4":
-        find_ffmpeg()  # before the pictures are drawn
+        find_ffmpeg()  # raises an error, if any, before the pictures are drawn
     with new_file(path) as work:
-        work.touch()  # likewise
+        work.touch()  # as above
         writers[target.suffix.lower()](_with_progress(film, progress), film.size, work, fps)
 
 
@@ -61,7 +62,7 @@ def _with_progress(film: Pictures, progress: FilmProgress | None) -> Iterable[An
 
 
 def _write_gif(pictures: Iterable[AnyArray], size: tuple[int, int], path: Path, fps: float) -> None:
-    """Write a GIF with one palette for all pictures, so that what does not move costs nothing."""
+    """Write a GIF with one palette for all pictures, so that static parts take no space."""
     from PIL import Image
 
     images = [Image.fromarray(picture) for picture in pictures]
@@ -71,12 +72,12 @@ def _write_gif(pictures: Iterable[AnyArray], size: tuple[int, int], path: Path, 
     _whiten(palette)
     frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [max(round(100.0 / fps) * 10, 10)] * len(frames)
-    durations[-1] += 2000  # the end can be looked at
+    durations[-1] += 2000  # pause at the end
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=True, disposal=1)
 
 
 def _whiten(image: Any) -> None:
-    """Make the lightest colours of a palette white: Pillow takes one of them for white, not the nearest."""
+    """Make the lightest colours of a palette white, as Pillow replaces white by one of them, not by the nearest."""
     colours = np.asarray(image.getpalette(), dtype=np.int64).reshape(-1, 3)
     colours[colours.min(axis=1) >= 246] = 255
     image.putpalette(colours.reshape(-1).tolist())
@@ -86,7 +87,7 @@ def find_ffmpeg() -> str:
     """Return the ffmpeg of this machine, or that of the package imageio-ffmpeg.
 
     Raises:
-        SafeInspectError: There is neither.
+        SafeInspectError: Neither is installed.
     """
     found = shutil.which("ffmpeg")
     if found:
@@ -107,12 +108,12 @@ def _write_mp4(pictures: Iterable[AnyArray], size: tuple[int, int], path: Path, 
         "-r", f"{fps:g}", "-i", "-", "-an", "-c:v", "libx264", "-preset", "slow", "-crf", "20", "-pix_fmt", "yuv420p",
         "-movflags", "+faststart", str(path),
     ]  # fmt: skip
-    with tempfile.TemporaryFile() as messages:  # not a pipe, which could fill up
-        # In a session of its own, so that Ctrl-C in the terminal goes to this process alone, which ends ffmpeg.
+    with tempfile.TemporaryFile() as messages:  # a pipe could fill up and block ffmpeg
+        # A separate session, so that Ctrl-C in the terminal only reaches this process, which then ends ffmpeg.
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=messages, start_new_session=True)
         assert process.stdin is not None
         try:
-            with suppress(BrokenPipeError):  # ffmpeg has ended, and says why
+            with suppress(BrokenPipeError):  # ffmpeg has ended; its messages are reported below
                 for picture in pictures:
                     process.stdin.write(np.ascontiguousarray(picture).tobytes())
         except BaseException:

@@ -1,4 +1,4 @@
-"""What a film shows beside the scene: the chief from two sides, or an approach against the speed limit."""
+"""Parts of a film next to the scene: the chief from two sides, or an approach with its speed limit."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from safe_inspect.figures.drawing import deputy_line
 from safe_inspect.figures.time_panels import speed_limit_of
 from safe_inspect.geometry.picture import BLACK, DARK, DAY, GREY, LIT, NIGHT, PALE, Camera, circle
 
-_NEAREST = 0.1  # m: ranges are drawn from here on
+_NEAREST = 0.1  # smallest range that is drawn [m]
 
 
 class SideView(Protocol):
-    """A part of a film's pictures."""
+    """Part of a film's pictures next to the scene."""
 
     def show(self, now: Moment, front: Camera) -> None:
-        """Draw a moment, seen by the scene's camera."""
+        """Draw a moment, given the camera of the scene."""
 
 
 class ChiefView:
-    """The chief from the scene's side and from behind: its day side, and its points as they are inspected."""
+    """View of the chief from the scene's side and from behind: its day side, and which points have been inspected."""
 
     def __init__(self, figure: Any, episode: Trajectory) -> None:
         self._episode, self._radius = episode, radius_of(episode)
@@ -80,7 +80,7 @@ class ChiefView:
 
 
 class ApproachView:
-    """Speed over range, on a logarithmic axis, with the speed limit and the docking region where the task has them."""
+    """View of speed over range (logarithmic), with the speed limit and the docking region if the task has them."""
 
     def __init__(self, figure: Any, episode: Trajectory) -> None:
         self._episode = episode
@@ -108,7 +108,7 @@ class ApproachView:
         axes.set_title(", ".join(told), pad=3.0, fontsize=8)
 
     def show(self, now: Moment, front: Camera) -> None:
-        """Draw the speeds so far; between two recorded states the last one counts."""
+        """Draw the speeds so far; between two recorded states the last recorded speed is shown."""
         for index, (line, dot) in enumerate(zip(self._lines, self._dots, strict=True)):
             far, fast = self._range[: now.row + 1, index], self._episode.speed[: now.row + 1, index]
             line.set_data(far, fast)

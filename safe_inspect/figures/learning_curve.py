@@ -17,7 +17,7 @@ from safe_inspect.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Column of progress.csv that counts the environment steps.
+#: Column of progress.csv with the number of environment steps.
 STEPS = "steps"
 #: Column of progress.csv, label, factor.
 PANELS = (
@@ -57,7 +57,7 @@ def read_learning_curve(path: str | os.PathLike[str]) -> dict[str, FloatArray]:
     if not np.isfinite(steps[0]) or len(back):
         line = int(back[0]) + 3 if np.isfinite(steps[0]) else 2
         raise SafeInspectError(
-            f"{os.fspath(path)}:{line}: the file is damaged: `{STEPS}` does not grow from row to row"
+            f"{os.fspath(path)}:{line}: the file is damaged: `{STEPS}` must not decrease from row to row"
         )
     return columns
 
@@ -71,7 +71,7 @@ def _number(path: str | os.PathLike[str], line: int, name: str, cell: str | None
 
 
 def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
-    """Draw a training from its ``progress.csv``; evaluations appear as points where the file has them.
+    """Draw a training from its ``progress.csv``; evaluations are drawn as points if the file has any.
 
     Raises:
         SafeInspectError: The file cannot be read, or Matplotlib is not installed.
@@ -104,7 +104,7 @@ def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
 
 
 def _draw(axes: Any, steps: FloatArray, values: FloatArray, label: str, **kwargs: Any) -> bool:
-    """Draw what is known of a curve; return whether anything is. A single value is a dot."""
+    """Draw the known values of a curve and return whether there are any; a single value is drawn as a dot."""
     known = np.isfinite(values) & np.isfinite(steps)
     if not known.any():
         return False
@@ -115,7 +115,7 @@ def _draw(axes: Any, steps: FloatArray, values: FloatArray, label: str, **kwargs
 
 
 def step_unit(steps: FloatArray) -> tuple[float, str]:
-    """Return what a number of steps is divided by in a figure, and how the figure says it."""
+    """Return the number by which a figure divides steps, and the corresponding text for the axis label."""
     largest = np.nanmax(steps, initial=0.0)
     if largest >= 2e6:
         return 1e6, " [millions]"

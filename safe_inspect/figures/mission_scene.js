@@ -4,7 +4,7 @@ const BEFORE = "#B8C4D0", TARGET_INK = [184, 191, 204], CHASER_INK = [250, 219, 
 let inTarget = false;
 
 const minus = (a, b) => a.map((x, i) => x - b[i]);
-/** The rows of the matrix of a unit quaternion [x, y, z, w]. */
+/** Return the rows of the rotation matrix of a unit quaternion [x, y, z, w]. */
 function matrix([x, y, z, w]) {
   return [
     [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -20,7 +20,7 @@ const attitudes = attitude.map(matrix);
 const positionInTarget = position.map((p, i) => back(attitudes[i], p));
 const nominalInTarget = nominal.map((p, i) => (p[0] === null ? p : back(attitudes[i], p)));
 
-/** A quaternion between two, by a straight line. */
+/** Return the linear interpolation between two quaternions. */
 function between(p, q, u) {
   const sign = p.reduce((sum, x, i) => sum + x * q[i], 0) < 0 ? -1 : 1;
   const r = mixed(p, scaled(q, sign), u), norm = Math.hypot(...r);
@@ -39,7 +39,7 @@ function stateAt(t) {
   };
 }
 
-/** Whether boxes hide a point from a reader towards whom `sight` points. */
+/** Return whether boxes hide a point from a distant viewer in the direction `sight`. */
 function hides(boxes, point, sight) {
   return boxes.some(({ centre, half, axes }) => {
     const from = minus(point, centre), tiny = 1e-3 * Math.max(...half);
@@ -54,7 +54,7 @@ function hides(boxes, point, sight) {
   });
 }
 
-/** Paint boxes; `view` has the directions in their frame, `flat` takes it to pixels. */
+/** Draw boxes; `view` has the camera's directions in their frame, `flat` maps points of this frame to pixels. */
 function drawSolid(pen, solid, view, flat, ink) {
   const light = [0, 1, 2].map((i) => view.sight[i] + 0.55 * view.up[i] - 0.35 * view.right[i]);
   const norm = Math.hypot(...light), seen = [];
@@ -81,7 +81,7 @@ function drawSolid(pen, solid, view, flat, ink) {
   }
 }
 
-/** Fill each run of the tube up to a row, with the width of its box across the picture. */
+/** Fill each uninterrupted part of the tube up to a row, with the width of its box in the picture. */
 function drawTube(pen, centres, row, view, flat, metre) {
   let kept = [];
   const fill = () => {
@@ -120,12 +120,12 @@ function drawScene(t) {
   const path = inTarget ? positionInTarget : position;
   const approach = bands.find(({ name }) => name === "TRACK"), first = approach ? rowAt(approach.start) : 0;
   const nearest = target.radius ** 2;
-  // Most points are beside all that the target sweeps.
+  // Most points are outside the region that the target sweeps, so that they need no further test.
   const hidden = (p) => dot3(p, p) - dot3(p, view.sight) ** 2 < nearest
     && hides(target.boxes, back(rotation, p), own.sight);
   const line = (points, colour, wide, dashes = []) => {
     const behind = points.map(hidden), places = points.map(flat);
-    for (const which of [true, false]) {  // what is hidden is thin and dotted
+    for (const which of [true, false]) {  // hidden parts are thin and dotted
       let piece = [];
       const stroke = () => {
         if (piece.length > 1) polyline(pen, piece, colour, which ? 0.4 * wide : wide, which ? [1, 4] : dashes);
@@ -160,9 +160,9 @@ function drawScene(t) {
   drawCorner(pen, view, width, height);
 }
 
-/** The directions of the frame, in a corner. */
+/** Draw the axes of the frame in a corner. */
 function drawCorner(pen, view, width, height) {
-  const corner = [width < 500 ? width - 60 : 60, height - (width < 500 ? 50 : 80)];  // beside the key on a small screen
+  const corner = [width < 500 ? width - 60 : 60, height - (width < 500 ? 50 : 80)];  // next to the legend on a small screen
   pen.fillStyle = GREY;
   pen.textAlign = "center";
   pen.textBaseline = "middle";

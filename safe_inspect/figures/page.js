@@ -1,6 +1,7 @@
 "use strict";
-// What all pages share: a scene that can be turned, and charts over time. All is plain canvas, so that the file stands
-// alone. The script of a page after this one has drawScene(t) and countersAt(t), and calls begin() at its end.
+// Common part of all pages: a scene that can be turned, and charts over time. Everything is drawn on plain canvases, so
+// that the file is self-contained. The script of a page follows this one; it defines drawScene(t) and countersAt(t),
+// and calls begin() at its end.
 const episode = JSON.parse(document.getElementById("episode").textContent);
 const { time } = episode;
 const last = time.length - 1, END = time[last];
@@ -17,7 +18,7 @@ const dot3 = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const scaled = (a, factor) => a.map((x) => x * factor);
 const mixed = (a, b, u) => a.map((x, i) => x + u * (b[i] - x));
 
-/** Index of the last recorded state that is not later than a time. */
+/** Return the index of the last recorded state that is not later than a time. */
 function rowAt(t) {
   let low = 0, high = last;
   while (low < high) {
@@ -27,7 +28,7 @@ function rowAt(t) {
   return low;
 }
 
-/** Give a canvas as many pixels as the screen has, and return its context in CSS pixels. */
+/** Set the size of a canvas to the screen's resolution, and return its context in CSS pixels. */
 function prepared(canvas) {
   const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
@@ -41,7 +42,7 @@ function prepared(canvas) {
   return { pen, width, height };
 }
 
-/** The camera's directions: to the reader, right and up. */
+/** Return the camera's directions: towards the viewer, right and up. */
 function axes() {
   const a = camera.azimuth * Math.PI / 180, e = camera.elevation * Math.PI / 180;
   return {
@@ -120,7 +121,7 @@ function drawChart(chart) {
   chart.timeAt = (px) => Math.min(Math.max((px - box.left) / (box.right - box.left), 0), 1) * END;
 }
 
-/** Round values between two bounds. */
+/** Return round values between two bounds. */
 function ticks(low, high, wanted) {
   const raw = (high - low) / wanted || 1, power = 10 ** Math.floor(Math.log10(raw));
   const step = [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((size) => size >= raw * 0.999);
@@ -225,7 +226,7 @@ window.addEventListener("keydown", (event) => {
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
   if (step) { event.preventDefault(); play(false); show(time[Math.min(Math.max(rowAt(now) + step, 0), last)]); }
 });
-/** Show the first picture; a place can be named, such as page.html#0.5 for the middle. */
+/** Show the first picture, or the one at a share of the time given in the address: page.html#0.5 is the middle. */
 function begin() {
   show((Number(location.hash.slice(1)) || 0) * END);
 }

@@ -1,7 +1,7 @@
-"""`episode_page`: an episode as one HTML file that needs no network and nothing beside it.
+"""`episode_page`: an episode as one self-contained HTML file that needs no network.
 
-The page draws on plain canvases with a script of its own. Plotly's script alone has 4.5 MB and would be one more
-dependency; a whole page of this module has 0.05 to 0.3 MB.
+The page draws on plain canvases with the scripts of this package. Plotly's script alone has 4.5 MB and would be an
+additional dependency; a whole page of this module has 0.05 to 0.3 MB.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _AXES = (("x", VERMILION), ("y", BLUE), ("z", GREEN))
 
 
 def episode_page(episode: Trajectory, title: str = "Inspection of a chief") -> str:
-    """Return an HTML page that shows an episode: a scene to turn, a slider of time, charts.
+    """Return an HTML page that shows an episode: a scene that can be turned, a time slider and charts.
 
     Args:
         episode: The episode.
@@ -39,12 +39,12 @@ def episode_page(episode: Trajectory, title: str = "Inspection of a chief") -> s
 
 
 def page_of(data: dict[str, Any], title: str, scene: str) -> str:
-    """Return a page.
+    """Return an HTML page.
 
     Args:
-        data: What it draws, as plain lists.
+        data: Data that it draws, as plain lists.
         title: Its title.
-        scene: The script of its scene.
+        scene: File name of the script of its scene.
     """
     folder = files("safe_inspect.figures")
     text, style, script, own = (
@@ -55,7 +55,7 @@ def page_of(data: dict[str, Any], title: str, scene: str) -> str:
         "@TITLE@": html.escape(title),
         "@STYLE@": style.strip(),
         "@SCRIPT@": script.strip() + "\n\n" + own.strip(),
-        "@DATA@": written.replace("<", "\\u003c"),  # a name cannot end the script
+        "@DATA@": written.replace("<", "\\u003c"),  # so that no name can end the script element
     }
     for mark, part in parts.items():
         text = text.replace(mark, part)
@@ -70,15 +70,15 @@ def save_page(text: str, path: str | os.PathLike[str]) -> None:
     """
     target = Path(path)
     if target.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"cannot write the page {os.fspath(path)!r}: its name ends in .html")
+        raise OutputError(f"cannot write the page {os.fspath(path)!r}: its name must end in .html")
     with new_file(path) as work:
         work.write_text(text, encoding="utf-8")
 
 
 def episode_data(episode: Trajectory) -> dict[str, Any]:
-    """Return what the page draws, as plain lists; lengths in metres, times in seconds.
+    """Return the data that the page draws, as plain lists; lengths in metres, times in seconds.
 
-    Numbers are rounded to what a picture can show: positions to a millimetre, speeds to 0.1 mm/s.
+    Numbers are rounded to the precision that a picture can show: positions to a millimetre, speeds to 0.1 mm/s.
     """
     scale, unit = clock(episode)
     rings = ring_radii(reach_of(episode))
@@ -117,7 +117,7 @@ def episode_data(episode: Trajectory) -> dict[str, Any]:
 
 
 def _charts(episode: Trajectory) -> list[dict[str, Any]]:
-    """Return the charts: label, range of values and lines of each."""
+    """Return the charts, each with its label, range of values and lines."""
     deputies = range(len(episode.deputies))
     several = len(episode.deputies) > 1
     lines = [{"colour": deputy_line(i)["color"], "dashes": _dashes(deputy_line(i)["linestyle"])} for i in deputies]
@@ -159,7 +159,7 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
 
 
 def chart(label: str, lines: list[dict[str, Any]], low: float | None = None, high: float | None = None) -> Any:
-    """Return a chart; a value that is None is a gap."""
+    """Return a chart; a value of None is a gap in its line."""
     values = np.array([value for line in lines for value in line["values"] if value is not None] or [0.0])
     bottom, top = (float(values.min()) if low is None else low), (float(values.max()) if high is None else high)
     room = 0.06 * (top - bottom)
@@ -168,7 +168,7 @@ def chart(label: str, lines: list[dict[str, Any]], low: float | None = None, hig
 
 
 def _burns(episode: Trajectory, deputy: int) -> list[dict[str, Any]]:
-    """Return the deputy's burns: their steps, and the stroke that shows each as a multiple of the outer ring."""
+    """Return a deputy's largest burns: the step of each, and its stroke as a multiple of the outer ring's radius."""
     largest = float(np.sqrt(np.square(episode.thrust).sum(axis=-1)).max(initial=0.0))
     found = []
     steps = largest_burns(episode, deputy)
@@ -182,7 +182,7 @@ def _burns(episode: Trajectory, deputy: int) -> list[dict[str, Any]]:
 
 
 def _held(values: AnyArray) -> AnyArray:
-    """Return the thrust at every state; after the last step there is none."""
+    """Return the thrust at every state; it is zero at the last state."""
     return np.concatenate((values, np.zeros_like(values[:1])))
 
 
@@ -191,7 +191,7 @@ def _dashes(linestyle: Any) -> list[float]:
 
 
 def rounded(values: AnyArray, digits: int) -> Any:
-    """Return rounded values as nested lists; whole numbers have no fraction, what is not finite is None."""
+    """Return rounded values as nested lists; whole numbers become integers, values that are not finite become None."""
     return _plain((np.round(np.asarray(values, dtype=np.float64), digits) + 0.0).tolist())
 
 

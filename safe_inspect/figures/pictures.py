@@ -1,4 +1,4 @@
-"""`Pictures`: what the films have in common."""
+"""`Pictures`: base class of the films."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from safe_inspect.types import AnyArray
 
 
 class Pictures(ABC):
-    """Pictures that are equally far apart in time, drawn one after the other.
+    """Base class of a sequence of pictures that are equally spaced in time.
 
     Args:
-        frames: How many pictures, at least 2.
+        frames: Number of pictures, at least 2.
         width: Width of a picture [pixels]; it is 1.6 times its height.
 
     Raises:
@@ -27,13 +27,13 @@ class Pictures(ABC):
 
     def __init__(self, frames: int, width: int) -> None:
         if frames < 2 or not 320 <= width <= 3840:
-            raise ValueError(f"a film has at least 2 frames and 320 to 3840 pixels of width, not {frames} and {width}")
+            raise ValueError(f"expected at least 2 frames and a width of 320 to 3840 pixels, got {frames} and {width}")
         self.frames = frames
-        self._size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs want even numbers
+        self._size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs require even numbers
 
     @abstractmethod
     def _show(self, share: float) -> None:
-        """Bring the figure to a share of the film's time, from 0 to 1."""
+        """Update the figure to a share of the film's time, from 0 to 1."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -44,12 +44,12 @@ class Pictures(ABC):
         return self.frames
 
     def __iter__(self) -> Iterator[AnyArray]:
-        """Yield the pictures, red, green and blue, uint8, shape (height, width, 3)."""
+        """Yield the pictures in red, green and blue, uint8, shape (height, width, 3)."""
         for index in range(self.frames):
             yield self.picture(index)
 
     def picture(self, index: int) -> AnyArray:
-        """Return a picture by its index from 0, uint8, shape (height, width, 3)."""
+        """Return a picture by its index from 0, in red, green and blue, uint8, shape (height, width, 3)."""
         with style():
             self._show(index / (self.frames - 1))
             self._canvas.draw()

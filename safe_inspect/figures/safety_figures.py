@@ -39,10 +39,10 @@ def safety_figure(report: SafetyReport) -> Figure:
 
 
 def acceptance_figure(found: Acceptance) -> Figure:
-    """Draw the drawn and the accepted initial states: range, speed, elevation and the sun's side.
+    """Draw the distributions of sampled and of accepted initial states: range, speed, range rate and angle to the sun.
 
     Raises:
-        KeyError: The sampler gives neither position, velocity nor sun angle.
+        KeyError: The sampler does not provide position, velocity or sun angle.
     """
     with style():
         from matplotlib.figure import Figure

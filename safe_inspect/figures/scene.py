@@ -1,4 +1,4 @@
-"""The scene in the figure of an episode: chief, ways, burns and sun, true to scale."""
+"""The scene in the figure of an episode: chief, trajectories, burns and sun, to scale."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from safe_inspect.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")  # about a chief on an orbit
+_AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")  # for a chief in orbit
 _PLAIN_AXES = ("x [m]", "y [m]", "z [m]")
-#: Times at which the cameras are drawn.
+#: Number of times at which the cameras are drawn.
 _CAMERAS = 12
-_MOST_BURNS = 80  # drawn for each deputy: the largest
-#: Up to so many burns of a deputy are drawn one by one, so that the smallest is seen too.
+_MOST_BURNS = 80  # number of a deputy's burns that are drawn, the largest ones
+#: Up to this number of burns of a deputy, strokes have a minimum length, so that the smallest burn is visible too.
 FEW_BURNS = 20
 _TURN = 2.0 * np.pi
 
 
 def draw_scene(figure: Figure, episode: Trajectory) -> None:
-    """Draw the ways of the deputies about the chief, or about the origin in a task without one."""
+    """Draw the trajectories of the deputies about the chief, or about the origin in a task without one."""
     place = (0.0, 0.318, 0.53, 0.625) if len(episode.points) else (0.0, 0.19, 0.53, 0.625)
     axes: Any = figure.add_axes(place, projection="3d", computed_zorder=False)
     axes.view_init(**VIEW)
@@ -77,13 +77,13 @@ def _axes_of(episode: Trajectory) -> tuple[str, str, str]:
 
 
 def _shown(way: FloatArray, reach: float) -> FloatArray:
-    """Return a way up to where it leaves what is shown for good."""
+    """Return a trajectory up to the last state within the range that is shown."""
     inside = np.flatnonzero(np.square(way).sum(axis=-1) <= reach * reach * (1.0 + 1e-9))
     return way[: inside[-1] + 1] if len(inside) else way[:1]
 
 
 def _label_azimuth(episode: Trajectory) -> float:
-    """Return the azimuth at the side of the rings [rad] where their labels are farthest from the sun's arrows."""
+    """Return the azimuth [rad] at which the labels of the rings are far from the sun's arrows."""
     offsets = np.array([-84.0, 84.0, -112.0, 112.0, -60.0, 60.0])
     azimuths = np.radians(VIEW["azim"] + offsets)
     places = FRONT.flat(np.stack((np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)), axis=-1))
@@ -99,7 +99,7 @@ def _draw_rings(axes: Any, rings: list[float], radius: float, azimuth: float) ->
     for index, reach in enumerate(rings):
         _draw_line(axes, ring(reach, 361), radius, color=PALE, linewidth=0.9)
         if len(rings) > 2 and index < len(rings) - 1:
-            continue  # their labels would touch each other, or the ways
+            continue  # the labels would overlap each other or the trajectories
         place = reach * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         axes.text(
             *place, f"{reach:g} m", color=GREY, fontsize=7, ha="center", va="center", zorder=2,
@@ -126,7 +126,7 @@ def _draw_chief(axes: Any, episode: Trajectory) -> None:
 
 
 def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = None, **kwargs: Any) -> None:
-    """Draw a line; what the chief hides lies behind it (Matplotlib sorts whole lines only)."""
+    """Draw a line; the part that the chief hides is drawn behind it, as Matplotlib only sorts whole lines."""
     hidden = FRONT.hidden(way, radius)
     for order, which in ((1, hidden), (3, ~hidden)):
         place = order - (kwargs["color"] == PALE)
@@ -134,19 +134,19 @@ def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = No
 
 
 def largest_burns(episode: Trajectory, deputy: int, most: int = _MOST_BURNS) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Return the steps of a deputy's largest burns, in the order of time, shape (B,)."""
+    """Return the steps of a deputy's largest burns, in order of time, shape (B,)."""
     size = np.square(episode.thrust[:, deputy]).sum(axis=-1)
     burning = np.flatnonzero(size)
     return np.sort(burning[np.argsort(-size[burning], kind="stable")[:most]])
 
 
 def stroke(size: Any, few: bool) -> Any:
-    """Return the length of a burn's stroke in radii of the outer ring, for a thrust as a share of the largest."""
+    """Return the length of a burn's stroke in radii of the outer ring, given its thrust as a share of the largest."""
     return 0.06 + 0.12 * size if few else 0.15 * size
 
 
 def _draw_burns(axes: Any, episode: Trajectory, ring: float) -> None:
-    """Draw a stroke in the direction of the thrust for every burn; the larger the burn, the longer the stroke."""
+    """Draw a stroke in the direction of the thrust for every burn; larger burns have longer strokes."""
     norm = np.sqrt(np.square(episode.thrust).sum(axis=-1))
     if not norm.any():
         return
@@ -167,7 +167,7 @@ def _draw_burns(axes: Any, episode: Trajectory, ring: float) -> None:
 
 
 def _draw_cameras(axes: Any, episode: Trajectory, ring: float) -> None:
-    """Draw where each deputy's camera looks at a few times: the axis of its cone, and two lines on the cone."""
+    """Draw the direction of each deputy's camera at a few times: the axis of its cone, and two lines on the cone."""
     if episode.boresight is None or episode.camera is None:
         return
     half = min(episode.camera[1], 0.5 * np.pi)
@@ -175,7 +175,7 @@ def _draw_cameras(axes: Any, episode: Trajectory, ring: float) -> None:
     for deputy in range(len(episode.deputies)):
         shown = steps[episode.range[steps, deputy] <= 1.2 * ring]
         foot, look = episode.position[shown, deputy], episode.boresight[shown, deputy]
-        across = np.cross(look, FRONT.sight)  # the cone's outline, about as it is seen
+        across = np.cross(look, FRONT.sight)  # approximate outline of the cone in the picture
         across /= np.maximum(np.sqrt(np.square(across).sum(axis=-1, keepdims=True)), 1e-9)
         for turn, width in ((0.0, 0.9), (half, 0.5), (-half, 0.5)):
             tip = foot + 0.12 * ring * (np.cos(turn) * look + np.sin(turn) * across)
@@ -185,25 +185,25 @@ def _draw_cameras(axes: Any, episode: Trajectory, ring: float) -> None:
 
 
 def _draw_sun(axes: Any, episode: Trajectory, sun: FloatArray, outer: float) -> None:
-    """Draw an arrow from the chief towards the sun at the start and at the end, and the sun's way between them."""
+    """Draw arrows from the chief towards the sun at the start and at the end, and the sun's path between them."""
     for row, dashes, label in ((0, "-", "sun at the start"), (-1, (0, (2, 1.5)), "at the end")):
         arrow = sun_arrow(sun[row], outer).T
         look: Any = {"color": ORANGE, "linewidth": 1.8, "zorder": 4}
         axes.plot(*arrow[:, :2], linestyle=dashes, label=label, **look)
         axes.plot(*arrow[:, 2:], **look)
-    turned = np.abs(episode.sun_angle - episode.sun_angle[0])[:, None]  # the turns lie side by side
+    turned = np.abs(episode.sun_angle - episode.sun_angle[0])[:, None]  # draws several turns next to each other
     axes.plot(*(sun * outer * (1.0 + 0.035 * turned / _TURN)).T, color=ORANGE, linewidth=0.8, zorder=2)
 
 
 def ring_radii(reach: float) -> list[float]:
-    """Return one to four round radii within what is to be shown."""
+    """Return one to four round radii [m] within the range that is shown."""
     power = 10.0 ** np.floor(np.log10(max(reach, 1.0) / 5.0))
     step = next(float(size * power) for size in (1.0, 2.0, 2.5, 5.0, 10.0) if reach / (size * power) < 5.0)
     return [step * (index + 1) for index in range(max(int(reach / step), 1))]
 
 
 def _fit(axes: Any, episode: Trajectory, ring: float) -> None:
-    """Give the three axes one scale, with room for the way, the chief and the outermost ring."""
+    """Give the three axes the same scale, with space for the trajectories, the chief and the outermost ring."""
     near = episode.range <= reach_of(episode)
     ways = episode.position[near]
     reach = np.array([ring, ring, max(radius_of(episode), 0.45 * ring)])
@@ -221,7 +221,7 @@ def _fit(axes: Any, episode: Trajectory, ring: float) -> None:
 
 
 def _draw_legends(figure: Figure, axes: Any, deputies: int) -> None:
-    """Write the legend; several deputies stand in rows of four, and below them what is the same for all."""
+    """Draw the legend: several deputies in rows of four, and below them the common entries."""
     handles, labels = axes.get_legend_handles_labels()
     cuts = [*range(0, deputies, 4), deputies] if deputies > 1 else [0, labels.index("end") + 1]
     for index, (first, last) in enumerate(zip(cuts, [*cuts[1:], None], strict=True)):

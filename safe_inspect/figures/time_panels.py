@@ -16,7 +16,7 @@ from safe_inspect.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_FEW = 20  # burns
+_FEW = 20  # number of burns up to which they are drawn as pins
 _AXIS_COLOURS = (VERMILION, BLUE, GREEN)
 _LEFT, _WIDTH = 0.625, 0.36
 _PLACES = ((0.79, 0.15), (0.605, 0.15), (0.42, 0.15), (0.305, 0.08), (0.195, 0.08), (0.085, 0.08))
@@ -25,8 +25,8 @@ _PLACES = ((0.79, 0.15), (0.605, 0.15), (0.42, 0.15), (0.305, 0.08), (0.195, 0.0
 def safe_speed(episode: Trajectory) -> FloatArray:
     """Return the largest safe speed at each deputy's range [m/s], shape (T + 1, D).
 
-    It is the task's ``speed_limit`` where a component records that, else the published values of inspection,
-    v0 + 2 n (r - d0): 0.2 m/s at 10 m, and twice the mean motion more for every metre.
+    It is the task's ``speed_limit`` if a component records it, else the published limit for inspection, v0 + 2 n (r -
+    d0): 0.2 m/s at 10 m, increasing by twice the mean motion per metre.
     """
     if "speed_limit" in episode.arrays:
         return episode.arrays["speed_limit"]
@@ -35,12 +35,12 @@ def safe_speed(episode: Trajectory) -> FloatArray:
 
 
 def speed_limit_of(episode: Trajectory) -> FloatArray | None:
-    """Return the speed limits that figures show [m/s], shape (T + 1, D); None without an orbiting chief."""
+    """Return the speed limits that figures show [m/s], shape (T + 1, D); None without a chief in orbit."""
     return safe_speed(episode) if episode.mean_motion else None
 
 
 def above_limit(speed: FloatArray, limit: FloatArray) -> FloatArray:
-    """Return the speeds above their limit, and the one behind each, the others NaN; all of shape (T + 1, D)."""
+    """Return the speeds above their limit and the speed after each of these, NaN elsewhere, shape (T + 1, D)."""
     above = speed > limit
     shown = above.copy()
     shown[1:] |= above[:-1]
@@ -48,7 +48,7 @@ def above_limit(speed: FloatArray, limit: FloatArray) -> FloatArray:
 
 
 def draw_times(figure: Figure, episode: Trajectory) -> None:
-    """Draw the six panels, one below the other, with one axis of time."""
+    """Draw the six panels below each other, with a common time axis."""
     scale, unit = clock(episode)
     time = episode.time / scale
     panels: list[Any] = [figure.add_axes((_LEFT, bottom, _WIDTH, height)) for bottom, height in _PLACES]
@@ -68,7 +68,7 @@ def draw_times(figure: Figure, episode: Trajectory) -> None:
         axes.locator_params(axis="y", nbins=3)
     figure.text(_LEFT - 0.083, 0.235, "thrust [N]", rotation=90, va="center", ha="center", color=BLACK)
     for axes in panels:
-        axes.set_xlim(-0.015 * time[-1], time[-1])  # a burn at the start is seen beside the axis
+        axes.set_xlim(-0.015 * time[-1], time[-1])  # keeps a burn at the start apart from the axis
         axes.tick_params(labelbottom=axes is panels[-1])
         axes.yaxis.set_label_coords(-0.135, 0.5)
     label = f"time [{unit}]"
@@ -94,7 +94,7 @@ def _draw_delta_v(axes: Any, episode: Trajectory, time: FloatArray) -> None:
 
 
 def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:
-    """Draw the speeds, and about an orbiting chief the largest safe ones."""
+    """Draw the speeds and, for a chief in orbit, the largest safe speeds."""
     limit = speed_limit_of(episode)
     for index in range(len(episode.deputies)):
         line = deputy_line(index)
@@ -117,7 +117,7 @@ def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:
 
 
 def _draw_thrust(axes: Any, time: FloatArray, values: FloatArray, **line: Any) -> None:
-    """Draw a thrust over time; a few short burns as pins, where lines would cover each other."""
+    """Draw a thrust over time; a few short burns are drawn as pins, as lines would cover each other."""
     burns = np.flatnonzero(values)
     axes.axhline(0.0, color=GREY, linewidth=0.8, zorder=1)
     if len(burns) > _FEW:

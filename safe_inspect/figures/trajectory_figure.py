@@ -1,4 +1,4 @@
-"""The figure of one episode: the way round the chief, what was seen when, and how it went over time."""
+"""The figure of one episode: the trajectory around the chief, the inspected points, and quantities over time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 def trajectory_figure(episode: Trajectory) -> Figure:
     """Draw an episode.
 
-    Left, the deputies' way round the chief in Hill's frame, with rings of equal range in the orbital plane, the burns,
-    and the direction to the sun from the start to the end. Below it the chief from two sides, its points coloured by
-    the time of their inspection. Right, over time: the share of inspected points, the range, the speed with its limit,
-    and the thrust along each axis. Several deputies have a colour each, and so have the points that each saw first. A
-    task without points, sun or orbit has no chief, no sun and no largest safe speed; delta-v stands for the points.
+    On the left are the deputies' trajectories around the chief in Hill's frame, with rings of equal range in the
+    orbital plane, the burns, and the direction to the sun from the start to the end. Below is the chief from two sides,
+    with its points coloured by the time of their inspection. On the right, over time: the share of inspected points,
+    the range, the speed with its limit, and the thrust along each axis. Each of several deputies has its own colour,
+    also for the points that it inspected first. In a task without points, sun or orbit, the chief, the sun or the
+    largest safe speed is not drawn; delta-v replaces the share of points.
 
     Raises:
         SafeInspectError: Matplotlib is not installed.

@@ -1,5 +1,6 @@
-"""Planning of inspection flights on arrays, compiled: no environment, no policy.
+"""Planning of inspection trajectories on arrays, compiled and independent of environments and policies.
 
-`coverage` finds the least fuel with perfect knowledge of an episode, `burns` plans for a deputy that flies in company
-and plans anew. Both see the points through `visibility` and move by `safe_inspect.dynamics.step_maps`.
+`coverage` finds the plan of least fuel given perfect knowledge of an episode; `burns` plans for a deputy among others
+and plans again when necessary. Both use `visibility` for the points and `safe_inspect.dynamics.step_maps` for the
+motion.
 """

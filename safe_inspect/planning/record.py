@@ -1,4 +1,4 @@
-"""The file of a baseline: what every episode came to, and how it was flown."""
+"""The file of a baseline: the results and plans of its episodes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Burn(BaseModel):
     """One burn of a plan.
 
     Attributes:
-        step: Step of the episode with which it begins, from 0.
-        steps: Number of steps that it lasts.
-        thrust: Thrust held all the while [N], Hill frame.
+        step: Step of the episode with which it starts, from 0.
+        steps: Its number of steps.
+        thrust: Thrust held during these steps [N], Hill frame.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -49,10 +49,10 @@ class Entry:
         steps: Number of steps.
         inspected: Number of points inspected.
         burns: Number of burns, mean over the deputies.
-        plan: The plan that was flown; None for a policy.
-        planned: What the search said that its plan would spend [m/s]; None when it found none.
-        inspector: What the scripted inspector spends in this episode [m/s]; None where it fails, or was not flown.
-        own: Whether the plan is the search's; else it is the inspector's flight.
+        plan: The plan that was executed; None for a policy.
+        planned: Velocity change of the plan that the search found [m/s]; None if it found none.
+        inspector: Velocity change of the scripted inspector in this episode [m/s]; None if it fails or was not run.
+        own: Whether the plan is that of the search; else it is the trajectory of the inspector.
     """
 
     key: int
@@ -69,14 +69,14 @@ class Entry:
 
 @dataclass(frozen=True)
 class Record:
-    """The episodes of environment slots 0, 1, 2, ... as one baseline flies them.
+    """The episodes of environment slots 0, 1, 2, ... with one baseline.
 
     Attributes:
         kind: Name of the baseline.
         seed: Seed of the run.
-        effort: How long was searched; None for a policy.
-        task: What makes episodes comparable; see `safe_inspect.evaluation.task.task_of`.
-        about: Where the numbers come from: version, configuration file, overrides.
+        effort: Extent of the search; None for a policy.
+        task: The part of a task that makes episodes comparable; see `safe_inspect.evaluation.task.task_of`.
+        about: Origin of the numbers: version, configuration file, overrides.
         entries: The episodes.
     """
 
@@ -92,7 +92,7 @@ class Record:
         return replace(self, entries=entries)
 
     def difference(self, other: Record) -> str:
-        """Say in what another record is not of the same run; nothing when it is."""
+        """Return in what another record differs as a run; empty if it is of the same run."""
         for what in ("kind", "seed", "effort"):
             if getattr(self, what) != getattr(other, what):
                 return f"the {what} is {getattr(other, what)!r} there and {getattr(self, what)!r} here"
@@ -101,7 +101,7 @@ class Record:
         return "" if self.task == other.task else "it is of another task"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what the file holds."""
+        """Return the content of the file."""
         rows = [asdict(entry) for entry in self.entries]
         columns = {name: [row[name] for row in rows] for name in ("success", "steps", "inspected", "burns")}
         optimised = self.kind == "optimiser"
@@ -111,7 +111,7 @@ class Record:
             "seed": self.seed,
             "episodes": len(rows),
             "effort": self.effort,
-            # A plan that fails is no reference for what success costs.
+            # A plan that fails is no reference for the cost of a success.
             "delta_v": [row["delta_v"] if row["success"] or not optimised else None for row in rows],
             "spent": [row["delta_v"] for row in rows],
             **columns,
@@ -132,7 +132,7 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     """Return the record in a file.
 
     Raises:
-        SafeInspectError: The file cannot be read, or holds none.
+        SafeInspectError: The file cannot be read, or has no record.
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -150,17 +150,17 @@ def read_record(path: str | os.PathLike[str]) -> Record:
         about = {name: content[name] for name in ("safe_inspect", "configuration_file", "overrides")}
         return Record(content["kind"], content["seed"], content["effort"], content["task"], about, entries)
     except OSError as error:
-        raise SafeInspectError(f"{path}: it cannot be read ({error.strerror}); give another file") from None
+        raise SafeInspectError(f"{path}: the file cannot be read ({error.strerror}); give another file") from None
     except (ValueError, KeyError, TypeError, IndexError, ValidationError) as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
-        raise SafeInspectError(f"{path}: this is no file of `safe-inspect baseline` ({reason})") from None
+        raise SafeInspectError(f"{path}: not a file of `safe-inspect baseline` ({reason}); give another file") from None
 
 
 _COLUMNS = ("success", "steps", "inspected", "burns", "planned", "inspector", "own")
 
 
 def write_record(record: Record, path: Path) -> None:
-    """Write a record.
+    """Write a record to a file.
 
     Raises:
         OutputError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""What a plan may count on seeing: the light on the points, and the range at which the camera holds the body."""
+"""Assumptions of plans on visibility: the light on the points, and the range at which the whole body is in view."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from safe_inspect.tasks.inspection.points_model import PointsModel
 from safe_inspect.types import BoolArray, FloatArray
 
-#: Distance of the viewers for whom a point has to be lit where the light depends on the viewer [m].
+#: Distance of the two viewers for whom a point must be lit, if the light depends on the viewer [m].
 _FAR_AWAY = 1e6
 
 
 def lit_from_all_sides(model: PointsModel, sun: FloatArray) -> BoolArray:
-    """Return which points are lit, shape (T, P).
+    """Return the mask of the lit points, shape (T, P).
 
-    A highlight may wash a point out; it lies elsewhere for a viewer above the orbit's plane and for one below, so a
-    point counts as lit when it is for both.
+    A highlight may overexpose a point. Its place differs for a viewer above the orbital plane and for one below, so a
+    point only counts as lit if it is lit for both.
 
     Args:
         model: The points.
@@ -28,9 +28,9 @@ def lit_from_all_sides(model: PointsModel, sun: FloatArray) -> BoolArray:
 
 
 def sight_range(radius: float, field_of_view: float) -> float:
-    """Return the range from which a camera that points at the centre holds a whole sphere [m].
+    """Return the range beyond which a camera that points at the centre has a whole sphere in view [m].
 
-    ``radius / sin(field_of_view / 2)``; from there on every point above the horizon is in view.
+    It is ``radius / sin(field_of_view / 2)``; from there on every point above the horizon is in view.
 
     Args:
         radius: Radius of the sphere [m].

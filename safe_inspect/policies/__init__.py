@@ -1,4 +1,4 @@
-"""Scripted policies: what flies a deputy without training. Importing it registers them."""
+"""Scripted policies, which control deputies without training. Importing this package registers them."""
 
 from safe_inspect.policies.autopilot import DockingAutopilot
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
@@ -7,7 +7,7 @@ from safe_inspect.policies.docking import DockingController
 from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.pointing import SixDofInspector
 
-#: The former name of `SCRIPTED_POLICY`; it goes with the next release.
+#: Deprecated name of `SCRIPTED_POLICY`; it will be removed in the next release.
 PILOT = SCRIPTED_POLICY
 
 __all__ = [

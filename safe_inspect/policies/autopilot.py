@@ -1,4 +1,4 @@
-"""`DockingAutopilot`: flies to the origin of Hill's frame along the speed limit of docking."""
+"""`DockingAutopilot`: flies to the origin of Hill's frame at a fraction of the docking speed limit."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from safe_inspect.types import FloatArray
 
 
 class DockingAutopilot(SpeedLimit, ScriptedPolicy):
-    """Fly to the origin at a share of the docking speed limit.
+    """Autopilot that flies to the origin at a share of the docking speed limit.
 
-    The thrust of a step is that after which the velocity points at the origin and has the wanted size at the place that
-    is reached without thrust; it is exact in Clohessy-Wiltshire dynamics but for what the controllers cannot give.
+    Let P be the position that the deputy reaches after one step without thrust. The thrust of the step makes the
+    velocity after the step point from P to the origin, with a speed of `share` times the speed limit at P. This is
+    exact in Clohessy-Wiltshire dynamics, unless the thrust exceeds the limits of the controllers.
 
     Attributes:
-        share: Wanted share of the speed limit [-].
+        share: Desired share of the speed limit [-].
     """
 
     needs: ClassVar[tuple[str, ...]] = ("mean_motion",)
@@ -40,4 +41,4 @@ class DockingAutopilot(SpeedLimit, ScriptedPolicy):
         wanted = -position * (speed / np.maximum(distance, 1e-9))[:, None]
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
         thrust = mass * (wanted - velocity) / np.diag(gamma[3:])
-        return shortened(thrust, limits)  # the direction of the change of velocity stays
+        return shortened(thrust, limits)  # keeps the direction of the velocity change

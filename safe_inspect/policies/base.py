@@ -1,4 +1,4 @@
-"""Base of the policies that are written, not trained."""
+"""Base class of scripted policies, which are programmed instead of trained."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["SCRIPTED_POLICY", "ScriptedPolicy", "ThrustLimits", "shortened"]
 
 @dataclass(frozen=True)
 class ThrustLimits:
-    """What the controllers of an agent can give along each axis [N], of the whole control also about each [N m].
+    """Limits of an agent's controllers along each axis [N]; for a whole control also the moments about each axis [N m].
 
     Attributes:
         low: Smallest thrust, shape (3,), or control, shape (C,).
@@ -32,19 +32,23 @@ class ThrustLimits:
 
 
 class ScriptedPolicy(Plugin):
-    """Flies the deputies of a group of agents: called once a step with a `View`, it returns the thrust to hold.
+    """Base class of policies that control the deputies of a group of agents without training.
 
-    A vehicle that turns is given the thrust in body axes and no moments; a policy that sets `commands_attitude` returns
-    its whole control instead, shape (R, C): thrusts, then moments, along body axes.
+    A policy is called once a step with a `View` and returns the thrust that is held during the step.
 
-    The thrust is clipped to the controllers' limits and passes the safety filter, as a trained policy's does. A policy
-    sees the whole state. What it remembers it declares in `memory` and writes in place, through
-    ``view.memory(SCRIPTED_POLICY, array)``, at its call; the arrays are filled anew at every reset.
+    For a vehicle that turns, the thrust is in body axes and the moments are zero; a policy that sets
+    `commands_attitude` returns the whole control instead, shape (R, C): thrusts, then moments, along body axes.
+
+    The thrust is clipped to the controllers' limits and passes through the safety filter, like that of a trained
+    policy. A policy observes the full state. State that it keeps between steps is declared in `memory` and written in
+    place, through ``view.memory(SCRIPTED_POLICY, array)``, when the policy is called; the arrays are initialised again
+    at every reset.
 
     Class attributes:
         commands_attitude: Whether it returns the whole control.
-        needs: Names of what it reads of the task, in `View`, `World` or the state, such as ``sun_angle``. A task that
-            lacks one is refused before an episode starts; without a declaration, when the policy reads it.
+        needs: Names of the quantities of the task that it reads from `View`, `World` or the state, such as
+            ``sun_angle``. A task without one of them is refused before an episode starts; without a declaration, the
+            error is raised when the policy reads the quantity.
     """
 
     kind: ClassVar[str] = "policy"
@@ -52,7 +56,7 @@ class ScriptedPolicy(Plugin):
     needs: ClassVar[tuple[str, ...]] = ()
 
     def needed(self) -> tuple[str, ...]:
-        """Return `needs`, and those of policies that it calls."""
+        """Return `needs`, together with the needs of policies that this policy calls."""
         return self.needs
 
     @abstractmethod
@@ -60,17 +64,17 @@ class ScriptedPolicy(Plugin):
         """Return the desired thrust over the next step [N], Hill frame, shape (R, 3), or the control, shape (R, C).
 
         Args:
-            view: The state at the beginning of the step.
-            limits: What the agent's controllers can give.
+            view: The state at the start of the step.
+            limits: Limits of the agent's controllers.
         """
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the arrays that the policy remembers, each with its shape for one agent. None by default."""
+        """Declare the arrays that the policy keeps between steps, with their shapes for one agent; none by default."""
         return {}
 
 
 def shortened(thrust: FloatArray, limits: ThrustLimits) -> FloatArray:
-    """Return thrusts with one factor for all axes, at most 1, that brings them within their limits, shape (R, 3)."""
+    """Return thrusts scaled to within their limits by one factor for all axes, at most 1, shape (R, 3)."""
     room = np.where(thrust > 0.0, limits.high, -limits.low)
     factor = np.min(room / np.maximum(np.abs(thrust), 1e-12), axis=1)
     return np.asarray(thrust * np.minimum(factor, 1.0)[:, None])

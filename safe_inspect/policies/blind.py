@@ -1,4 +1,4 @@
-"""Policies that look at nothing: no thrust, and thrust at random."""
+"""Policies that ignore the state: no thrust, and random thrust."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from safe_inspect.types import FloatArray
 
 
 class ZeroThrust(ScriptedPolicy):
-    """Never thrust: the deputy coasts."""
+    """Policy without thrust: the deputy coasts."""
 
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
-        """Return no thrust [N], shape (R, 3)."""
+        """Return zero thrust [N], shape (R, 3)."""
         return np.zeros((view.num_rows, 3))
 
 
 class RandomThrust(ScriptedPolicy):
-    """Thrust drawn anew in every step, uniform between the limits along each axis.
+    """Policy with random thrust, sampled in every step uniformly between the limits along each axis.
 
-    A draw is a pure function of the episode's key, the step and the deputy's index: it depends neither on the batch
-    nor on how the agents are grouped.
+    A sample is a pure function of the episode's key, the step and the deputy's index: it depends neither on the batch
+    nor on the grouping of the agents.
     """
 
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
-        """Return thrusts between the limits [N], Hill frame, shape (R, 3)."""
+        """Return random thrusts between the limits [N], Hill frame, shape (R, 3)."""
         share: FloatArray = uniform(
             for_kernel(view.per_environment(view.state.key)), for_kernel(view.step), for_kernel(view.own_index), 3
         )

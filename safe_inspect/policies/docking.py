@@ -15,21 +15,22 @@ from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, PositiveAngularRate
 
-#: Distance from the target's centre outside the corridor [m], half angle of the corridor about the direction of the
-#: mating point [rad], and the bound of wn / (2 zeta) |dp| [m/s].
+#: Distance of the reference from the target's centre outside the corridor [m], half angle of the corridor about the
+#: direction of the mating point [rad], and upper bound of wn / (2 zeta) |dp| [m/s].
 _STANDOFF, _CORRIDOR, _APPROACH_SPEED = 1.35, 0.6, 0.1
 
 
 class DockingController(ScriptedPolicy):
-    """Dock with a `TumblingTarget` by proportional-derivative control to a reference that turns with the target.
+    """Controller that docks with a `TumblingTarget` by proportional-derivative control to a rotating reference.
 
         u = m (a_r + wn^2 dp + 2 zeta wn dv),        a_r = w x (w x r)
 
-    with dp and dv the position and the velocity of the reference r relative to the chaser. While the angle between
-    chaser and mating point, seen from the target's centre, is more than 0.6 rad, the reference lies 1.35 m from the
-    centre on the great circle towards the mating point; within this corridor it descends with the angle that is left.
-    The damping ratio zeta is 1, and the speed at which a distant reference is approached at most 0.1 m/s. It knows the
-    true motion of the target and plans nothing: a baseline for policies that learn.
+    where dp and dv are the position and the velocity of the reference r relative to the chaser, and w is the angular
+    velocity of the target, with which the reference rotates. While the angle between chaser and mating point, as seen
+    from the target's centre, is more than 0.6 rad, the reference is 1.35 m from the centre, on the great circle towards
+    the mating point; within this corridor it descends in proportion to the remaining angle. The damping ratio zeta is
+    1, and the speed of the approach to a distant reference is at most 0.1 m/s. The controller uses the true motion of
+    the target and does not plan: it is a baseline for learned policies.
 
     Attributes:
         frequency: Natural frequency wn [rad/s].

@@ -11,8 +11,8 @@ from safe_inspect.types import FloatArray, IntArray
 
 _WORD = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
-_DROP = np.uint64(11)  # of 64 bits: a double holds 53
-_PURPOSE = np.uint64(0x5C217ED)  # keeps these draws apart from others with the episode's key
+_DROP = np.uint64(11)  # bits to drop of 64, as a double has 53
+_PURPOSE = np.uint64(0x5C217ED)  # makes these samples independent of others with the episode's key
 
 
 @njit
@@ -23,7 +23,7 @@ def uniform(key: NDArray[np.uint64], step: IntArray, deputy: IntArray, count: in
         key: Random key of the episode, shape (R,).
         step: Steps since the reset, shape (R,).
         deputy: Index of the deputy, shape (R,).
-        count: How many numbers a row.
+        count: Number of samples per row.
     """
     out = np.empty((key.shape[0], count))
     for row in range(key.shape[0]):

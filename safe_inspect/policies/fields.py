@@ -1,4 +1,4 @@
-"""Types of fields of the scripted policies."""
+"""Field types of the scripted policies."""
 
 from __future__ import annotations
 

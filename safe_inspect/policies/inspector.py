@@ -1,4 +1,4 @@
-"""`NaturalMotionInspector`: inspects every point on coasting arcs, for as little fuel as a search finds."""
+"""`NaturalMotionInspector`: inspects every point on coasting arcs, with burns of low fuel cost found by a search."""
 
 from __future__ import annotations
 
@@ -29,47 +29,49 @@ from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeSpeed, PositiveLength
 
-#: What the limit of speed gains with range, in mean motions [-], and the price of time [m/s^2].
+#: Increase of the speed limit with range, in mean motions [-], and cost of time [m/s^2].
 _SPEED_SLOPE, _HASTE = 2.0, 2e-7
 _WORD = 0xFFFFFFFFFFFFFFFF
-_MIX_DEPUTY, _MIX_STEP = 0xD1342543DE82EF95, 0xA24BAED4963EE407  # odd numbers that part the draws of a key
+_MIX_DEPUTY, _MIX_STEP = 0xD1342543DE82EF95, 0xA24BAED4963EE407  # odd numbers that separate the random streams of a key
 
 
 class NaturalMotionInspector(ScriptedPolicy):
-    """Inspect all points of a body on natural motion, with a few burns that a search makes as small as it can.
+    """Inspector that observes all points of a body on natural motion, with a few small burns found by a search.
 
-    Without thrust a deputy flies an arc that is known exactly, and so is the sun: the inspector knows which points an
-    arc will inspect. It plans up to `burns` burns at steps of its choice, each of constant thrust over as few whole
-    steps as the limits allow, and looks for the plan that inspects all points within `horizon` at the least
+    A deputy without thrust follows an arc that can be computed exactly, and so does the sun; the inspector therefore
+    predicts which points an arc will inspect. It plans up to `burns` burns at steps of its choice, each of constant
+    thrust over as few whole steps as the limits allow. The plan must inspect all points within `horizon` and minimises
 
         sum over the burns of |dv_x| + |dv_y| + |dv_z|, plus 2e-7 m/s^2 times the time to the last point,
 
-    within the limits below, by simulated annealing from several starts: the plan that it has, and burns that take
-    away most of the drift along the track, which leaves a nearly closed ellipse about the chief. It plans at the
-    first step, looks for a better rest of the plan whenever a burn is due, and plans anew when it finds itself off its
-    course (a safety filter may have changed the thrust) or points left that should have been inspected.
+    within the limits below. The search is simulated annealing from several starts: the current plan, and burns that
+    remove most of the drift along the track, which leaves a nearly closed ellipse about the chief. The inspector plans
+    at the first step, searches for a better remainder of the plan whenever a burn is due, and plans again when it is
+    off its course (a safety filter may have changed the thrust) or when points are left that should have been
+    inspected.
 
-    Several deputies plan by turns: in a step only one may begin a burn, and those that are about to meet come first.
-    It takes the others to coast, leaves to them the points that they will inspect so, and keeps clear of their arcs;
-    they find out at their next `review`. None tells another its plan, and the others may fly by other policies.
+    Several deputies plan in turn: only one may start a burn in each step, and those that are about to meet come first.
+    A deputy assumes that the others coast, leaves to them the points that they will inspect in this way, and keeps
+    clear of their arcs; the others take a new plan into account at their next `review`. Deputies do not communicate
+    their plans, and the others may have different policies.
 
-    The limit of speed is that of the shipped safety filter, and costs next to nothing. To fly with that filter set
-    `glare` a little above half its `fov` (0.56 rad): it then hardly ever acts.
+    The speed limit is that of the shipped safety filter and adds very little to the cost. To fly with that filter set
+    `glare` slightly above half its `fov` (0.56 rad): the filter then hardly ever acts.
 
     Attributes:
         inspection_entity_name: The body whose points are inspected.
-        horizon: Steps of an episode; a plan ends there.
+        horizon: Number of steps of an episode; a plan ends there.
         burns: Largest number of burns of a plan.
-        restarts: Starts of the search at the first step.
-        iterations: Plans that are tried from each start.
-        stride: The search checks the points every so-many-th step; what it finds is checked in every step.
-        review: Steps between two reviews of a plan in the company of others.
-        near: Least range to the body's centre that a plan keeps to [m].
-        far: Largest range that it keeps to [m].
-        clearance: Least distance to the other deputies that it keeps to [m].
-        speed: Largest speed at the range `near` [m/s], which grows by two mean motions with range; None: no limit.
-        glare: Angle about the direction away from the sun that is kept out of [rad]; 0: none is.
-        field_of_view: Full angle of the camera's cone about the line to the body's centre, as the simulator's [rad].
+        restarts: Number of starts of the search at the first step.
+        iterations: Number of plans that are tried from each start.
+        stride: Number of steps between two checks of the points during the search; the result is checked at every step.
+        review: Number of steps between two reviews of a plan if there are other deputies.
+        near: Least range of a plan to the body's centre [m].
+        far: Largest range of a plan to the body's centre [m].
+        clearance: Least distance of a plan to the other deputies [m].
+        speed: Largest speed at the range `near` [m/s], which increases by two mean motions with range; None: no limit.
+        glare: Half angle of the excluded cone about the direction away from the sun [rad]; 0: no cone is excluded.
+        field_of_view: Full angle of the camera's cone about the line to the body's centre, as in the simulator [rad].
     """
 
     needs: ClassVar[tuple[str, ...]] = ("mean_motion", "points", "sun_angle")
@@ -100,12 +102,12 @@ class NaturalMotionInspector(ScriptedPolicy):
         }
 
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
-        """Return the thrust that the plans ask for [N], Hill frame, shape (R, 3)."""
-        # Compiled: not when a configuration is only validated.
+        """Return the thrust of the plans [N], Hill frame, shape (R, 3)."""
+        # Computed here, as it compiles code, which a mere validation of a configuration must not do.
         world = view.world
         maps = step_maps(world.mean_motion, world.step_size, self.horizon)
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
-        strength = np.maximum(np.minimum(limits.high, -limits.low), 0.0)  # burns go either way
+        strength = np.maximum(np.minimum(limits.high, -limits.low), 0.0)  # burns may have either sign
         remembered = {name: view.memory(SCRIPTED_POLICY, name) for name in self.memory(world)}
         plans = PlanRows(reach=strength * (world.step_size / mass), **remembered)
         deputies = DeputyRows(
@@ -123,29 +125,29 @@ class NaturalMotionInspector(ScriptedPolicy):
         return acceleration * mass
 
     def _plan(self, view: View, row: int, plans: PlanRows) -> None:
-        """Review the plan of one row and improve it where that is needed; its arrays are written in place."""
+        """Review the plan of one row and improve it if necessary; its arrays are written in place."""
         world, entity = view.world, self.inspection_entity_name
         now, deputy = int(view.step[row]), int(view.own_index[row])
         start, delta_v = plans.start[row], plans.delta_v[row]
         problem = self._problem(view, row, now, plans.reach[row])
         state = np.concatenate((view.position[row], view.velocity[row]))
         state -= np.concatenate((view.entity_position(entity)[row], view.entity_velocity(entity)[row]))
-        delta_v[start < now] = 0.0  # those are flown
+        delta_v[start < now] = 0.0  # these burns have been executed
         from_now = np.maximum(start - now, 0)
         mixed = int(view.per_environment(view.state.key)[row]) + _MIX_DEPUTY * (deputy + 1) + _MIX_STEP * now
         seed = np.array([mixed & _WORD], np.uint64)
         effort = AnnealingEffort(self.restarts, self.iterations, self.stride)
         left, end = revise_plan(problem, state, from_now, delta_v, seed, effort)
         start[:] = now + from_now
-        # Alone the future is known up to the end; in company it changes whenever another deputy burns.
+        # A single deputy can predict the whole episode; with others the prediction changes whenever one of them burns.
         alone = world.num_deputies == 1 and left == 0
         plans.review[row] = now + (end + 1 if alone else self.review)
 
     def _problem(self, view: View, row: int, now: int, reach: FloatArray) -> BurnProblem:
-        """Return what one row plans for."""
+        """Return the planning problem of one row."""
         world, state, entity = view.world, view.state, self.inspection_entity_name
         if rotating_body(world) == entity:
-            raise SafeInspectError(f"NaturalMotionInspector plans for a body at rest, and {entity!r} rotates")
+            raise SafeInspectError(f"NaturalMotionInspector requires a body at rest, but {entity!r} rotates")
         points = view.points(entity)
         model, body = points.model, points.model.body
         env, deputy, deputies = row // view.group.size, int(view.own_index[row]), world.num_deputies

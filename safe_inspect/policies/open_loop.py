@@ -1,4 +1,4 @@
-"""`OpenLoopPlan`: a scripted policy that flies plans of an earlier optimisation, each in its own episode."""
+"""`OpenLoopPlan`: a scripted policy that executes plans of an earlier optimisation, each in its own episode."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from safe_inspect.types import FloatArray
 
 
 class OpenLoopPlan(ScriptedPolicy):
-    """Fly plans that do not look where the deputy is.
+    """Policy that executes plans without feedback from the state.
 
-    An episode is known by its random key, a pure function of the run's seed and the environment slot, so that a plan is
-    flown in its own episode whatever the batch. Burns that overlap add up.
+    An episode is identified by its random key, a pure function of the run's seed and the environment slot, so that a
+    plan is executed in its own episode for any batch. Burns that overlap add up.
 
     Attributes:
-        plans: The plan of each episode, by the episode's key in hexadecimal digits. Without any, all deputies coast.
+        plans: The plan of each episode, by the episode's key in hexadecimal digits. Without plans, all deputies coast.
     """
 
     plans: dict[str, FlightPlan] = Field(default_factory=dict)
@@ -34,29 +34,29 @@ class OpenLoopPlan(ScriptedPolicy):
             try:
                 int(key, 16)
             except ValueError:
-                raise ValueError(f"the key of an episode is a hexadecimal number, not {key!r}") from None
+                raise ValueError(f"the key of an episode must be a hexadecimal number, got {key!r}") from None
         return self
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> OpenLoopPlan:
-        """Return the policy that flies the plans of a file of ``safe-inspect baseline optimiser``.
+        """Return the policy that executes the plans in a file of ``safe-inspect baseline optimiser``.
 
         Raises:
-            SafeInspectError: The file is missing, damaged or holds no plans.
+            SafeInspectError: The file is missing or damaged, or has no plans.
         """
         record = read_record(path)
         if not any(entry.plan is not None for entry in record.entries):
-            raise SafeInspectError(f"{path}: no plans are in it; `safe-inspect baseline optimiser` writes some")
+            raise SafeInspectError(f"{path}: the file has no plans; write some with `safe-inspect baseline optimiser`")
         return cls.of((entry.key, entry.plan) for entry in record.entries)
 
     @classmethod
     def of(cls, plans: Iterable[tuple[int, FlightPlan | None]]) -> OpenLoopPlan:
-        """Return the policy that flies the plan of each episode, given by the episode's key; None coasts."""
+        """Return the policy that executes the plan of each episode, given by the episode's key; None means coasting."""
         return cls(plans={f"{key:016x}": plan or () for key, plan in plans})
 
     @cached_property
     def _thrust(self) -> dict[int, dict[int, FloatArray]]:
-        """Thrust by episode and step [N]."""
+        """Thrust [N] by episode and step."""
         table: dict[int, dict[int, FloatArray]] = {}
         for key, plan in self.plans.items():
             steps = table.setdefault(int(key, 16), {})
@@ -66,7 +66,7 @@ class OpenLoopPlan(ScriptedPolicy):
         return table
 
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
-        """Return the thrust that the plan of each row has for its step [N], shape (R, 3).
+        """Return the thrust of each row's plan in its current step [N], shape (R, 3).
 
         Raises:
             SafeInspectError: There is no plan for an episode.
@@ -79,8 +79,8 @@ class OpenLoopPlan(ScriptedPolicy):
             steps = self._thrust.get(key)
             if steps is None:
                 raise SafeInspectError(
-                    "an OpenLoopPlan is flown in an episode that it has no plan for; fly the seed and no more episodes "
-                    "than it was made for"
+                    "the OpenLoopPlan has no plan for this episode; use the seed for which it was made, and no more "
+                    "episodes"
                 )
             if step in steps:
                 thrust[row] = steps[step]

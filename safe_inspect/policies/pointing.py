@@ -1,4 +1,4 @@
-"""`SixDofInspector`: flies an inspection and keeps the camera on the chief."""
+"""`SixDofInspector`: flies an inspection and points the camera at the chief."""
 
 from __future__ import annotations
 
@@ -20,25 +20,27 @@ from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 
-#: Largest size of the wanted angular velocity as a share of the rate limit [-].
+#: Largest magnitude of the desired angular velocity as a share of the rate limit [-].
 _RATE_SHARE = 0.98
 
 
 class SixDofInspector(ScriptedPolicy):
-    """Turn the camera to a body while another policy flies; for vehicles that turn.
+    """Inspector for vehicles that turn: it points the camera at a body while another policy commands the thrust.
 
-    With the rotation vector phi that takes the camera's axis to the line of sight by the least angle, the error e of
-    the angular velocity against that of the line of sight, and the step T, the next angular velocity is
+    Let phi be the rotation vector of the smallest rotation that takes the camera's axis to the line of sight, e the
+    error of the angular velocity w with respect to that of the line of sight, and T the step. The next angular velocity
+    is
 
         w' = w + phi / T - 3/2 e,        |w'| <= 0.98 rate limit
 
-    in body axes, and the moment J (w' - w) / T. Held moments of this size take both errors to zero in two steps where
-    no limit is reached (the deadbeat controller of a double integrator); a long turn goes at the rate limit before. The
-    thrust of the other policy is turned into body axes at the attitude that is expected in the middle of the step.
+    in body axes, and the moment is J (w' - w) / T. If no limit is reached, moments of this size, held over the steps,
+    take both errors to zero in two steps (the deadbeat controller of a double integrator); a long turn first proceeds
+    at the rate limit. The thrust of the other policy is rotated into body axes with the attitude expected in the middle
+    of the step.
 
     Attributes:
-        translation: What flies: a policy that gives thrust along Hill's axes.
-        entity_name: The body that the camera is to face.
+        translation: The policy that commands the thrust, along Hill's axes.
+        entity_name: The body at which the camera points.
         initial_sensor_unit_vec: Axis of the camera in body axes; any length.
     """
 
@@ -55,16 +57,16 @@ class SixDofInspector(ScriptedPolicy):
     @classmethod
     def _gives_thrust(cls, value: Plugin) -> Plugin:
         if isinstance(value, ScriptedPolicy) and value.commands_attitude:
-            raise ValueError(f"{value.registered_name} commands the attitude itself; name one that gives thrust alone")
+            raise ValueError(f"{value.registered_name} commands the attitude itself; use one that only commands thrust")
         return value
 
     def needed(self) -> tuple[str, ...]:
-        """Return what it reads itself, and what the other policy does."""
+        """Return the needs of this policy and of the other policy."""
         translation: Any = self.translation
         return (*self.needs, *translation.needed())
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare what the other policy remembers."""
+        """Declare the memory of the other policy."""
         translation: Any = self.translation
         remembered: Mapping[str, ArraySpec] = translation.memory(world)
         return remembered
@@ -97,7 +99,7 @@ class SixDofInspector(ScriptedPolicy):
         across = np.cross(axis, least) / np.linalg.norm(np.cross(axis, least))
         normal = cross_rows(np.broadcast_to(axis, way.shape), way)
         size, along = size_of_rows(normal), dot_rows(np.broadcast_to(axis, way.shape), way)
-        straight = size < 1e-12  # either faced, or right behind: then about any axis across
+        straight = size < 1e-12  # ahead or exactly behind: use any perpendicular axis
         unit = np.where(straight[:, None], across, normal / np.where(straight, 1.0, size)[:, None])
         return np.asarray(np.arctan2(size, along)[:, None] * unit)
 

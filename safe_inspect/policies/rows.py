@@ -1,4 +1,4 @@
-"""Vectors of rows by components: their bits do not depend on the size of the batch."""
+"""Row-wise vector operations by components, so that each bit of a result is independent of the batch size."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def cross_rows(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def dot_rows(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the inner products of rows of three elements, shape (R,)."""
+    """Return the dot products of rows of three elements, shape (R,)."""
     return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
 
 

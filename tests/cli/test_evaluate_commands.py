@@ -168,7 +168,7 @@ def test_a_users_metric_by_its_dotted_and_by_its_registered_name(typed, here):
     assert "MeanRange  Mean distance from the chief" in typed("list", "metric")[1]
     code, _, err = typed("evaluate", "zero-thrust", *SHORT, "--metric", "my_metrics.Return")
     assert code == 2
-    assert "every table has a figure 'return'; give it another label" in err
+    assert "every table has a figure 'return'; choose another label" in err
 
 
 def test_the_figures_as_json(typed):
@@ -192,7 +192,7 @@ def test_the_gap_to_a_reference(typed):
     assert float(gap[0]) == pytest.approx(-(0.1 + 0.3 + 0.4 + 0.5 + 0.6) / 5, abs=1e-4)
     assert gap[-3:] == ["(5", "of", "6)"]
     for more, told in (
-        ((), "the reference is of seed 2, not 0; give --seed 2"),
+        ((), "the reference has seed 2, not 0; give --seed 2"),
         (("--seed", "2", "--episodes", "8"), "has 7 episodes, fewer than 8; give --episodes 7"),
     ):
         code, out, err = typed(*words, *more)
@@ -264,7 +264,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("file.txt",), "this file is no policy"),
         (("none.onnx",), "none.onnx"),
         (("--policy", "no-such-policy"), "no shipped policy 'no-such-policy'"),
-        (("--policy", "zero-thrust"), "it is a scripted one: give it as a word of its own, without `--policy`"),
+        (("--policy", "zero-thrust"), "it is a scripted policy: give it as a separate argument, without `--policy`"),
     ],
 )
 def test_mistakes_are_told_before_an_episode_is_flown(typed, here, monkeypatch, words, told):
@@ -414,7 +414,7 @@ def test_what_cannot_be_compared_is_refused(typed, evaluations, here):
         ("seed", "the seed is 0 in one and 1 in the other"),
         ("count", "the number of episodes is 6 in one and 5 in the other"),
         ("horizon", "their tasks differ in agents[0].dones["),
-        ("begin", "6 of their 6 episodes begin in other states"),
+        ("begin", "6 of their 6 episodes have different initial states"),
     ):
         code, out, err = typed("compare", first, name)
         assert (code, out) == (2, "")
@@ -442,11 +442,11 @@ def test_returns_of_other_rewards_are_not_compared(typed, evaluations):
 @pytest.mark.parametrize(
     ("file", "content", "told"),
     [
-        ("episodes.parquet", b"PAR1", "episodes.parquet: the file is damaged"),
+        ("episodes.parquet", b"PAR1", "episodes.parquet: the file was damaged"),
         ("episodes.parquet", None, "episodes.parquet: the file cannot be read"),
         ("evaluation.json", b"{", "the record of the evaluation is damaged"),
         ("evaluation.json", b"{}", "the record of the evaluation is damaged"),
-        ("evaluation.json", b'{"format": 99}', "another version of safe_inspect has written it"),
+        ("evaluation.json", b'{"format": 99}', "the file was written by another version of safe_inspect"),
     ],
 )
 def test_damaged_evaluations_are_told(typed, evaluations, here, file, content, told):
@@ -466,7 +466,7 @@ def test_damaged_trajectories_are_told(evaluations, here):
     with pytest.raises(EvaluationError, match="there are no recorded episodes; evaluate with --record"):
         read_trajectories(here)
     (here / "bad" / "trajectories.parquet").write_bytes(b"PAR1")
-    with pytest.raises(EvaluationError, match="the file is damaged"):
+    with pytest.raises(EvaluationError, match="the file was damaged"):
         read_trajectories(here / "bad")
 
 

@@ -29,7 +29,7 @@ def test_the_table_of_a_policy():
     assert baseline_table(record("inspector")).splitlines() == [
         "inspector, 4 episodes of seed 5",
         "success    75.00 %   (3 of 4)",
-        "inspected  97.50 points in the mean",
+        "inspected  97.50 points on average",
         "                   mean   median    least     most",
         "delta-v [m/s]    0.2500   0.2500   0.1000   0.4000",
         "burns               5.0      5.0      2.0      8.0",
@@ -41,9 +41,9 @@ def test_the_table_of_plans_compares_them_with_the_inspector():
     lines = baseline_table(record("optimiser", "thorough")).splitlines()
     assert lines[0] == "optimiser, 4 episodes of seed 5, effort thorough"
     assert lines[7:] == [
-        "plans     1 not found; 1 not confirmed by the simulator, or dearer than the inspector;",
-        "          the inspector's flight stands in 2 episodes",
-        "inspector 0.2667 m/s in the mean of 3 episodes; plans 0.2000 (-25.0 %)",
+        "plans     1 not found; 1 not confirmed by the simulator, or costlier than the inspector;",
+        "          the inspector's flight is used in 2 episodes",
+        "inspector 0.2667 m/s on average over 3 episodes; plans 0.2000 (-25.0 %)",
     ]
 
 
@@ -53,7 +53,7 @@ def test_plans_without_an_inspector_to_compare_with_have_no_share(spent):
     entries = tuple(Entry(**{**vars(entry), "inspector": spent}) for entry in whole.entries)
     text = baseline_table(Record(kind="optimiser", seed=5, effort="quick", task={}, about={}, entries=entries))
     assert "%)" not in text.splitlines()[-1]
-    assert ("inspector 0.0000 m/s in the mean of 3 episodes" in text) == (spent is not None)
+    assert ("inspector 0.0000 m/s on average over 3 episodes" in text) == (spent is not None)
 
 
 def test_the_row_of_plans_on_the_leaderboard():

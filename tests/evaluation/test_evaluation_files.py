@@ -222,7 +222,7 @@ def test_what_differs_is_named_with_whose_it_is():
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (evaluation("first", {}), "two evaluations have the same label; give each a label of its own"),
+        (evaluation("first", {}), "two evaluations have the same label; give each a different label"),
         (
             dataclasses.replace(evaluation("other", {}), initial_states={"position": np.zeros(COUNT)}),
             "first and other cannot be compared: their deputies differ; evaluate both with the same --seed, --episodes",
@@ -235,7 +235,7 @@ def test_what_cannot_be_compared_is_refused(other, message):
 
 
 def test_one_evaluation_is_not_compared():
-    with pytest.raises(EvaluationError, match="two evaluations or more are compared, not 1; give another"):
+    with pytest.raises(EvaluationError, match="a comparison needs at least two evaluations, got 1; give another"):
         compare([evaluation("first", {})])
 
 
@@ -266,12 +266,12 @@ def _edited(**columns):
 )
 def test_rows_that_are_not_one_for_each_episode_and_agent_are_refused(columns):
     table, units = _edited(**columns)
-    with pytest.raises(ValueError, match="not one for each episode and agent"):
+    with pytest.raises(ValueError, match="not one row for each episode and agent"):
         Evaluation.of_columns("mine", table, units, RECORD)
 
 
 def test_a_folder_without_an_evaluation_says_what_to_give(tmp_path):
-    with pytest.raises(EvaluationError, match="this is no evaluation; give a folder that"):
+    with pytest.raises(EvaluationError, match="not an evaluation; give a folder that"):
         read_evaluation(tmp_path)
-    with pytest.raises(EvaluationError, match="this is no evaluation; give a folder that"):
+    with pytest.raises(EvaluationError, match="not an evaluation; give a folder that"):
         read_evaluation(tmp_path / "missing")

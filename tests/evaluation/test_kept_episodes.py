@@ -90,7 +90,7 @@ def test_what_was_flown_is_kept_and_gives_the_same_results(capsys, flown, words)
     for kept in (2, 4):
         assert main([*words, *SHORT, "--output", "out"]) == 130
         count = 6 * (len(words) - (words[-2] == "--record") * 2 - 1)
-        told = f"interrupted; {kept} of {count} episodes are kept in out.part; the same command continues\n"
+        told = f"interrupted; {kept} of {count} episodes are kept in out.part; run the same command to continue\n"
         assert capsys.readouterr() == ("", told)
         assert not Path("out").exists()
     assert main([*words, *SHORT, "--output", "out"]) == 0
@@ -127,7 +127,7 @@ def test_other_arguments_are_refused_or_start_again(capsys, flown, change, key):
     capsys.readouterr()
     assert main(["evaluate", "random", *SHORT, *change, "--output", "out"]) == 2
     told = capsys.readouterr().err
-    assert "the episodes of an interrupted `evaluate` with other arguments are kept there" in told
+    assert "the folder has episodes of an interrupted `evaluate` with other arguments (they differ in" in told
     assert key in told
     assert {path.name: path.read_bytes() for path in Path("out.part").iterdir()} == before
     found.clear()
@@ -141,7 +141,7 @@ def test_another_policy_starts_again_and_foreign_folders_survive(capsys, flown):
     assert main(["evaluate", "random", *SHORT, "--output", "out"]) == 130
     assert main(["evaluate", "zero-thrust", *SHORT, "--output", "out"]) == 2
     assert main(["compare", "random", "zero-thrust", *SHORT, "--output", "out", "--force"]) == 2
-    assert "out.part: the folder is not of an interrupted `compare`" in capsys.readouterr().err
+    assert "out.part: the folder is not from an interrupted `compare`" in capsys.readouterr().err
     Path("out.part/thesis.tex").write_text("mine")
     assert main(["evaluate", "zero-thrust", *SHORT, "--output", "out", "--force"]) == 0
     assert [path.name for path in Path("out.part").iterdir()] == ["thesis.tex"]
@@ -174,8 +174,8 @@ def test_a_leaderboard_continues_within_a_row(capsys, flown):
     stops.append(4)
     assert main([*words, "results"]) == 130
     assert (
-        "4 of 6 episodes are kept in results/small/zero-thrust.part; the same command continues; the finished rows are "
-        "in results, and the same command continues\n"
+        "4 of 6 episodes are kept in results/small/zero-thrust.part; run the same command to continue; the finished "
+        "rows are in results, and the same command continues\n"
     ) in capsys.readouterr().err
     assert main([*words, "results"]) == 0
     assert capsys.readouterr().out == page

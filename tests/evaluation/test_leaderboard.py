@@ -116,13 +116,13 @@ def test_a_row_of_other_episodes_is_flown_anew(typed, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (MORE, "the board 'Small' names no `task`"),
+        (MORE, "the board 'Small' has no `task` in any file"),
         (BOARDS.replace("zero-thrust", "zero-trust"), "board 'Small', row 'zero-trust': no policy 'zero-trust'"),
         (BOARDS.replace("coasts", "coasts, nots: x"), r"rows\[0\].nots: unknown key `nots`; did you mean `note`"),
         (BOARDS.replace("success: 0.5", "success: 50"), r"published\[0\].success"),
         (BOARDS.replace("note: coasts", "overrides: [step_size=5]"), "row 'zero-thrust': .*step_size"),
         (BOARDS.replace("note: coasts", "overrides: [horizon=40]"), "its task is not the board's: .*differs"),
-        ("[1]", "a leaderboard is a mapping with the key `boards`"),
+        ("[1]", "a leaderboard must be a mapping with the key `boards`"),
     ],
 )
 def test_mistakes_are_one_message(typed, tmp_path, text, message):

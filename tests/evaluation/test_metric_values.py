@@ -137,7 +137,7 @@ def test_a_metric_of_another_shape_or_of_infinity_is_refused(shape: tuple[int, .
 
     raw = flown(np.random.default_rng(4))
     for metric, words in (
-        (Odd(), f"the metric Odd gave the shape {shape}; (12,) is wanted"),
+        (Odd(), f"the metric Odd gave the shape {shape}; expected (12,)"),
         (Endless(), "the metric Endless gave infinity; give NaN where there is nothing to measure"),
     ):
         with pytest.raises(PluginValueError) as caught:
@@ -172,16 +172,16 @@ def test_metrics_that_do_not_fit_are_refused_in_these_words(spec: Any) -> None:
             return None
 
     for given, kind, words in (
-        ([One], ArgumentError, "a metric is an object, such as InspectedPoints(), not <class"),
+        ([One], ArgumentError, "a metric must be an object such as InspectedPoints(), got <class"),
         (
             [One(name="a/b")],
             SafeInspectError,
-            "the label 'a/b' of a metric has a slash, which columns",
+            "the label 'a/b' of a metric has a slash, which is reserved for columns",
         ),
         (
             [One(), One(name="two"), One()],
             SafeInspectError,
-            "two metrics have the label 'one'; give one of them",
+            "two metrics have the label 'one'; remove one",
         ),
         ([Neither()], SafeInspectError, "the metric Neither extends neither Metric nor TeamMetric"),
     ):
@@ -199,7 +199,7 @@ def test_a_figure_that_no_component_offers_is_told_from_those_that_are_there() -
     some = Offered(count=np.arange(3), share=np.zeros(3))
     np.testing.assert_array_equal(some.count, [0, 1, 2])
     for episodes, words in (
-        (some, "the episodes of this task have no 'height'; its components offer count, share"),
+        (some, "the episodes of this task have no 'height'; its components report count, share"),
         (Offered(), "the episodes of this task have no 'height'"),
     ):
         with pytest.raises(AttributeError) as caught:
@@ -224,5 +224,5 @@ def test_a_metric_of_another_package_hides_no_figure_of_the_task(spec: Any) -> N
 
     with pytest.raises(SafeInspectError) as caught:
         rollout(spec, RandomThrust(), 1, seed=0, metrics=[Hiding()])
-    words = "the task itself gives the figure 'inspected fraction'; give the metric another label"
+    words = "the task already has a figure 'inspected fraction'; give the metric another label"
     assert str(caught.value) == words

@@ -55,7 +55,7 @@ def test_policies_and_agents_have_to_match(team):
         rollout(team, {names[0]: nothing})
     with pytest.raises(SafeInspectError, match=r"no agent is named 'blue3_ctrl'; did you mean"):
         rollout(team, dict.fromkeys([*names, "blue3_ctrl"], nothing))
-    with pytest.raises(SafeInspectError, match="'blue1_ctrl' is flown by the task's own policy"):
+    with pytest.raises(SafeInspectError, match="'blue1_ctrl' is controlled by the task's policy"):
         rollout(spec, dict.fromkeys(names, nothing))
 
 

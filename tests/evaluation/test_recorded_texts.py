@@ -105,9 +105,9 @@ def test_an_evaluation_as_numbers_is_that_on_record() -> None:
         ),
         (
             {"initial_states": {"blue0/x": np.arange(29.0) % 25, "blue0/vx": np.where(np.arange(29) == 7, 1.0, 0.0)}},
-            "5 of their 29 episodes begin in other states (the first is episode 7), as the initial states of the "
-            "configurations differ or an enabled filter refuses other ones; evaluate both with the same --seed, "
-            "--episodes and --cfg",
+            "5 of their 29 episodes have different initial states (the first is episode 7), as the initial states of "
+            "the configurations differ or an enabled filter refuses different ones; evaluate both with the same "
+            "--seed, --episodes and --cfg",
         ),
     ],
 )
@@ -120,8 +120,8 @@ def test_other_episodes_are_refused_in_these_words(change: dict[str, Any], words
 def test_one_evaluation_and_one_label_are_refused() -> None:
     one = evaluation("one", 1)
     for given, words in (
-        ([one], "two evaluations or more are compared, not 1; give another"),
-        ([one, one], "two evaluations have the same label; give each a label of its own"),
+        ([one], "a comparison needs at least two evaluations, got 1; give another"),
+        ([one, one], "two evaluations have the same label; give each a different label"),
     ):
         with pytest.raises(EvaluationError) as caught:
             compare(given)
@@ -173,7 +173,7 @@ def test_rows_come_back_from_columns() -> None:
     order = np.arange(3 * EPISODES)
     order[[0, 4]] = 4, 0
     for wrong in ("episode", "agent"):
-        with pytest.raises(ValueError, match=r"^the rows are not one for each episode and agent$"):
+        with pytest.raises(ValueError, match=r"^there is not one row for each episode and agent$"):
             Evaluation.of_columns("one", {**table, wrong: table[wrong][order]}, UNITS, {})
-    with pytest.raises(ValueError, match=r"^the rows are not one for each episode and agent$"):
+    with pytest.raises(ValueError, match=r"^there is not one row for each episode and agent$"):
         Evaluation.of_columns("one", {name: values[:0] for name, values in table.items()}, UNITS, {})

@@ -143,14 +143,14 @@ def test_numbers_out_of_range_are_refused(spec, wrong):
 
 
 def test_actions_of_another_shape_are_refused(spec):
-    with pytest.raises(ValueError, match=r"shape \(2, 4\); \(2, 3\) is wanted"):
+    with pytest.raises(ValueError, match=r"shape \(2, 4\); expected \(2, 3\)"):
         rollout(spec, lambda observation: np.zeros((2, 4)), episodes=2)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("safe_inspect/Docking-v0", ZeroThrust()), "a task is an EnvironmentSpec, not 'safe_inspect/Docking-v0'"),
+        (("safe_inspect/Docking-v0", ZeroThrust()), "a task must be an EnvironmentSpec, got 'safe_inspect/Docking-v0'"),
         ((None, ZeroThrust), r"the policy .*ZeroThrust'> cannot be called .*; give an object, ZeroThrust\(...\)"),
         ((None, "inspector"), "the policy 'inspector' cannot be called with observations"),
         ((None, {"blue0_ctrl": None}), "the policy None cannot be called with observations"),
@@ -163,7 +163,7 @@ def test_a_task_and_a_policy_are_objects(spec, arguments, message):
 
 
 def test_a_metric_is_an_object(spec):
-    with pytest.raises(ArgumentError, match=r"a metric is an object, .* not 'SmallestRange'"):
+    with pytest.raises(ArgumentError, match=r"a metric must be an object .* got 'SmallestRange'"):
         rollout(spec, ZeroThrust(), episodes=1, metrics=["SmallestRange"])
 
 

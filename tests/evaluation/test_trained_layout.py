@@ -83,7 +83,7 @@ def test_another_observation_or_action_is_refused(sources, task, overrides, told
     checkpoint, file = (refused(source, overrides) for source in sources[task])
     assert told in checkpoint
     assert checkpoint == file
-    assert "fly it with the glues and controllers of its training" in file
+    assert "use the glues and controllers of its training" in file
 
 
 @pytest.mark.parametrize("task", CHANGES)

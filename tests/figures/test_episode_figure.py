@@ -173,8 +173,8 @@ def test_a_learning_curve_renders_what_is_known(tmp_path):
         (HEADER.replace("success_rate", "success"), "no column `success_rate`; did you mean `success`"),
         ("", "it has no column `steps`$"),
         (f"{HEADER}\n1,4,1,1,1,1\n2,8,1,one,1,1", "progress.csv:3: the file is damaged: `success_rate` is 'one', not"),
-        (f"{HEADER}\n2,8,1,1,1,1\n1,4,1,1,1,1", "progress.csv:3: the file is damaged: `steps` does not grow"),
-        (f"{HEADER}\n1,,1,1,1,1\n2,8,1,1,1,1", "progress.csv:2: the file is damaged: `steps` does not grow"),
+        (f"{HEADER}\n2,8,1,1,1,1\n1,4,1,1,1,1", "progress.csv:3: the file is damaged: `steps` must not decrease"),
+        (f"{HEADER}\n1,,1,1,1,1\n2,8,1,1,1,1", "progress.csv:2: the file is damaged: `steps` must not decrease"),
     ],
 )  # fmt: skip
 def test_a_wrong_progress_file_is_one_message(tmp_path, text, message):

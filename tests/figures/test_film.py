@@ -90,7 +90,7 @@ def test_a_film_that_cannot_be_written_is_one_message(film, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="the file cannot be written"):
         save_film(film, tmp_path / "file" / "a.gif")
-    with pytest.raises(OutputError, match=r"ends in \.gif or \.mp4"):
+    with pytest.raises(OutputError, match=r"must end in \.gif or \.mp4"):
         save_film(film, tmp_path / "a.avi")
 
 
@@ -165,5 +165,5 @@ def test_numbers_out_of_range_are_refused(flown, film, tmp_path):
         Film(flown, frames=1)
     with pytest.raises(ValueError, match="pixels of width"):
         Film(flown, width=10)
-    with pytest.raises(ValueError, match="pictures a second"):
+    with pytest.raises(ValueError, match="pictures per second"):
         save_film(film, tmp_path / "a.gif", fps=0.0)

@@ -115,7 +115,7 @@ def test_a_page_that_cannot_be_written_is_one_message(page, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="the file cannot be written"):
         save_page(page, tmp_path / "file" / "a.html")
-    with pytest.raises(OutputError, match=r"ends in \.html"):
+    with pytest.raises(OutputError, match=r"must end in \.html"):
         save_page(page, tmp_path / "a.pdf")
     save_page(page, tmp_path / "new" / "a.html")
     assert (tmp_path / "new" / "a.html").read_text(encoding="utf-8") == page

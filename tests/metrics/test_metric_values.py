@@ -247,7 +247,7 @@ def test_what_a_metric_may_not_return_is_told(forgetful):
     spec = spec_of(TASKS[0], "horizon=3")
     with pytest.raises(PluginValueError, match="Endless gave infinity; give NaN"):
         rollout(spec, ZeroThrust(), 2, metrics=[Endless()])
-    with pytest.raises(PluginValueError, match=r"Wide gave the shape \(2, 2\); \(2,\) is wanted"):
+    with pytest.raises(PluginValueError, match=r"Wide gave the shape \(2, 2\); expected \(2,\)"):
         rollout(spec, ZeroThrust(), 2, metrics=[Wide()])
 
 

@@ -71,7 +71,7 @@ def test_a_file_of_another_run_is_kept_unless_forced(spec: EnvironmentSpec, tmp_
     assert read_record(path).seed == 4
     path.write_text("{}")
     for force in (False, True):
-        with pytest.raises(SafeInspectError, match="no file of"):
+        with pytest.raises(SafeInspectError, match="not a file of"):
             complete(spec, asked("zero-thrust", 4), 2, path=path, force=force)
     assert path.read_text() == "{}"
 

@@ -118,14 +118,14 @@ def test_files_that_hold_no_record_are_refused(change: dict[str, Any], shown: st
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(SafeInspectError) as refusal:
         read_record(path)
-    assert str(refusal.value).startswith(f"{path}: this is no file of `safe-inspect baseline` ({shown}")
+    assert str(refusal.value).startswith(f"{path}: not a file of `safe-inspect baseline` ({shown}")
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(SafeInspectError) as refusal:
         read_record(tmp_path / "none.json")
     assert str(refusal.value) == (
-        f"{tmp_path / 'none.json'}: it cannot be read (No such file or directory); give another file"
+        f"{tmp_path / 'none.json'}: the file cannot be read (No such file or directory); give another file"
     )
 
 

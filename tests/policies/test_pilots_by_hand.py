@@ -174,7 +174,7 @@ def test_a_plan_is_flown_in_its_episode_at_its_steps() -> None:
         assert not np.delete(found, 3, axis=0).any()
         environment.step(())
     assert not OpenLoopPlan()(environment.view(0), WIDE).any()
-    with pytest.raises(SafeInspectError, match="an episode that it has no plan for"):
+    with pytest.raises(SafeInspectError, match="has no plan for this episode"):
         OpenLoopPlan.of(plans[:-1])(environment.view(0), WIDE)
-    with pytest.raises(ValidationError, match="is a hexadecimal number, not 'xyz'"):
+    with pytest.raises(ValidationError, match="must be a hexadecimal number, got 'xyz'"):
         OpenLoopPlan(plans={"xyz": ()})

@@ -100,7 +100,7 @@ def test_plans_and_their_table(flown, tmp_path):
         assert cells(line)[1:] == [f"{value:.{digits}f}" for value in expected]
     other = np.array(record["inspector"])  # its limits are those of the task, unlike the evaluated inspector's
     share = 100.0 * (spent.mean() / other.mean() - 1.0)
-    text = f"inspector {other.mean():.4f} m/s in the mean of 3 episodes; plans {spent.mean():.4f} ({share:+.1f} %)"
+    text = f"inspector {other.mean():.4f} m/s on average over 3 episodes; plans {spent.mean():.4f} ({share:+.1f} %)"
     assert lines[-1] == text
 
 

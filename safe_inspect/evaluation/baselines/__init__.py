@@ -1,1 +1,1 @@
-"""Baselines: episodes of scripted policies and of optimised plans, as references for what is trained."""
+"""Baselines: episodes of scripted policies and of optimised plans, as references for trained policies."""

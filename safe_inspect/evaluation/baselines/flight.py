@@ -1,4 +1,4 @@
-"""`fly_slots`: the first episodes of some environment slots, flown by a scripted policy and recorded."""
+"""`fly_slots`: runs and records the first episodes of some environment slots with a scripted policy."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class FlownSlots:
-    """E episodes.
+    """Recorded episodes of E environment slots.
 
     Attributes:
         key: Random key of each episode, uint64, shape (E,).
-        success: Whether it was won, shape (E,).
+        success: Whether each episode was won, shape (E,).
         delta_v: Velocity change spent, mean over the deputies [m/s], shape (E,).
         steps: Number of steps, shape (E,).
         inspected: Number of points inspected, shape (E,).
@@ -38,7 +38,12 @@ class FlownSlots:
     trajectories: list[Trajectory]
 
     def entry(self, row: int, **more: Any) -> Entry:
-        """Return what the record of a baseline holds of an episode; `more` are the fields of plans."""
+        """Return the entry of one episode for the record of a baseline.
+
+        Args:
+            row: Row of the episode.
+            more: Fields that only plans have.
+        """
         return Entry(
             key=int(self.key[row]),
             success=bool(self.success[row]),
@@ -51,14 +56,14 @@ class FlownSlots:
 
 
 def fly_slots(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed: int, first_slot: int) -> FlownSlots:
-    """Fly the first episode of each of some slots, as `safe_inspect.evaluation.rollouts.rollout` does.
+    """Run the first episode of each of some slots, as `safe_inspect.evaluation.rollouts.rollout` does.
 
     Args:
         spec: The task.
-        policy: What flies all deputies.
+        policy: The policy of all deputies.
         episodes: Number of slots, E.
         seed: Seed of the run.
-        first_slot: The first of them.
+        first_slot: The first slot.
     """
     scripted = with_scripted(spec, policy)
     environment = TeamEnvironment(scripted, episodes, seed=seed, first_slot=first_slot)
@@ -75,7 +80,7 @@ def fly_slots(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed
 
 
 def count_burns(trajectory: Trajectory) -> float:
-    """Return the number of runs of steps with one thrust other than 0, mean over the deputies."""
+    """Return the number of burns, mean over the deputies; a burn is a run of steps with constant, nonzero thrust."""
     control = trajectory.control[..., :3]
     before = np.concatenate((np.zeros_like(control[:1]), control[:-1]))
     begins = (control != before).any(axis=-1) & control.any(axis=-1)

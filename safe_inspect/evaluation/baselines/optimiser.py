@@ -1,4 +1,4 @@
-"""`optimise`: the cheapest plan that is found for each of some episodes, each one flown in the simulator."""
+"""`optimise`: finds the plan of least delta-v for each of some episodes, and flies each plan in the simulator."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
 from safe_inspect.types import FloatArray, IntArray
 
-#: How long is searched, by the name of the effort.
+#: Extent of the search, by the name of the effort.
 EFFORTS = MappingProxyType(
     {
         "quick": SearchEffort(starts=30, chains=3, programs=200, temperature=0.004),
@@ -25,26 +25,27 @@ EFFORTS = MappingProxyType(
         "thorough": SearchEffort(starts=1000, chains=12, programs=1500, temperature=0.01),
     }
 )
-#: A burn lasts at most this many steps.
+#: Largest number of steps of a burn.
 _LONGEST = 256
-_WORD, _MIX = 0xFFFFFFFFFFFFFFFF, 0x9E6C63D0876A9A99  # keeps these draws apart from others with the episode's key
+_WORD, _MIX = 0xFFFFFFFFFFFFFFFF, 0x9E6C63D0876A9A99  # makes these samples independent of others with the episode's key
 
 
 def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, effort: SearchEffort) -> list[Entry]:
     """Find a plan for the first episode of each of some slots, and fly it.
 
-    The plan of an episode is a pure function of the task, the seed, the slot and the effort. The scripted inspector's
-    flight is one of the plans to start from; it stands where no cheaper plan is found that the simulator confirms.
+    The plan of an episode is a pure function of the task, the seed, the slot and the effort. The trajectory of the
+    scripted inspector is one of the starting points; it is also the result if the search finds no plan of less delta-v
+    that the simulator confirms.
 
     Args:
         spec: The task.
         episodes: Number of slots.
         seed: Seed of the run.
-        first_slot: The first of them.
-        effort: How long is searched.
+        first_slot: The first slot.
+        effort: Extent of the search.
 
     Raises:
-        SafeInspectError: The task is none that plans can be made for.
+        SafeInspectError: The optimiser does not support the task.
     """
     task = coverage_task(spec)
     inspector = NaturalMotionInspector(
@@ -85,7 +86,7 @@ def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, e
 def _search(
     environment: TeamEnvironment, row: int, task: CoverageTask, guide: FlownSlots, effort: SearchEffort
 ) -> tuple[FlightPlan, float]:
-    """Return the plan of one episode and what it costs [m/s], infinite when none is found."""
+    """Return the plan of one episode and its cost [m/s], which is infinite when no plan is found."""
     world, reach = environment.simulation.world, thrust_reach(environment)
     key, hold = int(environment.state.key[row]), 1
     start, burns = np.zeros(MAX_BURNS, np.int64), np.zeros((MAX_BURNS, 3))
@@ -100,14 +101,14 @@ def _search(
             return (), delta_v
         if _within(start[:count], burns[:count], hold, reach) or hold >= _LONGEST:
             break
-        hold *= 2  # longer burns, each of less thrust
+        hold *= 2  # longer burns need less thrust
     force = world.masses[0] / (hold * world.step_size)
     rows = zip(start[:count].tolist(), (burns[:count] * force).tolist(), strict=True)
     return tuple(Burn(step=step, steps=hold, thrust=tuple(thrust)) for step, thrust in rows), delta_v
 
 
 def _within(start: IntArray, burns: FloatArray, hold: int, reach: FloatArray) -> bool:
-    """Return whether the burns, which may overlap, keep within what a step can give."""
+    """Return whether the burns, which may overlap, are within the velocity change that a step can give."""
     steps = np.zeros((int(start.max(initial=0)) + hold, 3))
     for step, burn in zip(start, burns, strict=True):
         steps[step : step + hold] += burn / hold
@@ -115,7 +116,7 @@ def _within(start: IntArray, burns: FloatArray, hold: int, reach: FloatArray) ->
 
 
 def _flown_plan(thrust: FloatArray) -> FlightPlan:
-    """Return a plan that gives the thrust of every step, shape (T, 3)."""
+    """Return a plan with the thrust of every step, shape (T, 3)."""
     return tuple(
         Burn(step=int(step), thrust=tuple(thrust[step].tolist())) for step in np.flatnonzero(thrust.any(axis=1))
     )
@@ -124,6 +125,6 @@ def _flown_plan(thrust: FloatArray) -> FlightPlan:
 def _confirm(
     spec: EnvironmentSpec, plans: list[FlightPlan], guide: FlownSlots, seed: int, first_slot: int
 ) -> FlownSlots:
-    """Fly the plans."""
+    """Fly the plans in the simulator."""
     policy = OpenLoopPlan.of(zip(guide.key.tolist(), plans, strict=True))
     return fly_slots(spec, policy, len(plans), seed, first_slot)

@@ -1,4 +1,4 @@
-"""`complete`: a baseline's episodes, batch by batch; it goes on where an earlier run of it was stopped."""
+"""`complete`: runs a baseline's episodes in batches, and continues an earlier run that was stopped."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from safe_inspect.evaluation.policies import baseline
 from safe_inspect.planning.record import Entry, Record, read_record, write_record
 
 OPTIMISER = "optimiser"
-#: Episodes that are flown at a time.
+#: Number of episodes in a batch, by the effort.
 _BATCH = MappingProxyType({"quick": 32, "normal": 16, "thorough": 4})
 _BATCH_OF_POLICIES = 256
 
-#: Told the number of finished episodes and of all of them.
+#: Called with the number of finished episodes and the total number.
 Progress = Callable[[int, int], None]
 
 
 class UnwrittenRecordError(OutputError):
-    """Episodes that were flown and cannot be written.
+    """Error for episodes that were run but cannot be written.
 
     Attributes:
-        record: They, and those before them.
+        record: All finished episodes, including those of earlier runs.
     """
 
     def __init__(self, message: str, record: Record) -> None:
@@ -45,27 +45,28 @@ def complete(
     batch: int | None = None,
     progress: Progress | None = None,
 ) -> Record:
-    """Return a record with the first episodes of the slots 0 to `episodes` - 1, and write it.
+    """Return a record with the first episodes of the slots 0 to `episodes` - 1, and write it to a file.
 
-    What is finished is kept in a file beside `path`, with ``.part`` at its end, from which the same call goes on. An
-    episode's figures depend neither on where a run was stopped nor on the batch.
+    Finished episodes are stored in a file next to `path`, with ``.part`` appended to its name, from which the same call
+    continues. An episode's figures depend neither on where a run was stopped nor on the batch.
 
     Args:
         spec: The task.
-        record: What is asked for; its entries are empty.
+        record: The requested baseline; its entries are empty.
         episodes: Number of episodes.
         path: The file; None: nothing is written.
-        force: Whether a file of another baseline is replaced; one of another origin never is.
-        batch: Episodes at a time.
-        progress: Told how far it is.
+        force: Whether a file of another baseline is replaced; a file of another origin is never replaced.
+        batch: Number of episodes in a batch.
+        progress: Called with the number of finished episodes and the total number.
 
     Raises:
-        OutputError: The file cannot be written, or is of another run.
-        UnwrittenRecordError: It cannot be written after episodes were flown.
-        SafeInspectError: No plans can be made for the task, the baseline is unknown, or the file is of another origin.
+        OutputError: The file cannot be written, or belongs to another run.
+        UnwrittenRecordError: The file cannot be written after episodes were run.
+        SafeInspectError: The optimiser does not support the task, the baseline is unknown, or the file is of another
+            origin.
     """
     if record.kind == OPTIMISER:
-        coverage_task(spec)  # a mistake is reported before anything is written
+        coverage_task(spec)  # checked here to report an error before anything is written
     else:
         baseline(record.kind)
     known = () if path is None else _known(record, path, force)
@@ -123,5 +124,7 @@ def _known(record: Record, path: Path, force: bool) -> tuple[Entry, ...]:
         if not why:
             known = max(known, found.entries, key=len)
         elif not force:
-            raise OutputError(f"{file}: another result is there ({why}); give another file, or --force to replace it")
+            raise OutputError(
+                f"{file}: the file has another result ({why}); give another file, or --force to replace it"
+            )
     return known

@@ -1,4 +1,4 @@
-"""What a task demands of a plan, and the `CoverageProblem` of each of its episodes."""
+"""Requirements of a task for a plan, and the `CoverageProblem` of each of its episodes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from safe_inspect.types import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class CoverageTask:
-    """What a plan has to keep to.
+    """Requirements that a plan must meet.
 
     Attributes:
         entity: The body whose points are inspected.
-        horizon: Steps of an episode.
+        horizon: Number of steps of an episode.
         near: Least range [m].
         far: Largest range, infinite for none [m].
         field_of_view: Full angle of the camera's cone [rad].
@@ -42,14 +42,14 @@ class CoverageTask:
 
 
 def coverage_task(spec: EnvironmentSpec) -> CoverageTask:
-    """Return what a task demands of a plan.
+    """Return the requirements of a task for a plan.
 
     Raises:
-        SafeInspectError: The optimiser cannot plan for such a task.
+        SafeInspectError: The optimiser does not support the task.
     """
 
     def stop(why: str, instead: str) -> SafeInspectError:
-        return SafeInspectError(f"the open-loop optimiser plans for {why}; {instead}")
+        return SafeInspectError(f"the open-loop optimiser only supports {why}; {instead}")
 
     if len(spec.agents) != 1:
         raise stop(f"one deputy, and this task has {len(spec.agents)}", "give the task of one deputy")
@@ -58,19 +58,19 @@ def coverage_task(spec: EnvironmentSpec) -> CoverageTask:
     if filters or (spec.team_safety is not None and spec.team_safety.enabled):
         raise stop(
             f"flights without a safety filter, and {filters[0] if filters else 'the team filter'} is enabled here",
-            "switch it off: the episodes start alike, so that the result serves the filtered task too",
+            "disable it: the initial states stay the same, so the result is also valid for the task with the filter",
         )
     simulator = spec.simulator
     if not isinstance(simulator, InspectionSimulator):
         raise stop("the InspectionSimulator", f"this task has the simulator {simulator.registered_name}")
     if simulator.turns:
-        raise stop("deputies whose thrust stands in Hill's frame", "these turn; fly the baseline SixDofInspector")
+        raise stop("deputies whose thrust is in Hill's frame", "these turn; use the baseline SixDofInspector")
     if any(simulator.chief_angular_velocity):
         raise stop("a chief at rest", "this one rotates; leave out `chief_angular_velocity`")
     wins = [item.functor for item in agent.dones if isinstance(item.functor, SuccessfulInspectionDoneFunction)]
     if len(wins) != 1 or list(simulator.inspection_points_map) != [wins[0].inspection_entity_name]:
         raise stop(
-            "tasks that are won by inspecting the points of the one body that has any", "this one is won otherwise"
+            "tasks that are won by inspecting the points of the only body with points", "this one is won otherwise"
         )
     if wins[0].weight_threshold is not None:
         raise stop("tasks that are won when all points are inspected", "leave out `weight_threshold`")
@@ -85,7 +85,7 @@ def coverage_task(spec: EnvironmentSpec) -> CoverageTask:
 
 
 def thrust_reach(environment: TeamEnvironment) -> FloatArray:
-    """Return the velocity change that one step can give along each axis, either way [m/s], shape (3,)."""
+    """Return the velocity change that one step can give along each axis in both directions [m/s], shape (3,)."""
     limits, world = environment.groups[0].limits, environment.simulation.world
     strength = np.maximum(np.minimum(limits.high, -limits.low), 0.0)
     return np.asarray(strength * (world.step_size / world.masses[0]))
@@ -94,14 +94,14 @@ def thrust_reach(environment: TeamEnvironment) -> FloatArray:
 def coverage_problem(
     environment: TeamEnvironment, row: int, task: CoverageTask, hold: int
 ) -> tuple[CoverageProblem, IntArray]:
-    """Return what one episode asks of a plan, and the indices of the points that are to be inspected.
+    """Return the planning problem of one episode, and the indices of the points that are to be inspected.
 
-    A camera with a narrow field keeps to ranges from which it holds the whole chief.
+    With a narrow field of view, a plan is limited to ranges at which the whole chief is in view.
 
     Args:
-        environment: A batch, freshly reset.
+        environment: A batch after a reset.
         row: The episode's row.
-        task: What the task demands.
+        task: The requirements of the task.
         hold: Number of steps of a burn.
 
     Raises:
@@ -112,12 +112,12 @@ def coverage_problem(
     model = world.points[task.entity]
     if state.position[row, model.body].any() or state.velocity[row, model.body].any():
         raise SafeInspectError(
-            f"the open-loop optimiser plans for a body at rest at the origin; {model.entity!r} is not"
+            f"the open-loop optimiser only supports a body at rest at the origin; {model.entity!r} is not"
         )
     maps = step_maps(world.mean_motion, world.step_size, steps)
     turns = np.full(steps + 1, world.sun_rate * world.step_size)
     turns[0] = state.sun_angle[row]
-    angle = np.add.accumulate(turns)  # the simulator's own sum
+    angle = np.add.accumulate(turns)  # summed exactly as the simulator does
     lit = lit_from_all_sides(model, sun_directions(angle))
     needed = np.flatnonzero(state.points[task.entity].inspector[row] < 0)
     normals = model.points[needed] / model.radius

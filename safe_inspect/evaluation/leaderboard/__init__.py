@@ -1,1 +1,1 @@
-"""Leaderboards: policies, baselines and published figures of a task, side by side in Markdown."""
+"""Leaderboards: Markdown tables of policies, baselines and published figures of a task."""

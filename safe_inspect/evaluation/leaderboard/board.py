@@ -1,4 +1,4 @@
-"""`Leaderboard`: which policies fly which tasks, and what is published of them; read from YAML files."""
+"""`Leaderboard`: the policies to run in each task and the published figures of each task, read from YAML files."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ class _Model(BaseModel):
 
 
 class FlownRow(_Model):
-    """A policy that is flown on the board's episodes.
+    """A policy that is run on the board's episodes.
 
     Attributes:
-        source: As ``safe-inspect evaluate`` takes it: the name of a baseline, of a scripted or of a shipped policy, an
-            ONNX file, the folder of a checkpoint or run; or ``optimiser``, the open-loop plans.
-        name: Name in the table; `source` unless given.
-        note: A few words behind the name.
-        task: Experiment file that gives it its observations and actions; the board's unless given.
-        overrides: ``KEY=VALUE`` beside the board's.
-        training_steps: Environment steps of its training; from the model card of a shipped policy.
-        wall_time: How long the training took, such as ``19 min``; likewise.
-        effort: How long the optimiser searches.
+        source: An argument of ``safe-inspect evaluate``: the name of a baseline, of a scripted or of a shipped policy,
+            an ONNX file, or the folder of a checkpoint or run; or ``optimiser`` for the open-loop plans.
+        name: Name in the table; `source` by default.
+        note: A short note after the name.
+        task: Experiment file that defines the policy's observations and actions; the board's task by default.
+        overrides: ``KEY=VALUE`` overrides in addition to the board's.
+        training_steps: Environment steps of its training; for a shipped policy, by default those of its model card.
+        wall_time: How long the training took, such as ``19 min``; for a shipped policy, by default that of its model
+            card.
+        effort: Extent of the optimiser's search.
     """
 
     source: str = Field(min_length=1)
@@ -50,12 +51,12 @@ class FlownRow(_Model):
 
 
 class PublishedRow(_Model):
-    """Figures that others have published, of their own episodes; what is not given is not known.
+    """Figures that others have published for their own episodes; None if a figure is unknown.
 
     Attributes:
         name: Name in the table.
         reference: Where they are published.
-        note: How they differ from the board's.
+        note: How their episodes differ from the board's.
         success: Share of the episodes that were won [-].
         points: Inspected points.
         delta_v: Velocity change of a deputy [m/s].
@@ -80,15 +81,15 @@ class PublishedRow(_Model):
 
 
 class Board(_Model):
-    """One table: a task and who flies it.
+    """One table: a task, the policies that are run in it, and published figures.
 
     Attributes:
-        title: Its heading; files that give the same one add rows to it.
+        title: Its heading; boards of several files with the same title are merged.
         task: Experiment file, or id of a task; needed once for each title.
-        about: What is said above the table.
+        about: Text above the table.
         overrides: ``KEY=VALUE`` for each value of the task that is replaced.
-        rows: Who flies.
-        published: What others have published.
+        rows: The policies to run.
+        published: Published figures.
     """
 
     title: str = Field(min_length=1)
@@ -104,7 +105,7 @@ class Board(_Model):
         for row in self.rows:
             name = slug(row.title)
             if name in seen:
-                raise ValueError(f"two rows are named {row.title!r}; give one of them a `name` of its own")
+                raise ValueError(f"two rows are named {row.title!r}; give one of them another `name`")
             seen.add(name)
         return self
 
@@ -113,8 +114,8 @@ class Leaderboard(_Model):
     """All boards.
 
     Attributes:
-        episodes: Number of episodes that every row flies.
-        seed: Their seed.
+        episodes: Number of episodes of every row.
+        seed: Seed of the episodes.
         boards: The tables.
     """
 
@@ -124,14 +125,14 @@ class Leaderboard(_Model):
 
 
 def read_leaderboard(paths: Iterable[str | os.PathLike[str]]) -> Leaderboard:
-    """Return the leaderboard of one file, or of several: boards of one title are one, with the rows of all.
+    """Return the leaderboard of one or several files; boards with the same title are merged, with the rows of all.
 
     Args:
         paths: The files; the number of episodes and the seed are those of the first.
 
     Raises:
-        ConfigError: With every mistake of a file, each with its line.
-        SafeInspectError: A board names no task, or a row stands twice.
+        ConfigError: A file has mistakes; all are listed, each with its line.
+        SafeInspectError: A board has no task, or a row occurs twice.
     """
     found = [_read(path) for path in paths]
     boards: dict[str, dict[str, Any]] = {}
@@ -143,7 +144,7 @@ def read_leaderboard(paths: Iterable[str | os.PathLike[str]]) -> Leaderboard:
                 whole[key] = (*whole.get(key, ()), *getattr(board, key))
     for title, whole in boards.items():
         if "task" not in whole:
-            raise SafeInspectError(f"leaderboard: the board {title!r} names no `task`, and no other file does")
+            raise SafeInspectError(f"leaderboard: the board {title!r} has no `task` in any file; add one")
     try:
         return Leaderboard(
             episodes=found[0].episodes, seed=found[0].seed, boards=tuple(Board(**whole) for whole in boards.values())
@@ -156,7 +157,7 @@ def _read(path: str | os.PathLike[str]) -> Leaderboard:
     tree = load(path)
     if not isinstance(tree, LocatedDict):
         where = locate(tree, ()) if isinstance(tree, list) else None
-        raise ConfigError(Problem(f"{path}: a leaderboard is a mapping with the key `boards`", location=where))
+        raise ConfigError(Problem(f"{path}: a leaderboard must be a mapping with the key `boards`", location=where))
     try:
         return Leaderboard.model_validate(tree)
     except ValidationError as error:
@@ -164,5 +165,5 @@ def _read(path: str | os.PathLike[str]) -> Leaderboard:
 
 
 def slug(text: str) -> str:
-    """Return a text as the name of a file or folder."""
+    """Return a text in the form of a file or folder name."""
     return re.sub(r"[^\w.-]+", "-", text).strip(".-").lower() or "row"

@@ -1,4 +1,4 @@
-"""`Standing`: one row of a leaderboard in figures; `leaderboard_page`: all of them in Markdown."""
+"""`Standing`: the figures of one row of a leaderboard; `leaderboard_page`: all rows in Markdown."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ _LEGEND = (
 
 @dataclass(frozen=True)
 class Standing:
-    """What a row shows; None where it is not known.
+    """Figures of a row; None if a figure is unknown.
 
     Attributes:
         name: Name in the table, in Markdown.
         success: Share of the episodes that were won [-].
-        interval: Wilson's 95 % interval of it; None: it is published without.
+        interval: Wilson's 95 % interval of `success`; None if it was published without.
         points: Mean number of inspected points.
         delta_v: Mean velocity change of a deputy [m/s].
         time: Mean time to the end [s].
         decisions: Mean number of decisions of a deputy.
         violations: Share of the episodes in which a safety constraint was violated [-].
         training_steps: Environment steps of the training.
-        wall_time: How long it took.
+        wall_time: How long the training took.
     """
 
     name: str
@@ -52,12 +52,12 @@ class Standing:
 
     @classmethod
     def of_evaluation(cls, row: FlownRow, found: Evaluation, training: Mapping[str, str]) -> Standing:
-        """Return the standing of a policy that was flown.
+        """Return the standing of a policy that was evaluated.
 
         Args:
             row: Its row.
-            found: What it came to. Violations are looked for in the figures ``phi NAME``; the figure ``decisions``
-                stands, where there is one, for the number of steps.
+            found: Its evaluation. Violations are taken from the figures ``phi NAME``; the number of decisions is the
+                figure ``decisions`` if there is one, else the number of steps.
             training: Entries of its model card, empty without one.
         """
         figures = found.team.figures
@@ -80,7 +80,7 @@ class Standing:
 
     @classmethod
     def of_plans(cls, row: FlownRow, record: Record, step_size: float) -> Standing:
-        """Return the standing of open-loop plans; a decision is a burn."""
+        """Return the standing of open-loop plans; their decisions are burns."""
         entries = record.entries
         won = sum(entry.success for entry in entries)
         means = np.mean([(e.inspected, e.delta_v, e.steps * step_size, e.burns) for e in entries], axis=0)
@@ -89,14 +89,14 @@ class Standing:
 
     @classmethod
     def of_published(cls, row: PublishedRow) -> Standing:
-        """Return the standing that others have published."""
+        """Return the standing of published figures."""
         name = f"*{_plain(row.name)}* ({_plain(row.reference)}{f'; {_plain(row.note)}' if row.note else ''})"
         given = row.model_dump(exclude={"name", "reference", "note"})
         return cls(name, **given)
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """The cells of its row."""
+        """The cells of its row in the table."""
         return (
             self.name,
             _success(self.success, self.interval),
@@ -111,12 +111,12 @@ class Standing:
 
 
 def leaderboard_page(leaderboard: Leaderboard, standings: Sequence[Sequence[Standing]], command: str) -> str:
-    """Return the page: a section with a table for each board, the best first, published figures at the end.
+    """Return the page in Markdown: a section with a table per board, the best row first, published figures last.
 
     Args:
         leaderboard: The boards.
-        standings: What was flown for each board, in the order of its rows.
-        command: What has made the page.
+        standings: The standings of each board, in the order of its rows.
+        command: The command that made the page.
     """
     lines = [
         "# Leaderboard",
@@ -144,7 +144,7 @@ def _table(rows: Sequence[Standing]) -> list[str]:
 
 
 def _rank(standing: Standing) -> tuple[float, float]:
-    """Return what rows are sorted by: the share of won episodes, then fuel."""
+    """Return the sort key of a row: the share of won episodes, then delta-v."""
     return -(standing.success or 0.0), standing.delta_v or 0.0
 
 

@@ -1,1 +1,1 @@
-"""Policies from files."""
+"""Policies that are loaded from files."""

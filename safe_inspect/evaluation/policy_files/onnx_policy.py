@@ -1,4 +1,4 @@
-"""Policies from ONNX files that `safe-inspect export` wrote, run by onnxruntime. Neither Ray nor Torch is loaded."""
+"""Policies from ONNX files written by `safe-inspect export`, run by onnxruntime without Ray or Torch."""
 
 from __future__ import annotations
 
@@ -28,30 +28,31 @@ from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, draw
 from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: Rows are filled up to a multiple of this, so that a row's result does not depend on how many stand beside it.
+#: Batches are padded to a multiple of this many rows, so that a row's result does not depend on the batch size.
 _ROWS = 16
 
 
 class OnnxPolicy:
-    """A policy of an ONNX file: from readings in SI units to the values that the controllers get.
+    """A policy of an ONNX file, which maps sensor readings in SI units to the values that the controllers receive.
 
-    Of a decision that lasts, the last value is the index of its duration, of which the file itself gives the control
-    steps. It fits the task that `prepare` returns. A recurrent policy keeps the state of each row from call to call,
-    until `begin` or `reset` is called or the number of rows changes.
+    If decisions last several control steps, the last value is the index of the duration, which the file gives in
+    control steps. The policy works in the task that `prepare` returns. A recurrent policy keeps the state of each row
+    between calls, until `begin` or `reset` is called or the number of rows changes.
 
     Args:
         path: The file.
-        info: What the file says.
-        session: Onnxruntime's session.
-        sampled: False: the mean of a Gaussian policy, the most likely level of a categorical one, both of a hurdle
-            policy. True: drawn from the distribution. None: in a rollout choices are drawn, and the size of a burn is
-            its mean. A draw is a function of the seed, the slot, the step and the agent, as in training.
-        seed: Seed of the draws.
+        info: The metadata of the file.
+        session: The onnxruntime session.
+        sampled: False: the mean of a Gaussian policy, the most likely level of a categorical policy, and both for a
+            hurdle policy. True: actions are sampled from the distribution. None: in a rollout, choices are sampled and
+            the size of a burn is its mean. A sample is a function of the seed, the slot, the step and the agent, as in
+            training.
+        seed: Seed of the samples.
 
     Attributes:
         path: The file.
-        info: What the file says.
-        recurrent: Whether it keeps a state.
+        info: The metadata of the file.
+        recurrent: Whether the policy keeps a state.
     """
 
     def __init__(self, path: str, info: PolicyInfo, session: Any, sampled: bool | None = None, seed: int = 0) -> None:
@@ -72,14 +73,14 @@ class OnnxPolicy:
 
     @property
     def configuration(self) -> Mapping[str, Any]:
-        """The resolved experiment in which the policy was trained."""
+        """The resolved experiment with which the policy was trained."""
         return self.info.configuration
 
     def task(self, overrides: Iterable[str] = ()) -> EnvironmentSpec:
-        """Return the task in which the policy was trained, not yet prepared.
+        """Return the task in which the policy was trained, before `prepare`.
 
         Args:
-            overrides: ``path.of.keys=value`` for each value that replaces one of the configuration's.
+            overrides: ``path.of.keys=value`` for each value of the configuration that is replaced.
 
         Raises:
             ConfigError: A plugin of the task is missing, or an override is wrong.
@@ -87,11 +88,13 @@ class OnnxPolicy:
         return build_experiment(apply_overrides(LocatedDict(self.configuration), overrides), self.path).spec
 
     def prepare(self, spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
-        """Return a task as the file wants it, in SI units: the same episodes, seeds and physics.
+        """Return the task with observations and actions in SI units, which the policy requires.
+
+        Episodes, seeds and physics do not change.
 
         Args:
             spec: The task.
-            agents: Names of the agents that the policy flies; all that act from outside unless given.
+            agents: Names of the agents that the policy controls; by default all agents without a scripted policy.
 
         Raises:
             CheckpointError: The task's observations or actions are not those of the file.
@@ -105,22 +108,22 @@ class OnnxPolicy:
         return raw
 
     def begin(self, flight: Flight) -> None:
-        """Take note of the rows of the next steps, whose episodes begin.
+        """Start episodes in the rows that a flight describes.
 
         Raises:
             SafeInspectError: The task has not been prepared.
         """
         names = tuple(element.name for element in self.info.observation)
         if flight.observation.names != names or flight.action.choices:
-            raise SafeInspectError(f"{self.path}: the task does not fit the file; fly in `policy.prepare(task)`")
+            raise SafeInspectError(f"{self.path}: the task does not match the file; use `policy.prepare(task)`")
         self._flight, self._steps = flight, 0
         self.reset()
 
     def reset(self, rows: BoolArray | None = None) -> None:
-        """Begin episodes: the state of a recurrent policy is zero again.
+        """Start episodes: set the state of a recurrent policy to zero.
 
         Args:
-            rows: Rows in which they begin, shape (R,), R as in the last call; all unless given.
+            rows: Mask of the rows in which episodes start, shape (R,), with R as in the last call; all rows by default.
         """
         if rows is None:
             self._state = {}
@@ -128,24 +131,24 @@ class OnnxPolicy:
             self._state = {name: np.where(rows[:, None], np.float32(0.0), held) for name, held in self._state.items()}
 
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
-        """Return the values that the controllers get, shape (R, A), for readings in SI units, shape (R, O).
+        """Return the values that the controllers receive, shape (R, A), for readings in SI units, shape (R, O).
 
         Raises:
-            ValueError: The observations have another shape, or actions are to be drawn for rows that are not known.
+            ValueError: The observations have another shape, or actions are to be sampled but the rows are unknown.
         """
         step, self._steps = self._steps, self._steps + 1
         return self.decide(observation, slice(None), step)
 
     def decide(self, observation: NDArray[np.float32], rows: IntArray | slice, step: int) -> FloatArray:
-        """Return the values that the controllers get, shape (Q, A), for readings of some rows, shape (Q, O).
+        """Return the values that the controllers receive, shape (Q, A), for readings of some rows, shape (Q, O).
 
         Args:
             observation: The readings.
-            rows: Which rows of the flight they are, indices of shape (Q,).
-            step: Number of the step since `begin`, from 0; draws depend on it.
+            rows: Indices of these rows in the flight, shape (Q,).
+            step: Number of the step since `begin`, from 0; samples depend on it.
 
         Raises:
-            ValueError: The observations have another shape, or actions are to be drawn for rows that are not known.
+            ValueError: The observations have another shape, or actions are to be sampled but the rows are unknown.
         """
         thrust, inputs = self.outputs(observation)
         drawn = self._sampled
@@ -157,15 +160,15 @@ class OnnxPolicy:
             return self._draw(inputs, rows, step)
         found = np.array(thrust, dtype=np.float64)
         for column, levels in enumerate(self._levels):
-            if len(levels):  # the levels as the task has them, which float32 need not hold
+            if len(levels):  # the exact levels of the task, which float32 may not represent
                 index = _nearest(levels, thrust[:, column])
                 found[:, column] = index if self._is_coast(column) else levels[index]
         return found
 
     def in_task_units(self, observation: NDArray[np.float32]) -> FloatArray:
-        """Return the actions (R, A) of the task itself, normalised or indices of levels, for its observations (R, O).
+        """Return actions (R, A) of the task itself, normalised or as indices of levels, for its observations (R, O).
 
-        This serves environments that `prepare` has not changed. Readings are rounded to float32 once more.
+        Use this for environments that `prepare` has not changed. The readings are rounded to float32 once more.
         """
         values = self(self._readings(observation))
         actions = (values - self._offset) / self._gain
@@ -175,18 +178,18 @@ class OnnxPolicy:
         return actions
 
     def draw(self, observation: NDArray[np.float32], seed: int) -> FloatArray:
-        """Return actions of the task itself (R, A), with the choices drawn and the numbers at their means."""
+        """Return actions (R, A) of the task itself, with sampled choices and mean values of the continuous elements."""
         return draw_choices(self._distribution, self.outputs(self._readings(observation))[1], seed)
 
     def _readings(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what the sensors read in SI units, shape (R, O), for observations of the task (R, O)."""
+        """Return the sensor readings in SI units, shape (R, O), for observations of the task, shape (R, O)."""
         centre, width = (element_columns(self.info.observation, name) for name in ("centre", "width"))
         return np.asarray(observation * width + centre, dtype=np.float32)
 
     def outputs(self, observation: NDArray[np.float32]) -> tuple[AnyArray, AnyArray]:
         """Return the outputs `thrust` (R, A) and `action_dist_inputs` (R, I) of the file, float32.
 
-        The state of a recurrent policy advances by a step.
+        The state of a recurrent policy advances by one step.
 
         Raises:
             ValueError: The observations have another shape, or contain NaN or infinity.
@@ -194,7 +197,7 @@ class OnnxPolicy:
         observation = np.ascontiguousarray(observation, dtype=np.float32)
         size = len(self.info.observation)
         if observation.ndim != 2 or observation.shape[1] != size:
-            raise ValueError(f"the observations have the shape {observation.shape}; (R, {size}) is wanted")
+            raise ValueError(f"expected observations of shape (R, {size}), got {observation.shape}")
         require_finite_rows(observation)
         rows = len(observation)
         missing = -rows % _ROWS if rows else _ROWS
@@ -214,7 +217,9 @@ class OnnxPolicy:
     def _draw(self, inputs: AnyArray, rows: IntArray | slice, step: int) -> FloatArray:
         flight = self._flight
         if flight is None or len(flight.slots[rows]) != len(inputs):
-            raise ValueError("a policy that draws its actions gets its rows by `begin` before the first step")
+            raise ValueError(
+                "a policy that samples its actions needs a call of `begin` with its rows before the first step"
+            )
         slots, deputies = flight.slots[rows], flight.deputies[rows]
         drawn = draw_in_rollout(self._distribution, inputs, True, self._seed, slots, deputies, step)
         values = np.minimum(np.maximum(self._offset + self._gain * drawn, self._low), self._high)
@@ -243,16 +248,17 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
 
     Args:
         path: The file.
-        sampled: Whether actions are drawn from the distribution; see `OnnxPolicy`.
-        seed: Seed of the draws.
+        sampled: Whether actions are sampled from the distribution; see `OnnxPolicy`.
+        seed: Seed of the samples.
 
     Raises:
-        CheckpointError: The file is missing, damaged, or none of this package's.
+        CheckpointError: The file is missing or damaged, or was not written by this package.
         SafeInspectError: Onnxruntime is not installed.
     """
     name = os.fspath(path)
     content, sealed = read_file(path)
-    # Its import would write a device identifier and a data base into the home folder, and a session send events.
+    # Without this, importing onnxruntime writes a device identifier and a database into the home folder, and a session
+    # sends events.
     os.environ["ORT_DISABLE_TELEMETRY"] = "1"
     try:
         import onnxruntime  # type: ignore[import-untyped,import-not-found]
@@ -267,31 +273,32 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
     try:
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         metadata = session.get_modelmeta().custom_metadata_map
-    except Exception as error:  # onnxruntime has a class of error for each kind of damage
+    except Exception as error:  # onnxruntime raises a different class of error for each kind of damage
         lines = str(error).strip().splitlines()
         raise CheckpointError(
-            f"{name}: the file is damaged or no ONNX file ({lines[0] if lines else type(error).__name__}); "
+            f"{name}: the file is damaged or not an ONNX file ({lines[0] if lines else type(error).__name__}); "
             "write it again with `safe-inspect export`"
         ) from None
     if "safe_inspect" not in metadata:
-        raise CheckpointError(f"{name}: the file holds no policy of this package; write one with `safe-inspect export`")
+        raise CheckpointError(
+            f"{name}: the file contains no policy of this package; write one with `safe-inspect export`"
+        )
     if not sealed:
         raise CheckpointError(
-            f"{name}: the file is not what was exported, it was damaged or changed; write it again with "
-            "`safe-inspect export`"
+            f"{name}: the file was damaged or changed after the export; write it again with `safe-inspect export`"
         )
     if metadata.get("format") not in (str(POLICY_FORMAT), str(RECURRENT_FORMAT)):
         raise CheckpointError(
-            f"{name}: the file was written by safe_inspect {metadata['safe_inspect']}, whose format this version does "
-            "not read; export the checkpoint again"
+            f"{name}: the file was written by safe_inspect {metadata['safe_inspect']}, whose format this version "
+            "cannot read; export the checkpoint again"
         )
     try:
         info = PolicyInfo.of(metadata)
     except (KeyError, TypeError, ValueError) as error:
-        raise CheckpointError(f"{name}: the file's metadata are damaged ({error}); write it again") from None
+        raise CheckpointError(f"{name}: the file's metadata are damaged ({error}); export it again") from None
     return OnnxPolicy(name, info, session, sampled, seed)
 
 
 def _nearest(levels: FloatArray, thrust: AnyArray) -> IntArray:
-    """Return for each value the index of the nearest of rising levels, shape (R,)."""
+    """Return the index of the nearest level for each value, shape (R,); the levels must be in increasing order."""
     return np.asarray(np.searchsorted((levels[1:] + levels[:-1]) / 2.0, thrust))

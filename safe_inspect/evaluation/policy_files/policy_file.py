@@ -1,7 +1,8 @@
-"""What a policy's file says of it, and the seal that shows damage.
+"""Metadata of a policy's file, and the seal that reveals damage.
 
-It stands in the file's metadata, as texts or JSON, so that any program that reads ONNX finds them. The last entry
-of the metadata is a hash of all bytes before it: a message of Protocol Buffers may be continued by appending to it.
+The metadata are stored in the ONNX file as texts or JSON, so that any program that reads ONNX can find them. The last
+entry is a hash of all bytes before it; it can be appended because a Protocol Buffers message may be extended by
+appending bytes.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_files.raw_values import CommandedElement, ObservedElement, plain_elements
 from safe_inspect.version import __version__
 
-#: Of the layout of the metadata; a file of a later one is not read. Files of recurrent policies have the second.
+#: Versions of the layout of the metadata; the second is that of recurrent policies. Later versions are not read.
 POLICY_FORMAT, RECURRENT_FORMAT = 1, 2
 
-#: Before the name of an input of the state stands this in the name of the output that holds it after the step.
+#: Prefix of the name of a state input that gives the name of the output with that state after the step.
 NEXT_STATE = "next_"
 
-#: Names of the distributions that `PolicyInfo` may tell of.
+#: Names of the distributions that `PolicyInfo.distribution` may have.
 DISTRIBUTIONS = ("gaussian", "categorical", "hurdle", "greedy")
 
 # An entry of `ModelProto.metadata_props` (field 14): key "sha256", value 64 hexadecimal digits.
@@ -34,23 +35,23 @@ _LENGTH = len(_SEAL) + 64
 
 @dataclass(frozen=True)
 class PolicyInfo:
-    """What a policy's file says about it.
+    """Metadata of a policy's file.
 
     Attributes:
         policy: Name of the policy.
-        agents: Names of the agents that it flew in training.
+        agents: Names of the agents that it controlled in training.
         task: Name of the task.
         observation: Elements of the input `observation`.
         action: Elements of the output `thrust`.
-        distribution: What the output `action_dist_inputs` holds: means and logarithms of standard deviations; logits
-            of the levels of each element, one element behind the other; what `Hurdle` takes; or the values of the
-            levels, the largest of which is flown, never another.
+        distribution: Content of the output `action_dist_inputs`. gaussian: means and logarithms of standard deviations;
+            categorical: logits of the levels of each element, one element after the other; hurdle: the inputs of
+            `Hurdle`; greedy: the values of the levels, of which the largest is always chosen.
         step_size: Length of a step [s].
         configuration: The resolved experiment.
-        training: What is known of the training: `steps`, `iteration`, `seconds`, `seed`, `git_commit`, `started`.
-        version: The safe_inspect that wrote the file.
-        state: Of a recurrent policy, the inputs that hold its state, and the size of each. Zeros begin an episode; the
-            outputs of the same names behind `NEXT_STATE` hold the state for the next step.
+        training: Known facts about the training: `steps`, `iteration`, `seconds`, `seed`, `git_commit`, `started`.
+        version: Version of safe_inspect that wrote the file.
+        state: Name and size of each state input of a recurrent policy. An episode starts with zeros; the outputs with
+            the same names, prefixed with `NEXT_STATE`, contain the state for the next step.
     """
 
     policy: str
@@ -66,7 +67,7 @@ class PolicyInfo:
     state: Mapping[str, int] = field(default_factory=dict)
 
     def metadata(self) -> dict[str, str]:
-        """Return it as texts."""
+        """Return the metadata as texts."""
         told = {
             "safe_inspect": self.version,
             "format": str(RECURRENT_FORMAT if self.state else POLICY_FORMAT),
@@ -84,7 +85,13 @@ class PolicyInfo:
 
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> PolicyInfo:
-        """Return what a file's metadata say; KeyError, TypeError or ValueError: they are not there, or wrong."""
+        """Return the metadata of a file, parsed from its texts.
+
+        Raises:
+            KeyError: An entry is missing.
+            TypeError: An entry has a wrong type.
+            ValueError: An entry has a wrong value.
+        """
         if metadata["distribution"] not in DISTRIBUTIONS:
             raise ValueError(f"unknown distribution {metadata['distribution']!r}")
         observation: list[dict[str, Any]]
@@ -109,7 +116,7 @@ class PolicyInfo:
 
 
 def seal(content: bytes) -> bytes:
-    """Return a file's bytes with their hash behind them."""
+    """Return the bytes of a file with their hash appended."""
     return content + _SEAL + hashlib.sha256(content).hexdigest().encode()
 
 
@@ -117,7 +124,7 @@ def read_file(path: str | os.PathLike[str]) -> tuple[bytes, bool]:
     """Return the bytes of a file, and whether they end with their hash.
 
     Raises:
-        CheckpointError: It cannot be read.
+        CheckpointError: The file cannot be read.
     """
     path = Path(path)
     try:

@@ -1,7 +1,7 @@
-"""A task in SI units alone: what lies between a sensor's reading and a net, and between a net and a controller.
+"""A task in SI units: the maps from sensor readings to the network and from the network to the controllers.
 
-An exported policy holds the normalisers of its glues. So the task in which it flies must hold none: `raw_task` switches
-them off, and changes nothing else.
+An exported policy contains the normalisers of its glues. The task in which it runs must therefore have none: `raw_task`
+switches them off and changes nothing else.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.types import AnyArray, FloatArray
 
-#: Unit of the element of an action that says for how many control steps it holds.
+#: Unit of the element of an action that gives the number of control steps for which the action is held.
 CONTROL_STEPS = "steps"
 
 _OFF = Normalization(enabled=False)
@@ -36,15 +36,15 @@ _OFF = Normalization(enabled=False)
 
 @dataclass(frozen=True)
 class ObservedElement:
-    """An element of the observation: the net sees (value - centre) / width.
+    """An element of the observation: the network receives (value - centre) / width.
 
     Attributes:
         name: Its name, ``sensor.element``.
         unit: SI unit of the value; empty for a pure number.
-        centre: The value that the net sees as 0.
-        width: The change of the value that the net sees as 1.
-        plugins: The configuration of a glue or normaliser that is none of this package's, as JSON; of several agents
-            that share a policy each one that occurs.
+        centre: The value that the network receives as 0.
+        width: The change of the value that the network receives as 1.
+        plugins: The configuration, as JSON, of a glue or normaliser that is not part of this package; if several agents
+            share a policy, all that occur.
     """
 
     name: str
@@ -59,19 +59,19 @@ class ObservedElement:
 
 @dataclass(frozen=True)
 class CommandedElement:
-    """An element of the action: a controller gets offset + gain * action within [low, high], or one of the levels.
+    """An element of the action: a controller receives offset + gain * action within [low, high], or one of the levels.
 
     Attributes:
-        name: Its name, the controller's.
+        name: Its name, which is the controller's.
         unit: SI unit of the value.
         low: Smallest value.
         high: Largest value.
-        gain: See above.
-        offset: See above.
-        levels: The values among which the policy chooses; empty: any.
-        axis: Axis of Hill's frame along which the value acts, ``x``, ``y`` or ``z``; empty: not known.
-        plugins: The configuration of a glue, normaliser or controller that is none of this package's, as JSON; of
-            several agents that share a policy each one that occurs.
+        gain: Factor of the action.
+        offset: Value for an action of 0.
+        levels: The values among which the policy chooses; empty if any value is allowed.
+        axis: Axis of Hill's frame along which the value acts, ``x``, ``y`` or ``z``; empty if it is unknown.
+        plugins: The configuration, as JSON, of a glue, normaliser or controller that is not part of this package; if
+            several agents share a policy, all that occur.
     """
 
     name: str
@@ -89,7 +89,7 @@ class CommandedElement:
 
 
 def named_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
-    """Return the elements of an agent's observation, in its order, with names and units alone."""
+    """Return the elements of an agent's observation, in order, with only their names and units."""
     found = []
     for glue in agent.observation_glues:
         symbol = sensor_of(agent.parts, glue.sensor).symbol if isinstance(glue, ObserveSensor) else ""
@@ -98,17 +98,17 @@ def named_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
 
 
 def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[ObservedElement, ...]:
-    """Return the elements of an agent's observation, in its order, and what their normalisers do.
+    """Return the elements of an agent's observation, in order, with the effect of their normalisers.
 
-    The elements of a glue that is no `ObserveSensor` are taken as the glue gives them.
+    The elements of a glue that is not an `ObserveSensor` are taken unchanged.
 
     Args:
         agent: The agent.
-        exportable: Whether a normaliser that is none of this package's own is refused; else its configuration stands
-            in `ObservedElement.plugins`.
+        exportable: Whether to raise an error for a normaliser that is not part of this package; else its configuration
+            is put in `ObservedElement.plugins`.
 
     Raises:
-        ConfigError: A normaliser is none of this package's own.
+        ConfigError: A normaliser is not part of this package.
     """
     found: list[ObservedElement] = []
     for glue in agent.observation_glues:
@@ -126,14 +126,14 @@ def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[Obs
 
 
 def commanded_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[CommandedElement, ...]:
-    """Return the elements of an agent's action, in its order.
+    """Return the elements of an agent's action, in order.
 
     Args:
         agent: The agent.
         exportable: See `observed_elements`.
 
     Raises:
-        ConfigError: A normaliser is none of this package's own, or a foreign glue chooses among levels.
+        ConfigError: A normaliser is not part of this package, or a glue of another package chooses among levels.
     """
     return tuple(element for glue in agent.action_glues for element in _commanded(agent, glue, exportable))
 
@@ -163,7 +163,7 @@ def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[Commanded
             ]
     if exportable and any(glue.choices(agent.parts)):
         raise ConfigError(
-            f"{_title(agent, glue)}: what its choices mean is not known outside this glue; use DiscreteControllerGlue"
+            f"{_title(agent, glue)}: the meaning of its choices is unknown outside the glue; use DiscreteControllerGlue"
         )
     low, high = glue.bounds(agent.parts)
     rows = zip(names, low.tolist(), high.tolist(), strict=True)
@@ -171,7 +171,10 @@ def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[Commanded
 
 
 def _controller(parts: Parts, name: str) -> tuple[str, str, tuple[str, ...], FloatArray, FloatArray]:
-    """Return unit, axis, configuration (of one that is none of this package's) and limits of a controller's values."""
+    """Return unit, axis, configuration and limits of a controller's values.
+
+    The configuration is empty for controllers of this package.
+    """
     controller = controller_of(parts, name)
     if isinstance(controller, RateController) and isinstance(controller.commanded, ActuatorLimits):
         return controller.commanded.symbol, "xyz"[controller.axis % 3], (), *controller.limits
@@ -195,7 +198,7 @@ def _affine(
         return np.broadcast_to(affine.gain, low.shape), np.broadcast_to(affine.offset, low.shape)
     assert normalizer is not None
     raise ConfigError(
-        f"{_title(agent, glue)}: a file cannot hold the normaliser {normalizer.registered_name}; train with "
+        f"{_title(agent, glue)}: a file cannot contain the normaliser {normalizer.registered_name}; train with "
         "StandardNormalNormalizer, LinearNormalizer or `normalization: {enabled: False}` to export the policy"
     )
 
@@ -205,11 +208,11 @@ def _title(agent: AgentSpec, glue: Glue) -> str:
 
 
 def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
-    """Return the task with observations and actions in SI units: the same episodes, seeds and physics.
+    """Return the task with observations and actions in SI units; episodes, seeds and physics stay the same.
 
     Args:
         spec: The task.
-        agents: Names of the agents; all that act from outside unless given.
+        agents: Names of the agents; by default all agents without a scripted policy.
 
     Raises:
         SafeInspectError: There is no such agent.
@@ -218,7 +221,7 @@ def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> Envi
     chosen = outside if agents is None else list(agents)
     for name in chosen:
         if name not in outside:
-            raise SafeInspectError(f"no agent that acts from outside is named {name!r}; {did_you_mean(name, outside)}")
+            raise SafeInspectError(f"no controlled agent is named {name!r}; {did_you_mean(name, outside)}")
     return replace(
         spec,
         agents=tuple(
@@ -233,14 +236,14 @@ def _raw(glue: Glue) -> Glue:
         return ObserveSensor(sensor=glue.sensor, normalization=_OFF)
     if isinstance(glue, (ControllerGlue, DiscreteControllerGlue)):
         return ControllerGlue(controller=glue.controller, normalization=_OFF)
-    if isinstance(glue, SafetyGlue):  # made anew: a copy would keep what the glue has worked out
+    if isinstance(glue, SafetyGlue):  # a new object, as a copy would keep the glue's cached results
         fields = {name: getattr(glue, name) for name in type(glue).model_fields}
         return type(glue)(**{**fields, "wrapped": tuple(_raw(inner) for inner in glue.wrapped)})
     return glue
 
 
 def plain_elements(elements: Iterable[ObservedElement | CommandedElement]) -> list[dict[str, Any]]:
-    """Return elements as dictionaries, for JSON."""
+    """Return elements as dictionaries for JSON."""
     return [asdict(element) for element in elements]
 
 

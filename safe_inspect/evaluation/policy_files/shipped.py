@@ -1,7 +1,7 @@
-"""The trained policies that come with the package: `safe_inspect/policies/trained/<name>/`.
+"""The trained policies that are part of the package: `safe_inspect/policies/trained/<name>/`.
 
-Each folder holds what `scripts/ship_policy.py` has put there: an ONNX file for each policy, `policy.json` with the
-agents that it flies, `card.md`, `experiment.resolved.yml`, and `checkpoint/` with the weights.
+Each folder contains the files that `scripts/ship_policy.py` writes: an ONNX file for each policy, `policy.json` with
+the agents that it controls, `card.md`, `experiment.resolved.yml`, and `checkpoint/` with the weights.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ShippedPolicy:
     Attributes:
         name: Its name.
         folder: Its folder.
-        onnx: The ONNX file that flies each agent, by the agent's name; agents that share a policy share the file.
+        onnx: The ONNX file of each agent, by the agent's name; agents that share a policy share the file.
     """
 
     name: str
@@ -40,22 +40,22 @@ class ShippedPolicy:
 
     @property
     def card(self) -> Path:
-        """The model card, Markdown: how it was trained, what it reaches, and where it must not be used."""
+        """The model card in Markdown: how the policy was trained, what it achieves, and where it must not be used."""
         return self.folder / CARD
 
     @property
     def experiment(self) -> Path:
-        """The experiment file with which it was trained, whole in itself."""
+        """The complete experiment file with which it was trained."""
         return self.folder / CONFIGURATION
 
     @property
     def checkpoint(self) -> Path:
-        """The checkpoint, with the weights alone: for `load_policy` and for policies that come from a checkpoint."""
+        """The checkpoint, with only the weights: for `load_policy` and policies that start from a checkpoint."""
         return self.folder / CHECKPOINT
 
     @property
     def training(self) -> Mapping[str, str]:
-        """What the first table of the model card says of the training, such as ``wall time``; empty without a card."""
+        """Entries on the training in the model card's first table, such as ``wall time``; empty without a card."""
         try:
             rows = re.findall(r"^\| ([^|]+) \| ([^|]*) \|$", self.card.read_text(encoding="utf-8"), re.MULTILINE)
         except OSError:
@@ -72,7 +72,7 @@ class ShippedPolicy:
         return next(iter(self.load().values())).configuration
 
     def load(self, sampled: bool | None = None, seed: int = 0) -> dict[str, OnnxPolicy]:
-        """Return the policy that flies each agent, by the agent's name; see `load_onnx`.
+        """Return the policy of each agent, by the agent's name; see `load_onnx`.
 
         Raises:
             CheckpointError: An ONNX file is missing or damaged.
@@ -83,31 +83,31 @@ class ShippedPolicy:
 
 
 def shipped_policies(root: Path | None = None) -> tuple[str, ...]:
-    """Return the names of the policies that come with the package.
+    """Return the names of the policies that are part of the package.
 
     Args:
-        root: Where they lie; the package's own folder unless given.
+        root: Folder of the policies; the package's own by default.
     """
     root = _ROOT if root is None else root
     return tuple(sorted(path.parent.name for path in root.glob(f"*/{RECORD}")))
 
 
 def shipped_policy(name: str, root: Path | None = None) -> ShippedPolicy:
-    """Return a policy that comes with the package.
+    """Return a policy that is part of the package.
 
     Args:
         name: Its name.
-        root: Where the policies lie; the package's own folder unless given.
+        root: Folder of the policies; the package's own by default.
 
     Raises:
-        SafeInspectError: There is none of that name.
+        SafeInspectError: There is no policy of that name.
         CheckpointError: Its record is damaged.
     """
     root = _ROOT if root is None else root
     names = shipped_policies(root)
     if name not in names:
         scripted = (
-            "; it is a scripted one: give it as a word of its own, without `--policy`" if name in BASELINES else ""
+            "; it is a scripted policy: give it as a separate argument, without `--policy`" if name in BASELINES else ""
         )
         raise SafeInspectError(f"no shipped policy {name!r}{scripted or '; ' + did_you_mean(name, names)}")
     record = root / name / RECORD
@@ -115,5 +115,7 @@ def shipped_policy(name: str, root: Path | None = None) -> ShippedPolicy:
         agents = json.loads(record.read_text(encoding="utf-8"))["agents"]
         files = {str(agent): root / name / str(file) for agent, file in agents.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"{record}: the record of the policy is damaged ({error}); install it again") from None
+        raise CheckpointError(
+            f"{record}: the record of the policy is damaged ({error}); reinstall the package"
+        ) from None
     return ShippedPolicy(name, root / name, files)

@@ -1,7 +1,7 @@
-"""`check_layout`: whether a task's observation and action are those that a policy was trained with.
+"""`check_layout`: checks that a task's observation and action are those with which a policy was trained.
 
-One comparison for checkpoints, ONNX files, frozen policies and exports. It compares the elements as the policy knows
-them: names and units, what the normalisers make of a reading, what a command means and where it is cut.
+Checkpoints, ONNX files, frozen policies and exports use this one comparison. It compares the elements from the policy's
+point of view: names and units, how the normalisers transform a reading, what a command means and where it is clipped.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from safe_inspect.evaluation.policy_files.raw_values import (
 
 TrainedElement = ObservedElement | CommandedElement
 
-# The same number from another unit differs in its last bits.
+# A number that was converted from another unit differs in its last bits.
 _RELATIVE, _ABSOLUTE = 1e-9, 1e-12
 
 
 def check_layout(title: str, trained: PolicyInfo, agent: AgentSpec) -> None:
-    """Refuse an agent whose observation or action differs from that of the policy's training.
+    """Raise an error for an agent whose observation or action differs from that of the policy's training.
 
     Args:
-        title: What holds the policy, for the message.
-        trained: What the policy was trained with.
-        agent: The agent that it is to fly.
+        title: Where the policy is stored, for the message.
+        trained: The metadata of the policy.
+        agent: The agent that the policy is to control.
 
     Raises:
         CheckpointError: They differ; the message names the first difference.
@@ -45,20 +45,23 @@ def check_layout(title: str, trained: PolicyInfo, agent: AgentSpec) -> None:
         if difference:
             raise CheckpointError(
                 f"{title}: the policy is of another task ({trained.task}): in the {what} of {agent.name}, "
-                f"{difference}; fly it with the glues and controllers of its training, without overrides of them, or "
-                "train a policy for these"
+                f"{difference}; use the glues and controllers of its training, without overriding them, or train a "
+                "policy for this task"
             )
 
 
 def difference_of(trained: Sequence[TrainedElement], task: Sequence[TrainedElement]) -> str:
-    """Return the first difference between elements of training and those of a task; empty where there is none."""
+    """Return the first difference between the elements of training and those of a task; empty if there is none."""
     for index, (old, new) in enumerate(zip(trained, task, strict=False)):
-        if (old.name, old.unit.strip("-")) != (new.name, new.unit.strip("-")):  # both stand for no unit
+        if (old.name, old.unit.strip("-")) != (
+            new.name,
+            new.unit.strip("-"),
+        ):  # "" and "-" both mean that there is no unit
             return f"element {index} is {old} in training and {new} in the task"
     if len(trained) != len(task):
         return f"there are {len(trained)} elements in training and {len(task)} in the task"
     for old, new in zip(trained, task, strict=True):
-        if _axis(old) and _axis(old) != _axis(new):  # files of the first versions name no axis
+        if _axis(old) and _axis(old) != _axis(new):  # files of early versions name no axis
             return f"{old.name} acts along {_axis(old)} in training and along {_axis(new) or 'no axis'} in the task"
         mine, theirs = _numbers(old), _numbers(new)
         if _chooses(old) != _chooses(new) or len(mine) != len(theirs) or not _close(mine, theirs):

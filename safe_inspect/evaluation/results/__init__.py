@@ -1,1 +1,1 @@
-"""Figures of flown episodes: tables, statistics, comparisons, files."""
+"""Figures of evaluated episodes: tables, statistics, comparisons and files."""

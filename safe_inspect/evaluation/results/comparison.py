@@ -1,4 +1,4 @@
-"""`compare`: evaluations of the same episodes side by side, with paired differences."""
+"""`compare`: compares evaluations of the same episodes, with paired differences."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from safe_inspect.evaluation.results.tables import Row, aligned, ends, number, s
 from safe_inspect.evaluation.task import differing_keys
 from safe_inspect.metrics.statistics import Difference, Estimate, paired_difference
 
-#: The figure that says who has won.
+#: The figure that is 1 for a won episode and 0 otherwise.
 SUCCESS = "success"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Evaluations side by side.
+    """Evaluations of the same episodes, compared.
 
     Attributes:
         evaluations: The evaluations; the others are compared with the first.
-        estimates: Of every figure, for each evaluation that has it, by label.
-        differences: Of every figure, for each further evaluation that has it: it less the first, by label.
+        estimates: Estimates of every figure for each evaluation that has it, by label.
+        differences: Differences of every figure for each further evaluation that has it, that evaluation minus the
+            first, by label.
         notes: What is left out, and why.
     """
 
@@ -67,21 +68,21 @@ class Comparison:
                     rows.append(_row(name, found[item.label]))
             (table,) = aligned([rows])
             lines += ["", f"{item.label} less {first.label}, episode by episode:", *table]
-        lines += ["", "* the interval of the mean does not hold 0"]
+        lines += ["", "* the interval of the mean does not contain 0"]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
 
 def compare(evaluations: Sequence[Evaluation]) -> Comparison:
-    """Put evaluations of the same episodes side by side.
+    """Compare evaluations of the same episodes.
 
     Raises:
-        EvaluationError: There are fewer than two, or their seeds, numbers of episodes, tasks or beginnings differ.
+        EvaluationError: There are fewer than two, or their seeds, numbers of episodes, tasks or initial states differ.
     """
     if len(evaluations) < 2:
-        raise EvaluationError(f"two evaluations or more are compared, not {len(evaluations)}; give another")
+        raise EvaluationError(f"a comparison needs at least two evaluations, got {len(evaluations)}; give another")
     first, *others = evaluations
     if len({item.label for item in evaluations}) < len(evaluations):
-        raise EvaluationError("two evaluations have the same label; give each a label of its own")
+        raise EvaluationError("two evaluations have the same label; give each a different label")
     for other in others:
         _check_same_episodes(first, other)
     notes = []
@@ -139,9 +140,9 @@ def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
         same &= values == other.initial_states[name]
     if not same.all():
         raise EvaluationError(
-            f"{who}: {int((~same).sum())} of their {len(same)} episodes begin in other states (the first is episode "
-            f"{int(np.argmin(same))}), as the initial states of the configurations differ or an enabled filter refuses "
-            f"other ones; {remedy}"
+            f"{who}: {int((~same).sum())} of their {len(same)} episodes have different initial states (the first is "
+            f"episode {int(np.argmin(same))}), as the initial states of the configurations differ or an enabled filter "
+            f"refuses different ones; {remedy}"
         )
 
 

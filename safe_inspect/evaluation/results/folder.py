@@ -21,15 +21,15 @@ EPISODES = "episodes.parquet"
 
 
 def is_evaluation(path: str | os.PathLike[str]) -> bool:
-    """Return whether a folder holds an evaluation."""
+    """Return whether a folder contains an evaluation."""
     return (Path(path) / RECORD).is_file()
 
 
 def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
-    """Write an evaluation into a folder.
+    """Write an evaluation to a folder.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The folder cannot be written.
     """
     import pyarrow  # type: ignore[import-untyped]
     from pyarrow import parquet
@@ -54,7 +54,7 @@ def read_evaluation(path: str | os.PathLike[str]) -> Evaluation:
     """Return the evaluation of a folder, without its trajectories.
 
     Raises:
-        EvaluationError: It is missing or damaged.
+        EvaluationError: The evaluation is missing or damaged.
     """
     folder = Path(path).expanduser()
     record = read_evaluation_record(folder)
@@ -67,21 +67,21 @@ def read_evaluation(path: str | os.PathLike[str]) -> Evaluation:
 
 
 def read_evaluation_record(folder: Path) -> Mapping[str, Any]:
-    """Return what `evaluation.json` says.
+    """Return the content of `evaluation.json`.
 
     Raises:
-        EvaluationError: It is missing or damaged.
+        EvaluationError: The file is missing or damaged.
     """
     path = folder / RECORD
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if record["format"] != EVALUATION_FORMAT:
-            raise EvaluationError(f"{path}: another version of safe_inspect has written it; evaluate again")
+            raise EvaluationError(f"{path}: the file was written by another version of safe_inspect; evaluate again")
         for key in ("seed", "episodes", "task", "units", "files"):
             record[key]
     except (FileNotFoundError, NotADirectoryError):
         raise EvaluationError(
-            f"{folder}: this is no evaluation; give a folder that `safe-inspect evaluate --output` has written"
+            f"{folder}: not an evaluation; give a folder that `safe-inspect evaluate --output` has written"
         ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise EvaluationError(f"{path}: the record of the evaluation is damaged ({error}); evaluate again") from None
@@ -94,7 +94,7 @@ def _read_table(folder: Path, record: Mapping[str, Any]) -> dict[str, AnyArray]:
     path = folder / EPISODES
     try:
         if sha256(path) != record["files"].get(EPISODES):
-            raise EvaluationError(f"{path}: the file is damaged, it is not what was written; evaluate again")
+            raise EvaluationError(f"{path}: the file was damaged or changed after it was written; evaluate again")
         table = parquet.read_table(path)
     except (OSError, ArrowException, AttributeError) as error:
         raise EvaluationError(f"{path}: the file cannot be read ({error}); evaluate again") from None
@@ -105,7 +105,7 @@ def write_json(path: Path, content: Any) -> None:
     """Write a JSON file.
 
     Raises:
-        OutputError: It cannot be written.
+        OutputError: The file cannot be written.
     """
     with new_file(path) as work:
         work.write_text(json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""`sha256`: the hash of a file, by which damage and exchange are found."""
+"""`sha256`: the hash of a file, which reveals damage and replacement."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from pathlib import Path
 
 
 def sha256(path: Path) -> str:
-    """Return the hash of a file."""
+    """Return the SHA-256 hash of a file in hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,4 +1,4 @@
-"""`Evaluation`: the figures of a rollout by name, for the team and every agent, as rows of a table and back."""
+"""`Evaluation`: the figures of a rollout, for the team and every agent, and their conversion to and from a table."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.metrics.statistics import Estimate, Interval, estimate, wilson
 from safe_inspect.types import AnyArray, FloatArray
 
-#: Begins the names of the columns that concern the whole episode, and the state in which it began.
+#: Prefixes of the names of columns for the whole episode, and for its initial state.
 EPISODE, BEGIN = "episode/", "begin/"
-#: The column with why an episode was lost.
+#: The column with the reason why an episode was lost.
 _CAUSE = f"{EPISODE}cause"
 _AXES = ("x", "y", "z")
 
 
 class EvaluationError(SafeInspectError):
-    """An evaluation that is missing, damaged, or of other episodes than the one it is compared with."""
+    """Error for an evaluation that is missing, damaged, or not comparable with another one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """The figures of the team, or of one agent, in E episodes.
+    """Figures of the team, or of one agent, in E episodes.
 
     Attributes:
         status: How each episode ended, in lower case, shape (E,).
@@ -64,17 +64,17 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What an evaluation has found, and what it is.
+    """Figures of an evaluation, with its record.
 
     Attributes:
         label: Name in tables.
         team: Figures of the whole episodes.
         agents: Figures of every agent by its name.
         units: Unit of every figure by its name.
-        initial_states: State in which each episode began, by column such as ``blue0/x``, each of shape (E,).
-        record: What the evaluation is, see `safe_inspect.evaluation.results.folder`.
+        initial_states: Initial state of each episode, by column such as ``blue0/x``, each of shape (E,).
+        record: Description of the evaluation, see `safe_inspect.evaluation.results.folder`.
         trajectories: The recorded episodes.
-        causes: Why each episode was lost, empty for one that was not, shape (E,); None where nothing says it.
+        causes: Why each episode was lost, empty for one that was not, shape (E,); None if no causes are reported.
     """
 
     label: str
@@ -103,7 +103,7 @@ class Evaluation:
         Args:
             label: Name in tables.
             episodes: The rollout.
-            record: What the evaluation is.
+            record: Description of the evaluation.
             reference: Delta-v of the open-loop optimum of every episode [m/s], NaN where there is none, shape (E,).
         """
         figures = episodes.figures()
@@ -129,25 +129,25 @@ class Evaluation:
 
     @cached_property
     def blocks(self) -> dict[str, Block]:
-        """The figures of the team by the name ``""``, and where there are several agents those of each by its name."""
+        """The figures of the team under the name ``""`` and, with several agents, those of each agent by its name."""
         return {"": self.team} | (dict(self.agents) if len(self.agents) > 1 else {})
 
     @cached_property
     def estimates(self) -> dict[str, dict[str, Estimate]]:
-        """The estimate of every figure of each of `blocks`; its bootstraps take seconds for thousands of episodes."""
+        """The estimate of every figure of each of `blocks`; the bootstrap takes seconds for thousands of episodes."""
         return {
             name: {figure: estimate(values, self.units.get(figure, "-")) for figure, values in block.figures.items()}
             for name, block in self.blocks.items()
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the estimates as plain dictionaries and numbers for JSON; ``agents`` where there are several."""
+        """Return the estimates as plain dictionaries and numbers for JSON; several agents are under ``agents``."""
         agents = {name: _as_dict(block, self.estimates[name]) for name, block in self.blocks.items()}
         found = agents.pop("")
         return found | ({"agents": agents} if agents else {})
 
     def columns(self) -> dict[str, AnyArray]:
-        """Return the columns of a table with a row for each episode and agent, episode by episode."""
+        """Return the columns of a table with a row for each episode and agent, ordered by episode."""
         agents, count = list(self.agents.values()), len(self)
 
         def each(array: AnyArray) -> AnyArray:
@@ -179,7 +179,7 @@ class Evaluation:
 
         Raises:
             KeyError: A column is missing.
-            ValueError: The rows are not those of episodes and agents.
+            ValueError: There is not one row for each episode and agent.
         """
         names = list(dict.fromkeys(table["agent"].tolist()))
         count = len(table["episode"]) // max(len(names), 1)
@@ -189,7 +189,7 @@ class Evaluation:
             or not np.array_equal(table["episode"], np.arange(count).repeat(len(names)))
             or table["agent"].tolist() != names * count
         ):
-            raise ValueError("the rows are not one for each episode and agent")
+            raise ValueError("there is not one row for each episode and agent")
         first = slice(None, None, len(names))
         agents = {}
         for place, name in enumerate(names):
@@ -219,7 +219,7 @@ def _names(status: AnyArray) -> AnyArray:
 
 
 def _initial_states(episodes: Episodes) -> dict[str, FloatArray]:
-    """Return the columns of the initial states: of each deputy, and of what components record."""
+    """Return the columns of the initial states: of each deputy, and of the arrays that components record."""
     columns: dict[str, FloatArray] = {}
     states = dict(episodes.initial_states)
     vectors = (("", states.pop("position")), ("v", states.pop("velocity")))

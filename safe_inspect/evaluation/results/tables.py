@@ -1,4 +1,4 @@
-"""Evaluations as text: estimates of every figure, and evaluations side by side."""
+"""Text tables of evaluations: the estimates of every figure, for one or several evaluations."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from safe_inspect.metrics.statistics import Estimate, Interval, estimate
 
 Row = Sequence[str]
 
-#: The columns that are left out where there is no room, the first of them first; files have them all.
+#: Columns that are left out, in this order, when a table is too wide; files contain all columns.
 _OPTIONAL = ("max", "min", "std", "higher in", "lower in", "95 % interval of the IQM", "95 % interval")
 
-#: How many episodes of a cause are named.
+#: Largest number of episodes that are listed for a cause.
 _MOST_NUMBERS = 10
 
 
 def evaluation_table(evaluation: Evaluation) -> str:
-    """Return the table of an evaluation; a block for each agent where there are several."""
+    """Return the table of an evaluation, with a block for each agent if there are several."""
     blocks = evaluation.blocks
     head = ("", "mean", "std", "IQM", "95 % interval of the IQM", "min", "max", "unit")
     rows = {
@@ -62,10 +62,10 @@ def ends(block: Block) -> str:
 
 
 def aligned(blocks: Sequence[Sequence[Row]]) -> list[list[str]]:
-    """Return the lines of every block; all have the same columns, the first and the last to the left.
+    """Return the lines of every block, with the same column widths; the first and the last column are left-aligned.
 
-    Where a line would be longer than the terminal, or than the environment variable ``COLUMNS`` says, columns of
-    `_OPTIONAL` are left out, the first of them first.
+    If a line would be longer than the terminal, or than the environment variable ``COLUMNS``, columns of `_OPTIONAL`
+    are left out, in that order.
     """
     room = shutil.get_terminal_size((sys.maxsize, 0)).columns
     count = len(blocks[0][0])
@@ -91,14 +91,14 @@ def aligned(blocks: Sequence[Sequence[Row]]) -> list[list[str]]:
 
 
 def number(value: float) -> str:
-    """Return a number with four digits behind the point, more of a small one; ``-`` for none."""
+    """Return a number with four decimals, or three significant digits of a small one; ``-`` if it is not finite."""
     if not math.isfinite(value):
         return "-"
     return f"{value:z.4f}" if value == 0.0 or abs(value) >= 0.001 else f"{value:.3g}"
 
 
 def span(interval: Interval) -> str:
-    """Return an interval; ``-`` for none."""
+    """Return an interval as text; ``-`` if it is not finite."""
     if not math.isfinite(interval.low):
         return "-"
     return f"{number(interval.low)} to {number(interval.high)}"
@@ -119,9 +119,9 @@ def _row(name: str, item: Estimate, episodes: int) -> Row:
 
 
 def pooled_table(evaluations: Sequence[Evaluation]) -> str:
-    """Return the table of several sources together, such as those of several training seeds.
+    """Return the table of several sources combined, such as those of several training seeds.
 
-    The intervals come from a bootstrap that resamples the episodes of each source by themselves.
+    The intervals come from a bootstrap that resamples the episodes of each source separately.
     """
     head = ("", "mean", "std", "IQM", "95 % interval of the IQM", "min", "max", "unit")
     rows: list[Row] = [head]

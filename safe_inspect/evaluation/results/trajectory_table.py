@@ -1,4 +1,4 @@
-"""Recorded episodes as a table: a row for each episode, step and deputy, and back."""
+"""Recorded episodes as a table with a row for each episode, step and deputy, and the conversion back."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ _AXES = ("x", "y", "z")
 
 
 def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
-    """Return a table of PyArrow.
+    """Return a PyArrow table of recorded episodes.
 
     Columns: ``episode``, ``step``, ``deputy`` (name), ``time`` [s], ``x``, ``y``, ``z`` [m], ``vx``, ``vy``, ``vz``
-    [m/s], ``ux``, ``uy``, ``uz`` (the thrust held over the step that begins there, NaN at the end [N]), of vehicles
-    that turn ``mx``, ``my``, ``mz`` (the moment [N m]), ``delta_v`` [m/s], what is recorded besides, such as
-    ``sun_angle`` [rad] (``NAME/0``, ``NAME/1``, ... of several numbers), and in a task with points ``inspected`` (those
-    of the team so far) and ``inspected_own`` (those that the deputy was the first to inspect). Hill's frame, thrust and
-    moment of vehicles that turn along body axes. The metadata hold the points and when they were inspected.
+    [m/s], ``ux``, ``uy``, ``uz`` (the thrust held over the step that starts there, NaN at the end [N]), for vehicles
+    that turn ``mx``, ``my``, ``mz`` (the moment [N m]), ``delta_v`` [m/s], the other recorded arrays, such as
+    ``sun_angle`` [rad] (``NAME/0``, ``NAME/1``, ... for several numbers), and in a task with points ``inspected``
+    (number of points that the team has inspected so far) and ``inspected_own`` (number of points that the deputy was
+    the first to inspect). Vectors are in Hill's frame, but thrust and moment of vehicles that turn are along body axes.
+    The metadata contain the points and the times at which they were inspected.
     """
     import pyarrow  # type: ignore[import-untyped]
 
@@ -59,7 +60,7 @@ def read_trajectories(path: str | os.PathLike[str]) -> tuple[Trajectory, ...]:
     """Return the recorded episodes of a Parquet file, or of an evaluation's folder.
 
     Raises:
-        EvaluationError: It is missing or damaged.
+        EvaluationError: The file is missing or damaged.
     """
     from pyarrow import ArrowException, parquet
 
@@ -71,7 +72,7 @@ def read_trajectories(path: str | os.PathLike[str]) -> tuple[Trajectory, ...]:
         record = file.with_name(RECORD)
         known = json.loads(record.read_text(encoding="utf-8"))["files"] if record.is_file() else {}
         if known.get(file.name, sha256(file)) != sha256(file):
-            raise EvaluationError(f"{file}: the file is damaged, it is not what was written; evaluate again")
+            raise EvaluationError(f"{file}: the file was damaged or changed after it was written; evaluate again")
         table = parquet.read_table(file)
         records = json.loads(table.schema.metadata[_KEY])
         columns = {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
@@ -111,7 +112,7 @@ def _columns(trajectory: Trajectory) -> dict[str, AnyArray]:
 
 
 def _columns_of(name: str, shape: Sequence[int]) -> list[str]:
-    """Return the names of the columns of a recorded array, without its axis of states."""
+    """Return the column names of a recorded array, given its shape without the axis of states."""
     return [f"{name}/{k}" for k in range(int(np.prod(shape)))] if shape else [name]
 
 
@@ -126,7 +127,7 @@ def _trajectory(columns: dict[str, AnyArray], record: dict[str, Any]) -> Traject
         found = [columns[column][rows][::deputies] for column in _columns_of(name, shape)]
         return np.stack(found, axis=-1).reshape(-1, *shape)
 
-    arrays = record.get("arrays", {"sun_angle": []})  # older files have the sun alone
+    arrays = record.get("arrays", {"sun_angle": []})  # older files contain only the sun
     when = [np.inf if time is None else time for time in record["inspected_at"]]
     return Trajectory(
         time=columns["time"][rows][::deputies],
@@ -144,5 +145,5 @@ def _trajectory(columns: dict[str, AnyArray], record: dict[str, Any]) -> Traject
         mean_motion=float(record["mean_motion"]),
         in_body_axes=bool(record.get("in_body_axes")),
         camera=(tuple(camera[0]), camera[1]) if (camera := record.get("camera")) else None,
-        docking_radius=float(record.get("docking_radius", 0.0)),  # older files have none
+        docking_radius=float(record.get("docking_radius", 0.0)),  # older files have no radius
     )

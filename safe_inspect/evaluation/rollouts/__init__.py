@@ -1,1 +1,1 @@
-"""Flying episodes and recording them."""
+"""Rollouts: running episodes and recording them."""

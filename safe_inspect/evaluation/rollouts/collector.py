@@ -1,4 +1,4 @@
-"""`EpisodeCollector`: the figures of the episodes that a batch flies, from a fresh reset to the end of each row."""
+"""`EpisodeCollector`: collects the figures of the episodes of a batch, from a reset to the end of each row."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 
 class EpisodeCollector:
-    """The figures of one episode in every row of a batch.
+    """Collector of the figures of one episode in every row of a batch.
 
     Args:
-        environment: The batch, freshly reset.
-        metrics: What is measured besides.
+        environment: The batch, after a reset.
+        metrics: Metrics that are measured in addition.
 
     Attributes:
-        running: Rows whose episode runs, shape (N,).
+        running: Mask of the rows whose episode is running, shape (N,).
         length: Number of steps of each episode, shape (N,).
         status: How each episode has ended, `DoneStatus`, int8, shape (N,).
     """
@@ -51,18 +51,18 @@ class EpisodeCollector:
         self._agents: dict[str, dict[str, AnyArray]] = {name: {} for name in environment.agents}
 
     def go_on(self, environment: TeamEnvironment, chosen: IntArray) -> None:
-        """Go on with some of the environments that are stepped now, which are stepped as another batch from now on.
+        """Continue with some of the current environments, which are stepped as a smaller batch from now on.
 
         Args:
-            environment: That batch, R environments.
-            chosen: Which of those that were stepped before they are, shape (R,); all whose episode runs are among them.
+            environment: The smaller batch, R environments.
+            chosen: Their indices among the current environments, shape (R,); they include all whose episode is running.
         """
         self._environment, self._rows = environment, self._rows[chosen]
         self._sums = self._sums.part(environment, chosen)
         self._measured.go_on(environment, chosen)
 
     def add(self, transition: TeamTransition) -> bool:
-        """Add a step; return whether the episodes of some rows have ended with it."""
+        """Add a step and return whether it ends the episodes of some rows."""
         rows, running = self._rows, self.running[self._rows]
         self._sums.add(transition)
         self.length[rows] += running
@@ -83,7 +83,7 @@ class EpisodeCollector:
         return True
 
     def episodes(self, seed: int, trajectories: Sequence[Trajectory] = ()) -> Episodes:
-        """Return the episodes, once all rows have ended."""
+        """Return the episodes; call this when all rows have ended."""
         agents = {
             name: _agent(figures, self._measured.of_agent(deputy))
             for deputy, (name, figures) in enumerate(self._agents.items())
@@ -103,7 +103,7 @@ class EpisodeCollector:
         )
 
     def _keep(self, kept: dict[str, AnyArray], found: dict[str, AnyArray], rows: IntArray) -> None:
-        """Keep the figures of some rows, which have just ended."""
+        """Store the figures of some rows that have just ended."""
         for name, values in found.items():
             kept.setdefault(name, np.zeros(len(self.running), values.dtype))[rows] = values
 

@@ -1,4 +1,4 @@
-"""`PolicyDispatcher`: who flies which agent of a batch, and their actions at every step."""
+"""`PolicyDispatcher`: assigns policies to the agents of a batch and computes their actions at every step."""
 
 from __future__ import annotations
 
@@ -15,20 +15,22 @@ from safe_inspect.evaluation.policies import Flight, Policy, with_scripted
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
-#: Who flies the agents: one for all that act from outside, or one for each by the agents' names.
+#: One policy for all controlled agents, or a mapping from the name of each agent to its policy.
 Policies = Policy | ScriptedPolicy | Mapping[str, Policy | ScriptedPolicy]
 
 
 def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, dict[str, Policy]]:
-    """Return the task with the scripted policies inside it, and who flies each agent that acts from outside.
+    """Return the task with the scripted policies inside it, and the policy of each controlled agent.
+
+    Controlled agents are those without a scripted policy in the task.
 
     Raises:
-        ArgumentError: A task or a policy is of another type.
+        ArgumentError: The task or a policy has a wrong type.
         SafeInspectError: An agent has no policy, or a policy has no agent.
     """
     if not isinstance(spec, EnvironmentSpec):
         raise ArgumentError(
-            f"a task is an EnvironmentSpec, not {spec!r:.60}; `load_spec` gives that of a file or an id"
+            f"a task must be an EnvironmentSpec, got {spec!r:.60}; `load_spec` returns that of a file or an id"
         )
     outside = [agent.name for agent in spec.agents if agent.scripted_policy is None]
     if not isinstance(policies, Mapping):
@@ -37,18 +39,18 @@ def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, 
         if name not in outside:
             known = f"; {did_you_mean(name, outside)}" if outside else ""
             flies = any(agent.name == name for agent in spec.agents)
-            what = f"the agent {name!r} is flown by the task's own policy" if flies else f"no agent is named {name!r}"
-            raise SafeInspectError(f"a policy is given that flies nobody: {what}{known}")
+            what = f"the agent {name!r} is controlled by the task's policy" if flies else f"no agent is named {name!r}"
+            raise SafeInspectError(f"a policy is given for no controlled agent: {what}{known}")
     missing = [name for name in outside if name not in policies]
     if missing:
-        raise SafeInspectError(f"no policy is given for {', '.join(missing)}")
+        raise SafeInspectError(f"no policy is given for {', '.join(missing)}; give one for each agent")
     flying: dict[str, Policy] = {}
     for name, policy in policies.items():
         if isinstance(policy, type) or not callable(policy):
             hint = (
                 f"give an object, {policy.__name__}(...)"
                 if isinstance(policy, type)
-                else "`baseline` makes scripted ones"
+                else "`baseline` returns scripted policies"
             )
             raise ArgumentError(f"the policy {policy!r:.60} cannot be called with observations; {hint}")
         if isinstance(policy, ScriptedPolicy):
@@ -60,7 +62,7 @@ def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, 
 
 @dataclass(frozen=True)
 class _Assignment:
-    """One policy, and the agents that it flies: (index of the acting group, index in it) of each."""
+    """A policy and the agents that it controls, each as (index of the acting group, index in the group)."""
 
     policy: Any
     agents: tuple[tuple[int, int], ...]
@@ -68,18 +70,18 @@ class _Assignment:
 
 
 class PolicyDispatcher:
-    """The policies that fly the agents of a batch from outside. One that flies several agents is asked once a step.
+    """Policies of the controlled agents of a batch. A policy of several agents is called once per step.
 
     Args:
         environment: The batch.
-        flying: Who flies each agent that acts from outside, by its name.
+        flying: The policy of each controlled agent, by the agent's name.
         first_slot: Global index of the environment slot of the first row.
 
     Attributes:
-        selective: Whether every policy has a method `decide`, so that `decide` can take the place of a call.
+        selective: Whether every policy has a method `decide`, so that `decide` can be used instead of a call.
 
     Raises:
-        SafeInspectError: One policy flies agents whose observations or actions differ.
+        SafeInspectError: One policy controls agents whose observations or actions differ.
     """
 
     def __init__(self, environment: TeamEnvironment, flying: Mapping[str, Policy], first_slot: int) -> None:
@@ -104,20 +106,20 @@ class PolicyDispatcher:
             for what in ("observation_layout", "action_layout"):
                 if getattr(group, what).names != getattr(first, what).names:
                     raise SafeInspectError(
-                        f"one policy flies {first.agents[0]} and {group.agents[member]}, which have different "
+                        f"one policy controls {first.agents[0]} and {group.agents[member]}, which have different "
                         f"{what.partition('_')[0]}s; give each agent a policy"
                     )
         return _Assignment(policy, tuple(agents), first.action_layout.size)
 
     def __call__(self, observations: Sequence[AnyArray], running: BoolArray) -> list[AnyArray]:
-        """Return the actions of every acting group, shape (N, G, A); 0 in rows that do not run, shape (N,).
+        """Return the actions of every acting group, shape (N, G, A); 0 in rows that are not running.
 
         Args:
             observations: For each acting group, shape (N, G, O).
-            running: Rows whose episode runs, shape (N,).
+            running: Mask of the rows whose episode is running, shape (N,).
 
         Raises:
-            ValueError: A policy's actions have another shape.
+            ValueError: A policy's actions have a wrong shape.
         """
         actions = [np.zeros(shape) for shape in self._shapes]
         for assigned in self._assigned:
@@ -133,16 +135,17 @@ class PolicyDispatcher:
     def decide(
         self, observations: Sequence[AnyArray], asked: Sequence[BoolArray], rows: IntArray, step: int
     ) -> list[AnyArray]:
-        """Return the actions of the agents that are asked, of every acting group, shape (M, G, A); 0 for the others.
+        """Return the actions of every acting group, shape (M, G, A); 0 for agents that do not decide in this step.
 
         Args:
-            observations: For each acting group, shape (M, G, O); those of agents that are not asked may be NaN.
-            asked: Agents whose action is taken and whose episode runs, for each acting group, shape (M, G).
+            observations: For each acting group, shape (M, G, O); those of agents that do not decide may be NaN.
+            asked: For each acting group the mask of the agents that decide: their episode is running and their action
+                is used, shape (M, G).
             rows: Indices of the M environments in the batch, shape (M,).
             step: Number of the step, from 0.
 
         Raises:
-            ValueError: A policy's actions have another shape.
+            ValueError: A policy's actions have a wrong shape.
         """
         actions = [np.zeros((len(rows), *shape[1:])) for shape in self._shapes]
         for assigned in self._assigned:
@@ -159,14 +162,14 @@ class PolicyDispatcher:
 
 
 def _checked(assigned: _Assignment, action: Any, rows: int) -> AnyArray:
-    """Return the actions of a policy.
+    """Return the actions of a policy after a check of their shape.
 
     Raises:
-        ValueError: They have another shape than (rows, A).
+        ValueError: The shape is not (rows, A).
     """
     found, wanted = np.asarray(action), (rows, assigned.action_size)
     if found.shape != wanted:
-        raise ValueError(f"the policy returned actions of shape {found.shape}; {wanted} is wanted")
+        raise ValueError(f"the policy returned actions of shape {found.shape}; expected {wanted}")
     return found
 
 

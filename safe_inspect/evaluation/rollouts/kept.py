@@ -1,4 +1,4 @@
-"""`kept_episodes`: the batches of a long evaluation on disk, from which the same evaluation continues after a stop."""
+"""`kept_episodes`: stores the batches of a long evaluation on disk, so that it can continue after an interruption."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _NEW = "batch.new.npz"
 
 
 class KeptEpisodes:
-    """The finished batches of one rollout.
+    """Stored batches of one rollout.
 
-    A batch that is damaged is flown again. On a full disk nothing more is kept, and the flight continues.
+    A damaged batch is run again. On a full disk no further batches are stored, and the rollout continues.
 
     Args:
-        folder: Their folder; None keeps nothing.
-        name: Starts the names of their files.
+        folder: Their folder; None: nothing is stored.
+        name: Prefix of the names of their files.
     """
 
     def __init__(self, folder: Path | None, name: str) -> None:
@@ -39,7 +39,7 @@ class KeptEpisodes:
         self.count = 0
 
     def get(self, first: int, count: int) -> Episodes | None:
-        """Return a batch that was kept, from its first episode on; None where it has to be flown."""
+        """Return a stored batch, given its first episode and its size; None if it has to be run."""
         if self._folder is None:
             return None
         try:
@@ -53,10 +53,10 @@ class KeptEpisodes:
         return found
 
     def add(self, first: int, batch: Episodes) -> None:
-        """Keep a batch that was flown; it is on the disk when this returns.
+        """Store a batch; it is on the disk when this returns.
 
         Raises:
-            OutputError: It cannot be written.
+            OutputError: The batch cannot be written.
         """
         if self._folder is None:
             return
@@ -79,20 +79,21 @@ class KeptEpisodes:
 def kept_episodes(
     output: Path, command: str, flights: Mapping[str, Mapping[str, Any]], *, num_envs: int, force: bool = False
 ) -> Iterator[list[KeptEpisodes]]:
-    """Give the place of the batches of each rollout, in a folder next to `output` whose name ends in ``.part``.
+    """Provide the stored batches of each rollout, in a folder next to `output` whose name ends in ``.part``.
 
-    The folder is removed when the block ends well, and when nothing was kept.
+    The folder is removed when the block ends without an error, and when nothing was stored.
 
     Args:
-        output: Where the evaluations will be.
-        command: The command that flies.
-        flights: For each rollout a name, and what determines its episodes, with ``episodes``, their number.
-        num_envs: Episodes in a batch.
+        output: Path of the evaluations to be written.
+        command: The command that runs the rollouts.
+        flights: For each rollout its name, and a mapping of everything that determines its episodes, with their number
+            under ``episodes``.
+        num_envs: Number of episodes in a batch.
         force: Whether the episodes of other rollouts are replaced.
 
     Raises:
-        OutputError: The folder has episodes of other rollouts or something else, cannot be written, or another process
-            flies episodes into it.
+        OutputError: The folder contains episodes of other rollouts or something else, it cannot be written, or another
+            process is writing episodes to it.
     """
     shown = output.with_name(f"{output.name}.part")
     folder = shown.expanduser().absolute()
@@ -122,11 +123,11 @@ def kept_episodes(
             yield kept
         except BaseException as error:
             count = sum(each.count for each in kept)
-            if not count or not isinstance(error, (KeyboardInterrupt, OSError)):  # else the code may change
+            if not count or not isinstance(error, (KeyboardInterrupt, OSError)):  # other errors may be bugs
                 remove_written(folder)
             if isinstance(error, KeyboardInterrupt):
                 error.add_note(
-                    f"{count:,} of {total:,} episodes are kept in {shown}; the same command continues"
+                    f"{count:,} of {total:,} episodes are kept in {shown}; run the same command to continue"
                     if count
                     else f"nothing is kept, as the first batch of {min(num_envs, total):,} episodes was not complete"
                 )
@@ -135,35 +136,36 @@ def kept_episodes(
 
 
 def batch_file(name: str, first: int) -> str:
-    """Return the name of the file of a batch."""
+    """Return the file name of a batch."""
     return f"{name}-{first:08d}.npz"
 
 
 def _check_origin(folder: Path, command: str) -> None:
     if read_marker(folder)["command"] != command or folder.is_symlink():
-        raise OutputError(f"{folder}: the folder is not of an interrupted `{command}`; give another with --output")
+        raise OutputError(f"{folder}: the folder is not from an interrupted `{command}`; give another with --output")
 
 
 def _check_flights(folder: Path, command: str, flown: Mapping[str, Any], force: bool) -> None:
-    """Check that what a folder keeps is of the same rollouts; remove that of others where it is allowed.
+    """Check that a folder contains batches of the same rollouts; with `force`, remove those of others.
 
     Raises:
-        OutputError: It is not.
+        OutputError: The folder contains batches of other rollouts.
     """
     marker = read_marker(folder)
     differing = list(differing_keys(marker["flown"], flown)) if "flown" in marker else []
     if differing and not force:
         keys = ", ".join(f"`{key.removeprefix('flights.')}`" for key in differing[:3])
         raise OutputError(
-            f"{folder}: the episodes of an interrupted `{command}` with other arguments are kept there (they differ in "
-            f"{keys}); repeat its arguments to continue it, give another folder with --output, or start again: --force"
+            f"{folder}: the folder has episodes of an interrupted `{command}` with other arguments (they differ in "
+            f"{keys}); repeat its arguments to continue it, give another folder with --output, or start again with "
+            "--force"
         )
     if differing:
         remove_written(folder, leave=(LOCK,))
 
 
 def _packed(value: Any, arrays: dict[str, AnyArray]) -> Any:
-    """Return a value as JSON knows it, with its arrays by the names that they get in `arrays`."""
+    """Return a value in a form that JSON supports; its arrays are put into `arrays` and replaced by their names."""
     if isinstance(value, np.ndarray):
         name = f"array{len(arrays)}"
         arrays[name] = value
@@ -181,7 +183,7 @@ def _packed(value: Any, arrays: dict[str, AnyArray]) -> Any:
 
 
 def _unpacked(value: Any, arrays: Mapping[str, AnyArray]) -> Any:
-    """Return what `_packed` was given."""
+    """Return the value from which `_packed` made its result."""
     if not isinstance(value, dict):
         return value
     if "array" in value:

@@ -1,4 +1,4 @@
-"""`MetricAccumulator`: reduces what metrics say of every step to one number of each episode."""
+"""`MetricAccumulator`: reduces the values of metrics at every step to one number per episode."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
     """Check that metrics can be measured in a task.
 
     Raises:
-        ArgumentError: One is no metric.
-        SafeInspectError: One names something that the task does not have, or two have one label.
+        ArgumentError: An object is not a metric.
+        SafeInspectError: A metric refers to something that the task does not have, or two metrics have the same label.
     """
     for metric in metrics:
         if not isinstance(metric, BaseMetric):
-            raise ArgumentError(f"a metric is an object, such as InspectedPoints(), not {metric!r:.60}")
+            raise ArgumentError(f"a metric must be an object such as InspectedPoints(), got {metric!r:.60}")
     labels = [metric.label for metric in metrics]
     for label in labels:
         if "/" in label:
             raise SafeInspectError(
-                f"the label {label!r} of a metric has a slash, which columns of files have; leave it out"
+                f"the label {label!r} of a metric has a slash, which is reserved for columns of files; leave it out"
             )
         if labels.count(label) > 1:
-            raise SafeInspectError(f"two metrics have the label {label!r}; give one of them, or a class with another")
+            raise SafeInspectError(f"two metrics have the label {label!r}; remove one, or use a class with another")
     for metric in metrics:
         if not isinstance(metric, (Metric, TeamMetric)):
             raise SafeInspectError(f"the metric {metric.registered_name} extends neither Metric nor TeamMetric")
@@ -58,11 +58,11 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
 
 
 class MetricAccumulator:
-    """The metrics of one episode in every row of a batch.
+    """Accumulator of the metrics of one episode in every row of a batch.
 
     Args:
-        environment: The batch, freshly reset.
-        metrics: What is measured.
+        environment: The batch, after a reset.
+        metrics: The metrics.
     """
 
     def __init__(self, environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:
@@ -73,14 +73,14 @@ class MetricAccumulator:
         self._team = [_Values(own, rows, 1) for own in _by_reduce(metrics, TeamMetric)]
 
     def go_on(self, environment: TeamEnvironment, chosen: IntArray) -> None:
-        """Go on with some of the environments that are stepped now; see `EpisodeCollector.go_on`."""
+        """Continue with some of the current environments; see `EpisodeCollector.go_on`."""
         self._environment = environment
         for values in (*self._own, *self._team):
             values.go_on(chosen)
 
     @names_writers
     def add(self, transition: TeamTransition, running: BoolArray) -> None:
-        """Measure a step in the rows whose episode runs, shape (N,)."""
+        """Measure a step in the rows whose episode is running, a mask of shape (N,)."""
         environment = self._environment
         for group, found in zip(environment.groups, transition.groups, strict=True) if self._own else ():
             mine = slice(group.first, group.first + group.size)
@@ -98,12 +98,12 @@ class MetricAccumulator:
                 values.add(slice(None), step, running[:, None])
 
     def of_agent(self, deputy: int) -> dict[str, FloatArray]:
-        """Return the metrics of an agent, by its index among all, each of shape (N,)."""
+        """Return the metrics of an agent, given its index among all agents, each of shape (N,)."""
         found = {metric.label: value[:, deputy] for values in self._own for metric, value in values.results()}
         return {label: found[label] for label in self._labels if label in found}
 
     def of_team(self) -> dict[str, FloatArray]:
-        """Return the metrics of the environments, and those of the agents taken together, each of shape (N,)."""
+        """Return the metrics of the environments, and those of the agents combined, each of shape (N,)."""
         own, team = {}, {metric.label: value[:, 0] for values in self._team for metric, value in values.results()}
         for metric, value in (item for values in self._own for item in values.results()):
             own[metric.label] = np.full(len(value), np.nan)
@@ -113,7 +113,7 @@ class MetricAccumulator:
 
 
 def _by_reduce(metrics: Sequence[BaseMetric], kind: type[BaseMetric]) -> list[list[BaseMetric]]:
-    """Return the metrics of a kind, those together that are reduced alike."""
+    """Return the metrics of a kind, grouped by their reduction."""
     found: dict[Reduce, list[BaseMetric]] = {}
     for metric in metrics:
         if isinstance(metric, kind):
@@ -122,7 +122,7 @@ def _by_reduce(metrics: Sequence[BaseMetric], kind: type[BaseMetric]) -> list[li
 
 
 class _Values:
-    """The reduced values of M metrics that are reduced alike; NaN where there was none.
+    """Reduced values of M metrics with the same reduction; NaN where there was no value.
 
     Args:
         metrics: The metrics.
@@ -138,16 +138,16 @@ class _Values:
         self._kept, self._count = self._whole, self._whole_count
 
     def go_on(self, chosen: IntArray) -> None:
-        """Go on with some of the environments; see `EpisodeCollector.go_on`."""
+        """Continue with some of the environments; see `EpisodeCollector.go_on`."""
         self._write()
         self._rows = self._rows[chosen]
         self._kept, self._count = self._whole[:, self._rows], self._whole_count[:, self._rows]
 
     def add(self, columns: slice, step: Any, counts: BoolArray) -> None:
-        """Add the values of a step in the places that count, shape (N, G).
+        """Add the values of a step where `counts` is true, a mask of shape (N, G).
 
         Raises:
-            PluginValueError: A value is infinite, or has another shape.
+            PluginValueError: A value is infinite, or has a wrong shape.
         """
         value = np.empty((len(self._metrics), *counts.shape))
         for index, metric in enumerate(self._metrics):
@@ -166,10 +166,10 @@ class _Values:
         np.copyto(kept, np.where(np.isnan(kept), value, both), where=counts)
 
     def conclude(self, columns: slice, step: Step, ends: BoolArray) -> None:
-        """Let metrics replace the values of episodes that end with a step, a mask of shape (N, G).
+        """Let metrics replace the values of the episodes that end with a step, given by a mask of shape (N, G).
 
         Raises:
-            PluginValueError: A value is infinite, or has another shape.
+            PluginValueError: A value is infinite, or has a wrong shape.
         """
         for index, metric in enumerate(self._metrics):
             if not isinstance(metric, Metric) or type(metric).conclude is Metric.conclude:
@@ -182,7 +182,7 @@ class _Values:
             np.copyto(self._kept[index, :, columns], value, where=ends)
 
     def results(self) -> list[tuple[BaseMetric, FloatArray]]:
-        """Return what the steps of each metric were reduced to so far, each of shape (N, D)."""
+        """Return the reduced values of each metric so far, each of shape (N, D)."""
         self._write()
         return list(zip(self._metrics, self._mean(self._whole, self._whole_count), strict=True))
 
@@ -195,22 +195,22 @@ class _Values:
 
 
 def _shaped(metric: BaseMetric, value: AnyArray, rows: int) -> FloatArray:
-    """Return what a metric gave.
+    """Return the values of a metric after a check of their shape.
 
     Raises:
-        PluginValueError: It has another shape.
+        PluginValueError: The shape is not (rows,).
     """
     value = np.asarray(value, dtype=np.float64)
     if value.shape != (rows,):
-        raise PluginValueError(f"the metric {metric.registered_name} gave the shape {value.shape}; ({rows},) is wanted")
+        raise PluginValueError(f"the metric {metric.registered_name} gave the shape {value.shape}; expected ({rows},)")
     return value
 
 
 def _require_no_infinity(metrics: Sequence[BaseMetric], value: FloatArray) -> None:
-    """Refuse infinite values of M metrics, shape (M, N, G).
+    """Raise an error for infinite values of M metrics, shape (M, N, G).
 
     Raises:
-        PluginValueError: One gave infinity.
+        PluginValueError: A metric gave infinity.
     """
     if np.isinf(value).any():
         index = int(np.flatnonzero(np.isinf(value).any(axis=(1, 2)))[0])

@@ -1,4 +1,4 @@
-"""`fly_missions`: the missions of a rendezvous as the episodes of an evaluation, flown by several workers."""
+"""`fly_missions`: runs the missions of a rendezvous, in several workers, as the episodes of an evaluation."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from safe_inspect.rendezvous.scenario import mission_streams
 #: Name of the agent.
 _CHASER = "chaser"
 
-#: Flies missions, by their numbers, of a resolved configuration that was loaded from a file, and gives the number and
-#: the summary of each as it ends.
+#: Runs missions and yields the number and the summary of each as it ends. Its arguments are the resolved configuration,
+#: the file from which it was loaded, and the numbers of the missions.
 Flights = Callable[[dict[str, Any], str, Sequence[int]], Generator[tuple[int, dict[str, Any]], None, None]]
 
 
@@ -38,13 +38,15 @@ def fly_missions(
     kept: KeptEpisodes | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Episodes:
-    """Fly the missions 0 to episodes - 1. Mission k is the first episode of environment slot k: its draws are the same.
+    """Run the missions 0 to `episodes` - 1.
+
+    Mission k is the first episode of environment slot k: it has the same random samples.
 
     Args:
         experiment: The experiment, whose seed is that of the missions.
-        episodes: How many missions.
-        flights: What flies them; by default this process. The missions do not depend on it.
-        kept: The missions of an earlier call, each as a batch of one, which are not flown again; new ones are added.
+        episodes: Number of missions.
+        flights: Runner of the missions; this process by default. The missions do not depend on it.
+        kept: The missions of an earlier call, each as a batch of one, which are not run again; new ones are added.
         progress: Called with (finished episodes, `episodes`).
     """
     kept = kept or KeptEpisodes(None, "")
@@ -65,7 +67,7 @@ def fly_missions(
 
 
 def mission_episode(config: RendezvousConfig, number: int, summary: Mapping[str, Any]) -> Episodes:
-    """Return a mission as an episode, without rewards; its steps are those of control.
+    """Return a mission as an episode without rewards; its steps are control steps.
 
     Args:
         config: The experiment.
@@ -96,9 +98,9 @@ def mission_episode(config: RendezvousConfig, number: int, summary: Mapping[str,
 
 
 def mission_task(config: RendezvousConfig) -> dict[str, Any]:
-    """Return what two evaluations of a rendezvous must have in common to be compared.
+    """Return the part of a rendezvous that two evaluations must share to be comparable.
 
-    What the pilot is made of, and the sensors that it reads, may differ.
+    The components of the pilot and the sensors that it reads may differ.
     """
     chaser, mission = (part.model_dump(mode="json") for part in (config.chaser, config.mission))
     return {
@@ -109,11 +111,11 @@ def mission_task(config: RendezvousConfig) -> dict[str, Any]:
 
 
 def fly_mission(tree: dict[str, Any], source: str, number: int) -> tuple[int, dict[str, Any]]:
-    """Fly one mission; return its number and its summary.
+    """Run one mission and return its number and its summary.
 
     Args:
         tree: The resolved configuration.
-        source: The file that it was loaded from.
+        source: The file from which it was loaded.
         number: Number of the mission.
     """
     return number, Mission(build_rendezvous(tree, source).config, number).run().summary
@@ -121,7 +123,7 @@ def fly_mission(tree: dict[str, Any], source: str, number: int) -> tuple[int, di
 
 @dataclass(frozen=True)
 class LocalFlights:
-    """Flies missions in processes of this machine; one worker is this process itself.
+    """Runner of missions in processes of this machine; a single worker is this process itself.
 
     Attributes:
         workers: Number of processes.
@@ -132,7 +134,7 @@ class LocalFlights:
     def __call__(
         self, tree: dict[str, Any], source: str, numbers: Sequence[int]
     ) -> Generator[tuple[int, dict[str, Any]], None, None]:
-        """Fly missions and give each as it ends."""
+        """Run missions and yield the number and the summary of each as it ends."""
         if self.workers == 1 or len(numbers) < 2:
             for number in numbers:
                 yield fly_mission(tree, source, number)
@@ -152,7 +154,7 @@ class LocalFlights:
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent is killed; it would wait for work forever."""
+    """End this process when its parent is killed; otherwise it would wait for work forever."""
     parent = parent_process()
     assert parent is not None, "a worker has a parent"
 

@@ -1,4 +1,4 @@
-"""`Recorder`: keeps the states of the first rows of a batch, step by step."""
+"""`Recorder`: records the states of the first rows of a batch at every step."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _KEPT = ("time", "position", "velocity", "control", "delta_v")
 
 
 class Recorder:
-    """Records the first rows of a batch from a fresh reset on.
+    """Recorder of the first rows of a batch, from a reset on.
 
     Args:
         environment: The batch.
-        rows: How many rows are recorded.
+        rows: Number of recorded rows.
         first_slot: Global index of the environment slot of the first row.
     """
 
@@ -42,7 +42,7 @@ class Recorder:
         self.keep()
 
     def keep(self) -> None:
-        """Record the current state; what follows the end of an episode is cut in `trajectories`."""
+        """Record the current state; `trajectories` cuts states after the end of an episode."""
         if not self._rows:
             return
         state = self._environment.state
@@ -58,14 +58,14 @@ class Recorder:
             self._inspector[fresh] = inspector[fresh]
 
     def trajectories(self, length: IntArray, status: AnyArray) -> list[Trajectory]:
-        """Return the recorded episodes, each cut at its own number of steps."""
+        """Return the recorded episodes, each cut to its own number of steps."""
         if not self._rows:
             return []
         whole = {name: np.stack(kept, axis=1) for name, kept in self._states.items()}
         made = []
         for row in range(self._rows):
             states = {name: array[row, : length[row] + 1] for name, array in whole.items()}
-            seen = self._inspected_at[row] <= states["time"][-1]  # not what it coasted past
+            seen = self._inspected_at[row] <= states["time"][-1]  # not the points that it passed after the end
             made.append(
                 Trajectory(
                     **{name: states[name] for name in ("time", "position", "velocity", "delta_v")},
@@ -87,7 +87,7 @@ class Recorder:
 
 
 def _docking_radius(spec: EnvironmentSpec) -> float:
-    """Return the radius of the region that the first agent is to reach [m]; 0 in a task without one."""
+    """Return the radius of the region that the first agent must reach [m]; 0 in a task without docking."""
     for done in spec.agents[0].dones:
         functor: Any = done.functor
         if isinstance(functor, DockingRegion):

@@ -1,4 +1,4 @@
-"""`record_episode`: fly and record one episode by its number, without those before it."""
+"""`record_episode`: runs and records one episode, given its number, without those before it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from safe_inspect.evaluation.trajectory import Trajectory
 
 
 def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, seed: int = 0) -> Trajectory:
-    """Return the episode that `rollout` with this seed flies in the environment slot `episode`.
+    """Return the episode that `rollout` with this seed runs in the environment slot `episode`.
 
     Args:
         spec: The task.
-        policies: Who flies; see `safe_inspect.evaluation.rollouts.rollout`.
+        policies: The policies; see `safe_inspect.evaluation.rollouts.rollout`.
         episode: Number of the episode, from 0.
         seed: Seed of the run.
 
     Raises:
-        SafeInspectError: An agent has no policy, a policy no agent, or one policy flies agents that differ.
+        SafeInspectError: An agent has no policy, a policy has no agent, or one policy controls agents that differ.
     """
     spec, flying = assign(spec, policies)
     environment = TeamEnvironment(spec, 1, seed=seed, first_slot=episode)

@@ -1,4 +1,4 @@
-"""`rollout`: fly policies for an exact number of episodes, in batches."""
+"""`rollout`: runs policies for an exact number of episodes, in batches."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.types import BoolArray, IntArray
 
-#: Rows of the smallest part of a batch: fewer take as long.
+#: Number of rows of the smallest part of a batch; fewer rows do not take less time.
 _LEAST_ROWS = 16
 
-#: Called with the number of finished episodes and of all of them, whenever the first has grown.
+#: Called with the number of finished episodes and the total number, whenever more episodes are finished.
 EpisodeProgress = Callable[[int, int], None]
 
 
@@ -39,33 +39,34 @@ def rollout(
     progress: EpisodeProgress | None = None,
     kept: KeptEpisodes | None = None,
 ) -> Episodes:
-    """Fly policies for `episodes` episodes: the first episode of the environment slots 0, 1, 2, ...
+    """Run policies for `episodes` episodes: the first episode of the environment slots 0, 1, 2, ...
 
-    Which episodes are flown, and each figure of them, does not depend on `num_envs` nor on how long the episodes
-    last, as long as the policies themselves treat every row alike. The adaptive scale of the delta-v reward stands at
-    its start in each of them.
+    The episodes and their figures depend neither on `num_envs` nor on the lengths of the episodes, if the policies
+    treat every row in the same way. The adaptive scale of the delta-v reward has its initial value in every episode.
 
     Args:
-        spec: The task. Agents with a scripted policy fly themselves.
-        policies: From observations (R, O) to actions (R, A), see `safe_inspect.evaluation.policies.Policy`; or a
-            scripted policy, which flies inside the environment. One for all agents that act from outside, or a
-            mapping from the name of each to its own.
-        episodes: How many episodes.
+        spec: The task. Its agents with a scripted policy need no other policy.
+        policies: A function from observations (R, O) to actions (R, A), see `safe_inspect.evaluation.policies.Policy`;
+            or a scripted policy, which runs inside the environment. Either one policy for all controlled agents, or a
+            mapping from the name of each agent to its policy.
+        episodes: Number of episodes.
         seed: Seed of the run.
-        num_envs: Episodes that are flown at a time.
+        num_envs: Number of episodes that run at the same time.
         record: How many of the first episodes are recorded in `Episodes.trajectories`.
-        metrics: What is measured of every episode besides its usual figures.
+        metrics: Metrics that are measured in every episode in addition to the standard figures.
         progress: Called with (finished episodes, `episodes`).
-        kept: The batches of an earlier call with the same arguments, which are not flown again; new ones are added.
+        kept: The batches of an earlier call with the same arguments, which are not run again; new ones are added.
 
     Raises:
-        SafeInspectError: An agent has no policy, a policy no agent, or one policy flies agents that differ; a metric
-            names what the task does not have.
-        PluginValueError: A metric gave infinity, or an array of another shape.
-        ValueError: A number is out of range, or a policy's actions have another shape.
+        SafeInspectError: An agent has no policy, a policy has no agent, or one policy controls agents that differ; a
+            metric refers to something that the task does not have.
+        PluginValueError: A metric returned infinity, or an array of a wrong shape.
+        ValueError: A number is out of range, or a policy's actions have a wrong shape.
     """
     if episodes < 1 or num_envs < 1 or record < 0:
-        raise ValueError(f"`episodes` ({episodes}) and `num_envs` ({num_envs}) are at least 1, `record` ({record}) 0")
+        raise ValueError(
+            f"`episodes` ({episodes}) and `num_envs` ({num_envs}) must be at least 1, `record` ({record}) at least 0"
+        )
     spec, flying = assign(spec, policies)
     check_metrics(spec, metrics)
     parts: list[Episodes] = []
@@ -98,16 +99,16 @@ def fly_batch(
     recorded: int = 0,
     finished: Callable[[int], None] | None = None,
 ) -> tuple[EpisodeCollector, list[Trajectory]]:
-    """Fly one episode in every row of a batch.
+    """Run one episode in every row of a batch.
 
-    Where every policy has a method `decide`, only those rows are observed whose action is taken next, and rows that
-    have ended are left behind whenever half of them have, unless episodes are recorded. Else a row that has ended
-    coasts on, ignored, until the last has.
+    If every policy has a method `decide`, only the rows whose action is used next are observed, and rows that have
+    ended are dropped whenever half of them have ended, unless episodes are recorded. Otherwise a row that has ended
+    continues to coast, ignored, until the last row has ended.
 
     Args:
-        environment: The batch, which is reset.
-        flying: Who flies each agent that acts from outside, by its name.
-        metrics: What is measured besides.
+        environment: The batch; it is reset first.
+        flying: The policy of each controlled agent, by the agent's name.
+        metrics: Metrics that are measured in addition.
         first_slot: Global index of the environment slot of the first row.
         recorded: How many of the first rows are recorded.
         finished: Called with the number of finished episodes whenever it has grown.
@@ -145,13 +146,13 @@ def fly_batch(
 
 
 class _FlyingRows:
-    """The environments of a batch that are stepped: all of them at first, in a smaller batch when half have ended.
+    """The environments of a batch that are stepped: all at first, and a smaller batch after half of them have ended.
 
     Args:
         whole: The batch.
 
     Attributes:
-        part: What is stepped, R environments.
+        part: The batch that is stepped, R environments.
         rows: Their indices in the whole batch, shape (R,).
     """
 
@@ -161,14 +162,14 @@ class _FlyingRows:
         self._members = self.rows
 
     def leave_behind(self, running: BoolArray) -> IntArray | None:
-        """Go on in a smaller batch if half of the environments have ended; return those that it holds.
+        """Continue in a smaller batch if half of the environments have ended, and return the environments in it.
 
         Args:
-            running: Environments of the whole batch whose episode runs, shape (N,).
+            running: Mask of the environments of the whole batch whose episode is running, shape (N,).
 
         Returns:
-            Which of the environments that were stepped before are stepped from now on, shape (R,): all that run, and
-            some that fill the batch. None where nothing changes.
+            Indices, among the environments stepped before, of those that are stepped from now on, shape (R,): all that
+                are running, and some that fill the batch. None if nothing changes.
         """
         runs = running[self.rows]
         count, size = int(np.count_nonzero(runs)), _LEAST_ROWS
@@ -187,9 +188,9 @@ class _FlyingRows:
 
 
 def _check_labels(environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:
-    """Check that no metric of another package hides what a component of the task gives."""
+    """Raise an error if a metric of another package has the label of a figure that a component of the task reports."""
     components = environment.simulation.components.values()
     known = {label for component in components for label, _ in component.figures.values()}
     for metric in metrics:
         if metric.label in known and not type(metric).__module__.startswith("safe_inspect."):
-            raise SafeInspectError(f"the task itself gives the figure {metric.label!r}; give the metric another label")
+            raise SafeInspectError(f"the task already has a figure {metric.label!r}; give the metric another label")

@@ -1,1 +1,1 @@
-"""Pictures of missions to a tumbling target."""
+"""Figures, films and pages of rendezvous missions with a tumbling target."""

@@ -1,4 +1,4 @@
-"""The figure of many missions: how many succeeded, and the distribution of what each left."""
+"""The figure of many missions: how many succeeded, and the distributions of their figures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PANELS = (
     ("largest share of the tube's half width", MISSION_FIGURES["largest_gauge"][0], 1.0),
     ("time [s]", MISSION_FIGURES["time"][0], 1.0),
 )
-#: Ratio of largest to median value above which a panel's scale is logarithmic.
+#: Ratio of the largest to the median value above which a panel's axis is logarithmic.
 _SPREAD = 20.0
 _MOST_CAUSES = 3
 
@@ -34,9 +34,9 @@ _MOST_CAUSES = 3
 def campaign_figure(evaluation: Evaluation) -> Figure:
     """Draw the missions of one experiment.
 
-    Each panel has the share of the missions, in per cent, whose value is at most that below: the successful ones as a
-    curve, the failed ones as marks on the axis. Above are the rate of success with its interval and the causes of
-    failure.
+    Each panel shows the share of the missions, in per cent, whose value is at most that on the horizontal axis: the
+    successful ones as a curve, the failed ones as marks on the axis. Above the panels are the success rate with its
+    interval and the causes of failure.
 
     Args:
         evaluation: An evaluation of a rendezvous.

@@ -22,17 +22,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _AXIS_COLOURS = (BLUE, GREEN, VERMILION)
-#: Pairs of corners that are the edges of a box, corners numbered by the signs of x, y and z.
+#: Corners of a box by the signs of x, y and z, and the pairs of corners that form its edges.
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 2.0]
 
 
 def estimate_figure(log: SensorLog, estimate: LogEstimate) -> Figure:
-    """Draw what a log tells.
+    """Draw the result of the estimation on a sensor log.
 
-    Left, a depth frame with the boxes of the registered model and the principal axes at the centre of mass, the true
-    ones dashed where the log has them; below, the polhode of the motion and the rates that were measured. Right, over
-    time, the angular velocity in the principal axes, and the attitude's error and standard deviation.
+    On the left is a depth frame with the boxes of the registered model and the principal axes at the centre of mass,
+    with the true ones dashed if the log has them; below it, the polhode of the motion and the measured rates. On the
+    right, over time, are the angular velocity in the principal axes, and the error and standard deviation of the
+    attitude.
 
     Raises:
         SafeInspectError: Matplotlib is not installed.
@@ -55,7 +56,7 @@ def estimate_figure(log: SensorLog, estimate: LogEstimate) -> Figure:
 
 
 def _shown_frame(log: SensorLog, estimate: LogEstimate) -> tuple[int, Edge | None]:
-    """Return the frame with the most points that was registered to the model, else the one with most points."""
+    """Return the frame with the most points among those registered to the model, or among all if there are none."""
     points = estimate.online[:, ONLINE_COLUMNS.index("points")]
     poses = {edge.second: edge for edge in estimate.edges if edge.first == MODEL}
     if not poses:
@@ -110,7 +111,7 @@ def _draw_triad(axes: Any, log: SensorLog, centre: FloatArray, rotation: FloatAr
 
 
 def _project(log: SensorLog, points: FloatArray) -> FloatArray:
-    """Return columns and rows of points of C, shape (n, 2)."""
+    """Return pixel columns and rows of points given in C, shape (n, 2)."""
     fx, fy, cx, cy = log.description.camera.geometry.intrinsics
     depth = np.maximum(points[:, 2], 1e-3)
     return np.stack([fx * points[:, 0] / depth + cx, fy * points[:, 1] / depth + cy], axis=1)

@@ -1,4 +1,4 @@
-"""The figure of a rendezvous: the approach in W and in the target's axes, the polhode, and what was kept over time."""
+"""The figure of a rendezvous: the approach in W and in the target's axes, the polhode, and quantities over time."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 def mission_figure(record: MissionRecord) -> Figure:
     """Draw a mission.
 
-    Left, true to scale, the approach in W with the target as it was at the end, and in the target's principal axes T:
-    the plan, the flight and the tube. Below, the angular velocity in T on the ellipsoid of equal energy, and the
-    phases. Right, over time: the clearance with the margin that the tube asks for, the distance from the nominal motion
-    with the tube's half width, the force with its limits, and the distance to the mating point.
+    On the left, to scale, is the approach in W with the target in its final attitude, and in the target's principal
+    axes T: the plan, the flight and the tube. Below are the angular velocity in T on the ellipsoid of equal energy, and
+    the phases. On the right, over time: the clearance with the margin that the tube requires, the distance from the
+    nominal motion with the tube's half width, the force with its limits, and the distance to the mating point.
 
     Raises:
         SafeInspectError: Matplotlib is not installed.
@@ -95,7 +95,7 @@ def _draw_scene(figure: Figure, record: MissionRecord, first: int, in_target: bo
 
 
 def _draw_axes(axes: Any, view: Camera, names: str) -> None:
-    """Draw the directions of the frame and a scale in a corner."""
+    """Draw the axes of the frame in one corner and a scale in another."""
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     corner, size = np.array([left + 0.15 * (right - left), low + 0.085 * (high - low)]), 0.07 * (right - left)
@@ -130,7 +130,7 @@ def _draw_key(figure: Figure) -> None:
 
 
 def _draw_phases(figure: Figure, record: MissionRecord) -> None:
-    """Draw the phases on a line of time."""
+    """Draw the phases on a time line."""
     axes: Any = figure.add_axes((0.33, 0.075, 0.26, 0.03))
     intervals = record.phases()
     for phase, start, end in intervals:
@@ -143,6 +143,6 @@ def _draw_phases(figure: Figure, record: MissionRecord) -> None:
     for phase, start, end in intervals:
         if end - start > 0.05 * total:
             middle = 0.5 * (start + end)
-            height = 1.65 if height < 1.0 and middle - last < 0.15 * total else 0.75  # neighbours do not touch
+            height = 1.65 if height < 1.0 and middle - last < 0.15 * total else 0.75  # no overlap of labels
             axes.text(middle, height, phase.value, fontsize=6.0, ha="center", va="bottom", color=BLACK)
             last = middle

@@ -1,4 +1,4 @@
-"""`MissionFilm`: the pictures of an animated rendezvous, one after the other."""
+"""`MissionFilm`: the pictures of an animated rendezvous."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DPI = 100
 
 
 class _Moment(NamedTuple):
-    """A mission at one time: the last recorded step, and what is interpolated to the next."""
+    """A mission at one time: the last recorded step, and states interpolated to the next step."""
 
     row: int
     time: float
@@ -39,15 +39,15 @@ class _Moment(NamedTuple):
 
 
 class MissionFilm(Pictures):
-    """Draws the pictures of a mission: the flight in W and in the target's axes, phases, clearance.
+    """Pictures of a mission: the flight in W and in the target's axes, phases and clearance.
 
-    The first picture is shortly before the approach.
+    The film starts shortly before the approach.
 
     Args:
         record: The mission.
-        frames: How many pictures, at least 2; they are equally far apart in time.
+        frames: Number of pictures, at least 2; they are equally spaced in time.
         width: Width of a picture [pixels]; it is 1.6 times its height.
-        turn: How far the camera goes round from the first picture to the last [degrees].
+        turn: Angle by which the camera turns around the scene from the first picture to the last [degrees].
 
     Raises:
         SafeInspectError: Matplotlib is not installed.
@@ -91,7 +91,7 @@ class MissionFilm(Pictures):
         from matplotlib.figure import Figure
 
         width, height = self._size
-        # type and lines keep their share of the picture
+        # The resolution grows with the width, so that fonts and lines keep their relative sizes.
         figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
         self._canvas = FigureCanvasAgg(figure)
         self._scenes = [
@@ -113,7 +113,7 @@ class MissionFilm(Pictures):
         axes = figure.add_axes(place)
         axes.set_axis_off()
         axes.set_aspect("equal")
-        # All that can come into the picture, from any side.
+        # The extent covers everything that may be visible from any side.
         reach = max(self.record.target.swept_radius, float(np.linalg.norm(path[self._first :], axis=1).max()))
         margin = 1.1 * self.record.config.chaser.radius
         views = [self._view_at(path is self._path_in_target, turn) for turn in np.linspace(0.0, self._turn, 7)]
@@ -127,7 +127,7 @@ class MissionFilm(Pictures):
         return SceneArtists(axes, self.record)
 
     def _view_at(self, in_target: bool, turn: float) -> Camera:
-        """Return a view after the camera has gone round by an angle [degrees]."""
+        """Return the view after the camera has turned around the scene by an angle [degrees]."""
         view, angle = self._view_in_target if in_target else self._view, np.radians(turn)
         c, s = np.cos(angle), np.sin(angle)
         return view.turned(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
@@ -192,6 +192,6 @@ class MissionFilm(Pictures):
 
 
 def _last_run(which: BoolArray) -> AnyArray:
-    """Return the indices up to the last one that all hold; empty where the last does not."""
+    """Return the indices of the run of true values that ends at the last element; empty if that element is false."""
     gaps = np.flatnonzero(~which)
     return np.arange(gaps[-1] + 1 if len(gaps) else 0, len(which))

@@ -1,4 +1,4 @@
-"""`mission_page`: a rendezvous as one HTML file that needs no network and nothing beside it."""
+"""`mission_page`: a rendezvous as one self-contained HTML file that needs no network."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from safe_inspect.rendezvous.missions.record import MissionRecord
 from safe_inspect.rendezvous.missions.summary import nominal_path
 from safe_inspect.types import AnyArray
 
-#: Most states that a page has; of longer missions it has every second, third, ...
+#: Largest number of states in a page; of longer missions it contains every second, third, ... state.
 _MOST_STATES = 3000
 _DASHES = [5, 3]
 
 
 def mission_page(record: MissionRecord, title: str = "Rendezvous") -> str:
-    """Return an HTML page that shows a mission: a scene to turn, in W or in the target's axes, phases and charts.
+    """Return an HTML page that shows a mission: phases, charts, and a scene in W or in the target's axes.
 
     Args:
         record: The mission.
@@ -42,7 +42,7 @@ def mission_page(record: MissionRecord, title: str = "Rendezvous") -> str:
 
 
 def mission_data(record: MissionRecord) -> dict[str, Any]:
-    """Return what the page draws, as plain lists; lengths in metres, times in seconds.
+    """Return the data that the page draws, as plain lists; lengths in metres, times in seconds.
 
     Positions are rounded to 0.1 mm, quaternions to 1e-5.
     """

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 AXIS_COLOURS = (VERMILION, BLUE, GREEN)
-#: Time before the approach that is shown [s].
+#: Duration that is shown before the approach [s].
 LEAD = 5.0
-#: Ratio of largest to least distance above which their scale is logarithmic.
+#: Ratio of the largest to the least distance above which the axis is logarithmic.
 _DECADES = 30.0
 _LEFT, _WIDTH = 0.675, 0.31
 _PLACES = ((0.755, 0.18), (0.525, 0.18), (0.295, 0.18), (0.075, 0.17))
@@ -32,9 +32,9 @@ def plan_clearance(record: MissionRecord, plan: FlownPlan) -> FloatArray:
 
 
 def tracking_error(arrays: dict[str, AnyArray]) -> tuple[FloatArray, str]:
-    """Return how far the chaser is from what the tube is about, and what that is; nan where nothing is followed.
+    """Return the error of the chaser from the tube's centre, and what this centre is; NaN where nothing is followed.
 
-    A tracker without a tube has no nominal motion: its error is that from the true reference.
+    A tracker without a tube has no nominal motion: its error is measured from the true reference.
 
     Returns:
         The error along each axis of W [m], shape (K, 3), and ``nominal motion`` or ``the reference``.
@@ -48,7 +48,7 @@ def tracking_error(arrays: dict[str, AnyArray]) -> tuple[FloatArray, str]:
 
 
 def outcome_of(record: MissionRecord) -> str:
-    """Return how a mission ended, in a line."""
+    """Return how a mission ended, in one line."""
     summary, clearance = record.summary, float(record.arrays["clearance"].min())
     time = float(record.arrays["t"][-1]) + record.config.mission.step
     ending = f"success after {time:.0f} s"
@@ -57,12 +57,12 @@ def outcome_of(record: MissionRecord) -> str:
     error = float(record.mating_distance()[-1])
     near = f"{100.0 * error:.3g} cm" if error >= 0.01 else f"{1000.0 * error:.2g} mm"
     if time < float(summary.get("time") or 0.0) - 0.5 * record.config.mission.step:
-        ending = f"{record.phases()[-1].phase.value} at {time:.0f} s"  # cut before its end
+        ending = f"{record.phases()[-1].phase.value} at {time:.0f} s"  # the record ends before the mission does
     return f"{ending}; least clearance {100.0 * clearance:.1f} cm, {near} from the mating point"
 
 
 def draw_mission_times(figure: Figure, record: MissionRecord, first: int) -> None:
-    """Draw the four panels from shortly before a step to the end."""
+    """Draw the four panels, from shortly before a given step to the end."""
     arrays = record.arrays
     rows = np.flatnonzero(arrays["t"] >= arrays["t"][first] - LEAD)
     panels: list[Any] = [figure.add_axes((_LEFT, bottom, _WIDTH, height)) for bottom, height in _PLACES]

@@ -1,4 +1,4 @@
-"""The scene of a rendezvous: target, chaser, camera, paths and tube, as a far reader sees them."""
+"""The scene of a rendezvous: target, chaser, camera, paths and tube in parallel projection."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 FLIGHT, PLANNED, TUBE, MATING, CAMERA = BLUE, VERMILION, SKY, GREEN, ORANGE
-#: Colours of the phases; what is not named takes no time.
+#: Colours of the phases; phases that are not listed take no time.
 PHASE_COLOURS = {
     Phase.CHECKOUT: PALE, Phase.OBSERVE: SKY, Phase.WAIT: "#F0E442", Phase.TRACK: BLUE, Phase.MP_HOLD: GREEN,
     Phase.RETREAT: VERMILION, Phase.DEPART: VERMILION,
@@ -36,13 +36,13 @@ def target_solid(record: MissionRecord) -> Solid:
 
 
 def chaser_solid(radius: float) -> Solid:
-    """Return the cube in the sphere of a radius [m] that holds the chaser, in B."""
+    """Return the cube, in B, that is inscribed in the sphere of a given radius [m], which encloses the chaser."""
     half = radius / np.sqrt(3.0)
     return Solid.of(OrientedBoxes(np.zeros((1, 3)), np.full((1, 3), half), np.eye(3)[None]), half)
 
 
 def camera_cone(record: MissionRecord) -> FloatArray:
-    """Return the camera's place and the corners of what it sees at some distance, in B [m], shape (5, 3)."""
+    """Return the camera's position and the corners of its view at some distance, in B [m], shape (5, 3)."""
     camera, radius = TimeOfFlightCamera(), record.config.chaser.radius
     wide, tall = 0.5 * camera.width / camera.focal_length, 0.5 * camera.height / camera.focal_length
     corners = np.array([(0.0, 0.0, 0.0), *((x * wide, y * tall, 1.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))])
@@ -52,13 +52,13 @@ def camera_cone(record: MissionRecord) -> FloatArray:
 def ribbon(path: FloatArray, width: FloatArray, view: Camera, to_axes: FloatArray | None = None) -> FloatArray:
     """Return the outline of a tube in the picture [m], shape (2 K, 2).
 
-    A box of half width h has the half width ``h |n|_1`` across a picture's direction n.
+    A box of half width h has the half width ``h |n|_1`` along a direction n of the picture.
 
     Args:
         path: The tube's centre [m], shape (K, 3).
         width: Half width along each axis of W [m], shape (K,).
-        view: The picture.
-        to_axes: Takes the picture's frame to W, shape (K, 3, 3); None where it is W.
+        view: The picture's camera.
+        to_axes: Rotations from the picture's frame to W, shape (K, 3, 3); None if they are the same frame.
     """
     kept = _apart(path, width)
     path, width, to_axes = path[kept], width[kept], None if to_axes is None else to_axes[kept]
@@ -74,7 +74,7 @@ def ribbon(path: FloatArray, width: FloatArray, view: Camera, to_axes: FloatArra
 
 
 def _apart(path: FloatArray, width: FloatArray) -> AnyArray:
-    """Return the indices of points that are apart by a share of a tube's width: those have a direction."""
+    """Return the indices of points that are apart by a share of a tube's width, so that they define a direction."""
     kept = [0]
     for k in range(1, len(path)):
         if np.linalg.norm(path[k] - path[kept[-1]]) > max(0.3 * width[k], 1e-3):
@@ -83,17 +83,17 @@ def _apart(path: FloatArray, width: FloatArray) -> AnyArray:
 
 
 def show_extent(axes: Any, low: FloatArray, high: FloatArray, aspect: float) -> None:
-    """Show a rectangle, widened to an aspect of width over height."""
+    """Set the axes to show a rectangle, widened to a given aspect of width over height."""
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     half = np.maximum(half, [half[1] * aspect, half[0] / aspect])
     axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
 
 
 class SceneArtists:
-    """What moves in a scene: target, chaser, camera, paths and tube.
+    """Moving parts of a scene: target, chaser, camera, paths and tube.
 
     Args:
-        axes: Where it is drawn.
+        axes: The axes in which they are drawn.
         record: The mission.
     """
 
@@ -132,14 +132,21 @@ class SceneArtists:
         )[0]
 
     def show_target(self, view: Camera, rotation: FloatArray) -> None:
-        """Draw the target and its mating point; the rotation takes T to the picture's frame."""
+        """Draw the target and its mating point, given the rotation from T to the picture's frame."""
         own = view.turned(rotation)
         _paint(self._faces, self._edges, self._target, own, np.zeros(2), _TARGET_INK)
         self._mark.set_data(*own.flat(self._mating_point[None]).T)
         self._mark.set_alpha(0.35 if self._target.hides(self._mating_point, own.sight) else 1.0)
 
     def show_path(self, name: str, path: FloatArray, view: Camera, rotation: FloatArray) -> None:
-        """Draw a path, shape (K, 3), with what the target hides of it: ``before``, ``plan`` or ``flight``."""
+        """Draw a path, shape (K, 3), with the parts that the target hides in another style.
+
+        Args:
+            name: ``before``, ``plan`` or ``flight``.
+            path: The path in the picture's frame [m].
+            view: The picture's camera.
+            rotation: Rotation from T to the picture's frame, shape (3, 3).
+        """
         hidden = self._target.hides(path @ rotation, view.sight @ rotation)
         flat = view.flat(path)
         for line, which in zip(self._paths[name], (hidden, ~hidden), strict=True):
@@ -153,10 +160,10 @@ class SceneArtists:
         """Draw the chaser, its sphere, and the cone of its camera.
 
         Args:
-            position: In the picture's frame [m], shape (3,).
-            rotation_to_body: Takes B to the picture's frame, shape (3, 3).
-            view: The picture.
-            target: Takes T to the picture's frame, shape (3, 3).
+            position: Position in the picture's frame [m], shape (3,).
+            rotation_to_body: Rotation from B to the picture's frame, shape (3, 3).
+            view: The picture's camera.
+            target: Rotation from T to the picture's frame, shape (3, 3).
         """
         place = view.flat(position)
         own = view.turned(rotation_to_body)
@@ -179,7 +186,7 @@ def _paint(faces: Any, edges: Any, solid: Solid, view: Camera, place: FloatArray
 
 
 def _joined(shown: BoolArray) -> BoolArray:
-    """Return what is shown, with the point before each piece, so that the pieces meet."""
+    """Return the mask of shown points extended by the point before each piece, so that the pieces meet."""
     joined = shown.copy()
     joined[:-1] |= shown[1:]
     return joined

@@ -19,23 +19,23 @@ def draw_polhode(axes: Any, rate: FloatArray, moments: FloatArray) -> None:
     """Draw the path of the angular velocity in T, on the ellipsoid of equal energy.
 
     Args:
-        axes: Where.
+        axes: The axes in which it is drawn.
         rate: Angular velocities in T [degrees/s], shape (n, 3).
-        moments: Principal moments, up to one factor, shape (3,).
+        moments: Principal moments, up to a common factor, shape (3,).
     """
     view = POLHODE_VIEW
     axes.set_aspect("equal")
     axes.set_axis_off()
     energy = float(moments @ np.square(rate[0]))  # twice the rotational energy
     if energy > 0.0:
-        # The outline of the ellipsoid, and all of its polhodes that face the reader.
+        # The outline of the ellipsoid, and some of its other polhodes.
         scale = np.sqrt(energy / moments)
         normal = view.sight / scale
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         a = np.cross(normal, [0.0, 0.0, 1.0])
         a /= np.linalg.norm(a)
         b = np.cross(normal, a) / np.linalg.norm(normal)
-        # Points of the outline have an outward normal at right angles to the sight.
+        # Points of the outline have an outward normal that is perpendicular to the line of sight.
         outline = (np.cos(angle)[:, None] * a + np.sin(angle)[:, None] * b) * scale
         axes.fill(*view.flat(outline).T, facecolor="#F6F6F6", edgecolor=GREY, linewidth=0.6, zorder=1)
         for curve in _polhodes(moments, energy):
@@ -75,7 +75,7 @@ def _polhodes(moments: FloatArray, energy: float) -> list[FloatArray]:
 
 
 def draw_front(axes: Any, curve: FloatArray, view: Camera, moments: FloatArray, **look: Any) -> None:
-    """Draw a curve on the ellipsoid; what is on its far side is thin and dotted."""
+    """Draw a curve on the ellipsoid; the part on its far side is thin and dotted."""
     front = (curve * moments) @ view.sight >= 0.0
     flat = view.flat(curve)
     axes.plot(*np.where(front[:, None], flat, np.nan).T, **look)

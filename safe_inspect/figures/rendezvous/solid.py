@@ -1,4 +1,4 @@
-"""Boxes as a reader far away sees them: faces in patches, edges, and what they hide."""
+"""Boxes in parallel projection: faces in patches, edges, and what they hide."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import Camera
 from safe_inspect.types import BoolArray, FloatArray
 
-#: Most patches along an edge of a face.
+#: Largest number of patches along an edge of a face.
 _MOST_PATCHES = 24
-#: Share of the light that reaches a face which is turned away from it.
+#: Brightness of a face that is turned away from the light, as a share of the largest.
 _SHADE = 0.58
 
 
 class Solid(NamedTuple):
-    """Boxes in the patches that a picture is painted of.
+    """Boxes, divided into patches for painting.
 
     Attributes:
         boxes: The boxes.
@@ -33,7 +33,7 @@ class Solid(NamedTuple):
 
     @classmethod
     def of(cls, boxes: OrientedBoxes, cell: float) -> Solid:
-        """Return boxes in patches of about a size [m]."""
+        """Return boxes divided into patches of about a given size [m]."""
         patches, normals, edges = [], [], []
         for centre, half, rotation in zip(boxes.centre, boxes.half_size, boxes.rotation, strict=True):
             counts = np.clip(np.ceil(2.0 * half / cell), 1, _MOST_PATCHES).astype(int)
@@ -52,7 +52,7 @@ class Solid(NamedTuple):
         return cls(boxes, np.concatenate(patches), np.concatenate(normals), np.concatenate(edges))
 
     def hides(self, points: FloatArray, sight: FloatArray) -> BoolArray:
-        """Return which points, shape (..., 3), the boxes hide from a reader towards whom `sight` points."""
+        """Return which points, shape (..., 3), the boxes hide from a distant viewer in the direction `sight`."""
         boxes = self.boxes
         direction = np.einsum("bji,j->bi", boxes.rotation, sight)
         direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
@@ -63,7 +63,7 @@ class Solid(NamedTuple):
         return np.asarray(((far > np.maximum(near, 0.0) + tiny) & (far > tiny)).any(axis=-1))
 
     def seen_patches(self, view: Camera) -> tuple[FloatArray, FloatArray]:
-        """Return the patches that face the reader, the farthest first.
+        """Return the patches that face the viewer, the farthest first.
 
         Returns:
             Corners in the picture [m], shape (n, 4, 2), and brightness from 0 to 1, shape (n,).
@@ -93,12 +93,12 @@ def _face(half: FloatArray, axis: int, side: float, counts: FloatArray) -> Float
 
 
 def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Camera:
-    """Return the view in which most of a path is seen, and its end beside the origin, from slightly above.
+    """Return the view in which most of a path is visible and its end is far from the origin, from slightly above.
 
     Args:
         path: Points [m], shape (K, 3).
-        solid: What may hide it.
-        rotation: Takes the solid's coordinates to the path's, shape (3, 3).
+        solid: Boxes that may hide it.
+        rotation: Rotation from the solid's frame to the path's, shape (3, 3).
     """
 
     def seen(view: Camera) -> float:

@@ -1,1 +1,1 @@
-"""Plans of a few burns for one deputy among others: what a plan costs, a search, and how plans are flown."""
+"""Plans of a few burns for one deputy among others: their cost, a search for them, and their execution."""

@@ -1,4 +1,4 @@
-"""What a plan of burns costs: fuel, points that it leaves, limits that it breaks. Compiled."""
+"""Cost of a plan of burns: fuel, points that are not inspected, and violated limits. Compiled."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from safe_inspect.dynamics.step_maps import advance_steps
 from safe_inspect.planning.burns.problem import BurnProblem, FlightLimits, burn_steps
 from safe_inspect.types import FloatArray, IntArray
 
-#: The price of a plan that leaves points: once, for each of them, and for each by what it lacks to be seen [m/s].
+#: Cost of points that are not inspected [m/s]: once per plan, for each point, and for each by its shortfall.
 _INCOMPLETE, _POINT, _SHORTFALL = 0.1, 0.02, 0.1
-#: The price of a limit broken in one step [m/s]; of the square of the share by which a body is too near; and of the
-#: share, at most 1, by which the chief is too far, which can be mended later.
+#: Cost of a limit that is violated in one step [m/s]; of the square of the share by which a body is too near; and of
+#: the share, at most 1, by which the chief is too far, which is lower as it can be corrected later.
 _BREACH, _TOO_NEAR, _TOO_FAR = 0.02, 20.0, 0.1
-#: A point this little above the horizon, as a share of the radius squared, is not relied upon.
+#: Points must be above the horizon by this factor of the radius squared, as a margin for rounding errors.
 _HORIZON = 1.0 + 1e-9
 
 
 class PlanOutcome(NamedTuple):
-    """What becomes of a plan.
+    """Result of a plan.
 
     Attributes:
-        cost: What the search makes small [m/s].
-        delta_v: Velocity change that is spent, sum of the axes [m/s].
+        cost: Cost that the search minimises [m/s].
+        delta_v: Velocity change that is spent, sum over the axes [m/s].
         left: Number of needed points that are not inspected.
-        end: Steps after which the last needed point is inspected; the whole course when points are left.
-        breaches: Number of checks at which a limit is broken.
+        end: Number of steps after which the last needed point is inspected; the whole horizon if points are left.
+        breaches: Number of checks at which a limit is violated.
     """
 
     cost: float
@@ -41,10 +41,10 @@ class PlanOutcome(NamedTuple):
 
 @njit
 def _encounters(others: FloatArray, clearance: float, j: int, after: FloatArray, half: float) -> tuple[float, int]:
-    """Return the price of being too near to other deputies [m/s], and whether it is.
+    """Return the cost of being too near to other deputies [m/s], and whether this is the case.
 
-    What counts is the least distance within `half` [s] before and after j steps, as if both went straight on, so that
-    nobody slips through between two checks.
+    The distance is the least one within `half` [s] before and after j steps if both move in straight lines, so that no
+    encounter between two checks is missed.
     """
     price, broken = 0.0, 0
     for k in range(others.shape[0]):
@@ -64,7 +64,7 @@ def _encounters(others: FloatArray, clearance: float, j: int, after: FloatArray,
 
 @njit
 def _breaches(limits: FlightLimits, after: FloatArray, r: float, sx: float, sy: float) -> tuple[float, int]:
-    """Return the price of the limits of range, speed and glare that a state breaks [m/s], and whether it breaks one."""
+    """Return the cost of the limits of range, speed and glare that a state violates [m/s], and whether there is one."""
     price, broken = 0.0, 0
     near, far = limits.near, limits.far
     if r < near:
@@ -98,17 +98,18 @@ def evaluate_plan(
     lack: FloatArray,
     cutoff: float = math.inf,
 ) -> PlanOutcome:
-    """Follow a plan and check every `stride`-th step.
+    """Predict a plan and check every `stride`-th step.
 
     Args:
-        problem: What the plan is for.
+        problem: The planning problem.
         state: Position [m] and velocity [m/s] now, shape (6,).
-        start: First step of each burn from now, in order and settled, shape (K,).
+        start: First step of each burn from now, sorted and settled by `settle`, shape (K,).
         delta_v: Velocity change of each burn [m/s], shape (K, 3).
-        stride: Checks are that many steps apart. 1 is exact; more of them only miss points that are seen in between.
+        stride: Number of steps between two checks. 1 is exact; a larger one misses points that are only seen in
+            between.
         left: Workspace of P numbers.
         lack: Workspace of P numbers.
-        cutoff: Break off as soon as the plan costs more than this [m/s]; its cost is then infinite.
+        cutoff: The evaluation stops as soon as the plan costs more than this [m/s]; the returned cost is then infinite.
     """
     count = 0
     for p in range(problem.needed.shape[0]):

@@ -1,4 +1,4 @@
-"""How the plans in a batch are flown, compiled: which rows plan now, and what thrust a plan asks for."""
+"""Execution of the plans in a batch, compiled: which rows plan in a step, and the thrust of each plan."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from safe_inspect.dynamics.step_maps import StepMaps, advance_steps
 from safe_inspect.planning.burns.problem import burn_steps
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: A deputy has left its planned arc beyond these distances from it [m], [m/s].
+#: Differences from the planned arc above which a deputy has left it [m], [m/s].
 _OFF_ARC, _OFF_ARC_SPEED = 1e-4, 1e-7
 
 
 class DeputyRows(NamedTuple):
-    """The state of R deputies before a step.
+    """State of R deputies before a step.
 
     Attributes:
         step: Steps since the reset, shape (R,).
-        finished: Status with which the episode has ended for the deputy, 0 while it runs, shape (R,).
+        finished: Status with which the episode has ended for the deputy, 0 while it is running, shape (R,).
         position: Position [m], Hill frame, shape (R, 3).
         velocity: Velocity [m/s], Hill frame, shape (R, 3).
     """
@@ -32,15 +32,16 @@ class DeputyRows(NamedTuple):
 
 
 class PlanRows(NamedTuple):
-    """The plans of R deputies, K burns each, and what is remembered of them.
+    """Plans of R deputies, with K burns each, and their memory.
 
     Attributes:
         start: First step of each burn, shape (R, K).
         delta_v: Velocity change of each burn [m/s], shape (R, K, 3).
         review: Step of the next review, 0 for a row that has left its planned arc, shape (R,).
-        expected: Position and velocity that the plan leads to [m], [m/s], shape (R, 6).
-        arrival: The step at which it does, shape (R,); the step after this one when this one was planned before.
-        turn: Turn of the deputy among all, negative for none yet, shape (R,).
+        expected: Position [m] and velocity [m/s] to which the plan leads, shape (R, 6).
+        arrival: The step at which this state is expected, shape (R,); the next step if the current one has been
+            planned.
+        turn: Turn of the deputy among all, negative if it has none yet, shape (R,).
         reach: Velocity change that one step can give along each axis [m/s], shape (R, 3).
     """
 
@@ -55,10 +56,10 @@ class PlanRows(NamedTuple):
 
 @njit
 def rows_to_plan(deputies: DeputyRows, plans: PlanRows, count: int) -> BoolArray:
-    """Return which rows have to review their plan before this step, shape (R,).
+    """Return the mask of the rows that must review their plan before this step, shape (R,).
 
-    Deputies plan by turns, one a step, so that each knows where the others go unless they plan anew. A row plans when
-    its review is due, when it has left its planned arc, or when a burn begins; never amid a burn.
+    Deputies plan in turn, one per step, so that each can predict the others until they plan again. A row plans when its
+    review is due, when it has left its planned arc, or when a burn starts, but never during a burn.
 
     Args:
         deputies: The deputies.
@@ -93,13 +94,13 @@ def rows_to_plan(deputies: DeputyRows, plans: PlanRows, count: int) -> BoolArray
 
 @njit
 def follow_plans(deputies: DeputyRows, plans: PlanRows, maps: StepMaps, acceleration: FloatArray) -> None:
-    """Write the acceleration that each plan asks for in this step, and where it leads; who has finished coasts.
+    """Write the acceleration of each plan in this step, and the state to which it leads; finished deputies coast.
 
     Args:
         deputies: The deputies.
         plans: Their plans; `expected` and `arrival` are written.
         maps: The maps of 0, 1, ... steps.
-        acceleration: Receives the thrust over the mass [m/s^2], Hill frame, shape (R, 3).
+        acceleration: Output: thrust over mass [m/s^2], Hill frame, shape (R, 3).
     """
     step, start = deputies.step, plans.start
     state = np.empty(6)

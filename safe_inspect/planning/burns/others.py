@@ -1,4 +1,4 @@
-"""Where the other deputies coast, and what they will inspect on the way. Compiled."""
+"""Prediction of the other deputies: their coasting arcs, and the points that they will inspect. Compiled."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from safe_inspect.types import FloatArray
 
 @njit
 def coast_others(problem: BurnProblem, position: FloatArray, velocity: FloatArray) -> int:
-    """Write `BurnProblem.others`, and strike off `BurnProblem.needed` the points that the others will inspect.
+    """Write `BurnProblem.others`, and remove from `BurnProblem.needed` the points that the others will inspect.
 
-    They coast from now on. What a deputy would see after it has left the range from the points' radius to
-    `FlightLimits.far` does not count: it will not go there.
+    The others are assumed to coast from now on. Points that a deputy would see after it has left the range from the
+    points' radius to `FlightLimits.far` do not count, as it will not fly there.
 
     Args:
-        problem: What the deputy plans for.
+        problem: The deputy's planning problem.
         position: Positions of the others [m], shape (D - 1, 3).
         velocity: Velocities of the others [m/s], shape (D - 1, 3).
 

@@ -1,4 +1,4 @@
-"""`BurnProblem`: what one deputy plans its burns for. Compiled."""
+"""`BurnProblem`: the planning problem of one deputy. Compiled."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.step_maps import StepMaps
 from safe_inspect.types import BoolArray, FloatArray
 
-#: A burn smaller than this is none [m/s].
+#: Velocity change up to which a burn is ignored [m/s].
 NO_BURN = 1e-9
 
 
 class FlightLimits(NamedTuple):
-    """The limits that a plan keeps to.
+    """Limits that a plan must satisfy.
 
     Attributes:
         near: Least range to the chief [m].
         far: Largest range [m].
         speed: Largest speed at the range `near` [m/s]; infinite: no limit.
-        slope: What the limit of speed gains with range [1/s].
-        cos_glare: Cosine of the angle about the direction away from the sun that is kept out of; 2: none is.
+        slope: Increase of the speed limit with range [1/s].
+        cos_glare: Cosine of the half angle of the excluded cone about the direction away from the sun; 2: no cone.
     """
 
     near: float
@@ -32,25 +32,25 @@ class FlightLimits(NamedTuple):
 
 
 class BurnProblem(NamedTuple):
-    """What one deputy plans for: J steps from now, in SI units and Hill's frame.
+    """Planning problem of one deputy: J steps from now, in SI units and Hill's frame.
 
     Attributes:
         maps: The maps of 0, 1, ... steps.
-        lit: Points that are lit after 0, 1, ... steps, shape (J + 1, P).
+        lit: Mask of the points that are lit after 0, 1, ... steps, shape (J + 1, P).
         sun: Unit vector to the sun after 0, 1, ... steps, shape (J + 1, 3).
         points: The points [m], shape (P, 3).
         radius: Radius of their sphere [m].
-        sight: Range from which on every point above the horizon is seen [m].
-        needed: Points that the deputy has to inspect, shape (P,).
+        sight: Range from which on every point above the horizon is in view [m].
+        needed: Mask of the points that the deputy has to inspect, shape (P,).
         others: Positions [m] and velocities [m/s] of the other deputies after 0, 1, ... steps, shape (D - 1, J + 1, 6).
-        wait: Steps for which the limits have to hold at least.
-        margin: Steps for which they have to hold after the last point.
+        wait: Minimum number of steps for which the limits must hold.
+        margin: Number of steps for which the limits must hold after the last point.
         phase: Steps since the reset, so that plans made at different times check the same steps.
-        period: A burn begins a multiple of this many steps from now.
+        period: Burns start at multiples of this number of steps from now.
         reach: Velocity change that one step can give along each axis [m/s], shape (3,).
         limits: Limits of range, speed and glare.
-        clearance: Least distance of two deputies [m].
-        haste: Price of time [m/s^2].
+        clearance: Least distance between two deputies [m].
+        haste: Cost of time [m/s^2].
     """
 
     maps: StepMaps
@@ -73,7 +73,7 @@ class BurnProblem(NamedTuple):
 
 @njit
 def burn_steps(delta_v: FloatArray, reach: FloatArray) -> int:
-    """Return how many steps a burn lasts, 0 for none; the thrust is the same in each."""
+    """Return the number of steps of a burn, 0 for none; the thrust is the same in each step."""
     steps = 0
     for axis in range(3):
         size = abs(delta_v[axis])

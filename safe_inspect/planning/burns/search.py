@@ -1,4 +1,4 @@
-"""Search for the cheapest plan of burns, compiled: simulated annealing from several starts."""
+"""Search for the plan of burns with the least cost, compiled: simulated annealing from several starts."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from safe_inspect.types import FloatArray, IntArray
 
 #: Smallest and largest change of a burn, as powers of ten [m/s].
 _SMALLEST, _LARGEST = -3.3, -0.8
-#: Largest velocity to step aside with [m/s], and the steps after which it is taken away at the latest.
+#: Largest velocity of an evasive manoeuvre along each axis [m/s], and its largest number of steps.
 _ASIDE, _BACK_AFTER = 0.5, 40
-#: First temperature of the annealing [m/s].
+#: Initial temperature of the annealing [m/s].
 _TEMPERATURE = 0.01
-#: A search that has found no sound plan goes on for so many times its restarts.
+#: Factor by which the number of restarts may grow while no valid plan has been found.
 _PATIENCE = 2
 
 
 class AnnealingEffort(NamedTuple):
-    """How long is searched.
+    """Extent of a search.
 
     Attributes:
-        restarts: How many times the annealing starts; first from the given plan.
-        iterations: Plans that are tried each time.
-        stride: The search checks every so-many-th step; whatever it finds is then checked in every step.
+        restarts: Number of annealing runs; the first starts from the given plan.
+        iterations: Number of plans that are tried in each run.
+        stride: Number of steps between two checks during the search; its results are then checked at every step.
     """
 
     restarts: int
@@ -40,7 +40,7 @@ class AnnealingEffort(NamedTuple):
 
 @njit
 def settle(problem: BurnProblem, start: IntArray, delta_v: FloatArray) -> None:
-    """Put burns in order, each at a step where the deputy may begin one, and none before the last has ended."""
+    """Sort burns, and move each to a step where the deputy may start one and where the previous burn has ended."""
     horizon = problem.lit.shape[0] - 1
     for axis in range(3):
         if problem.reach[axis] <= 0.0:
@@ -64,7 +64,7 @@ def settle(problem: BurnProblem, start: IntArray, delta_v: FloatArray) -> None:
 
 @njit
 def _perturb(problem: BurnProblem, seed: SplitMixState, start: IntArray, delta_v: FloatArray) -> None:
-    """Change a plan a little, or much, at random."""
+    """Change a plan at random, by a small or a large amount."""
     count = start.shape[0]
     kind, k, axis = next_uniform(seed), int(next_uniform(seed) * count), int(next_uniform(seed) * 3)
     size = 10.0 ** (_SMALLEST + (_LARGEST - _SMALLEST) * next_uniform(seed))
@@ -95,21 +95,21 @@ def _perturb(problem: BurnProblem, seed: SplitMixState, start: IntArray, delta_v
 def _initial_plan(
     problem: BurnProblem, seed: SplitMixState, state: FloatArray, round_: int, start: IntArray, delta_v: FloatArray
 ) -> None:
-    """Write a plan to start from: a first burn that takes away most of the drift along the track, or none."""
+    """Write a starting plan: a first burn that removes most of the drift along the track, or none."""
     horizon = problem.lit.shape[0] - 1
     delta_v[:] = 0.0
     start[0] = 0
     for k in range(1, start.shape[0]):
         start[k] = int(0.6 * horizon * next_uniform(seed))
     if round_ % 4 != 3:
-        # The mean motion, and with it the drift, from the map of one step: phi[3, 4] = 2 sin(n dt).
+        # The mean motion, which determines the drift, follows from the map of one step: phi[3, 4] = 2 sin(n dt).
         mean_motion = math.asin(0.5 * problem.maps.phi[1, 3, 4]) / problem.maps.step_size
         delta_v[0, 1] = -(0.6 + 0.6 * next_uniform(seed)) * (state[4] + 2.0 * mean_motion * state[0])
     if round_ % 2 == 1:
         for axis in range(3):
             delta_v[0, axis] += 0.05 * (2.0 * next_uniform(seed) - 1.0)
     elif round_ > 0 and start.shape[0] > 1:
-        # A step aside and back: the plans so far break a limit.
+        # An evasive manoeuvre and its reversal, as the plans so far may violate a limit.
         for axis in range(3):
             aside = _ASIDE * (2.0 * next_uniform(seed) - 1.0)
             delta_v[0, axis] += aside
@@ -126,18 +126,18 @@ def anneal(
     seed: SplitMixState,
     effort: AnnealingEffort,
 ) -> PlanOutcome:
-    """Replace a plan by the best that is found, itself included.
+    """Replace a plan by the best plan that is found, or leave it unchanged if it is the best.
 
     Args:
-        problem: What the plan is for.
+        problem: The planning problem.
         state: Position [m] and velocity [m/s] now, shape (6,).
         start: First step of each burn from now, shape (K,); read and written.
         delta_v: Velocity change of each burn [m/s], Hill frame, shape (K, 3); read and written.
         seed: State of the random numbers, shape (1,); read and written.
-        effort: How long is searched.
+        effort: Extent of the search.
 
     Returns:
-        What becomes of the plan, by every step.
+        Result of the plan, checked at every step.
     """
     left, lack = np.empty(problem.needed.shape[0], np.int64), np.empty(problem.needed.shape[0])
     restarts, iterations, stride = effort.restarts, effort.iterations, effort.stride
@@ -160,14 +160,14 @@ def anneal(
                 _perturb(problem, seed, new_start, new)
             settle(problem, new_start, new)
             cutoff = accepted_cost(cost, _TEMPERATURE, iteration / iterations, next_uniform(seed))
-            if np.abs(new).sum() > cutoff:  # the fuel alone is too much
+            if np.abs(new).sum() > cutoff:  # the fuel alone exceeds the cutoff
                 continue
             found = evaluate_plan(problem, state, new_start, new, stride, left, lack, cutoff)
             if found.cost > cutoff:
                 continue
             cost = found.cost
             old_start[:], old[:] = new_start, new
-            # Checks far apart overrate a breach that is short: a plan that only lessens one has to be checked too.
+            # Coarse checks overestimate a short violation, so a plan that only reduces one is checked exactly too.
             sound = best.left == 0 and best.breaches == 0
             if cost < best.cost or (cost < lowest and not sound):
                 lowest = cost
@@ -176,7 +176,7 @@ def anneal(
                     best = exact
                     start[:], delta_v[:] = new_start, new
     for k in range(start.shape[0]):
-        if best.left == 0 and start[k] >= max(best.end, problem.wait + problem.margin):  # too late to be of use
+        if best.left == 0 and start[k] >= max(best.end, problem.wait + problem.margin):  # too late to matter
             delta_v[k] = 0.0
     return best
 
@@ -190,7 +190,7 @@ def revise_plan(
     seed: SplitMixState,
     effort: AnnealingEffort,
 ) -> tuple[int, int]:
-    """Review a plan: keep it, improve what is left of it before its next burn, or make a new one.
+    """Review a plan: leave it unchanged, improve its remainder before its next burn, or make a new plan.
 
     The arguments are those of `anneal`.
 

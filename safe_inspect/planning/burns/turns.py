@@ -1,4 +1,4 @@
-"""In what order deputies plan, compiled: those that must act soon come first."""
+"""Order in which deputies plan, compiled: those that must act soon come first."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.step_maps import StepMaps, advance_steps
 from safe_inspect.types import FloatArray, IntArray
 
-#: Conflicts this many rounds of turns ahead count.
+#: Number of rounds of turns within which conflicts are considered.
 _ROUNDS = 3
 
 
@@ -16,7 +16,7 @@ _ROUNDS = 3
 def _first_conflict(
     position: FloatArray, velocity: FloatArray, maps: StepMaps, clearance: float, steps: int
 ) -> IntArray:
-    """Return for each pair of coasting deputies the steps until they are too near, `steps` for never, shape (D, D)."""
+    """Return the steps until each pair of coasting deputies is too near, `steps` for never, shape (D, D)."""
     deputies = position.shape[0]
     found = np.full((deputies, deputies), steps, np.int64)
     now, after, coasting = np.empty((deputies, 6)), np.empty((deputies, 6)), np.zeros(3)
@@ -44,19 +44,19 @@ def take_turns(
     maps: StepMaps,
     clearance: float,
 ) -> None:
-    """Give each row without a turn its own: 0 plans first, then 1, and so on; every deputy finds the same order.
+    """Assign a turn to each row without one: 0 plans first, then 1, and so on; every deputy computes the same order.
 
-    One of each pair that would come too near soon goes first, the earlier the conflict the earlier; then the rest by
-    index.
+    Of each pair that would soon come too near, one comes first, in the order of the conflicts; then the other deputies
+    by index.
 
     Args:
         turn: Turn of each row, negative for none, shape (R,); read and written.
         deputy: Index of the deputy, shape (R,).
-        group_size: Rows of one environment, G.
+        group_size: Number of rows of one environment, G.
         position: Positions of all deputies at the reset [m], shape (N, D, 3).
         velocity: Their velocities [m/s], shape (N, D, 3).
         maps: The maps of 0, 1, ... steps.
-        clearance: What is too near [m].
+        clearance: Distance below which two deputies are too near [m].
     """
     deputies = position.shape[1]
     steps = _ROUNDS * deputies

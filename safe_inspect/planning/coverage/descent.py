@@ -1,8 +1,9 @@
-"""From sightings to a plan and back, until nothing is gained: the local part of the search. Compiled.
+"""The local part of the search: alternate between sightings and plans until the fuel no longer decreases. Compiled.
 
-A choice of sightings gives a program, its solution a path, and along the path there may be better sightings than those
-that it was made for. The sightings of the path itself are still possible when the program is solved again, so the fuel
-never grows, apart from what the limits of range cost on the way.
+A sighting is a step at which a point is seen. A choice of sightings defines a linear program, and its solution defines
+a path. Along the path there may be better sightings than those for which it was made. As the sightings of the path
+itself remain possible when the program is solved again, the fuel never increases, except for the cost of satisfying the
+limits of range.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ from safe_inspect.planning.coverage.linear_program import LinearProgram, linear_
 from safe_inspect.planning.coverage.problem import CoverageProblem, write_positions
 from safe_inspect.types import FloatArray, IntArray
 
-#: How far beyond its limit a position is wanted [m]: the simulator's own sums round otherwise.
+#: Margin by which a position must satisfy its limit [m], as the simulator's sums are rounded differently.
 MARGIN = 1e-6
-#: Rows that may be tight at a time, and so columns that are used.
+#: Largest number of tight rows, and therefore of basic columns.
 MAX_BURNS = 48
-#: Rows for limits of range, and how many times they are added to one program.
+#: Largest number of rows for limits of range, and of rounds in which they are added to one program.
 _LIMIT_ROWS, _ROUNDS = 40, 12
-#: A control authority that stands for none [s].
+#: Lower bound of the control authority in divisions [s].
 _TINY = 1e-6
-#: A descent goes on while a round saves this much [m/s].
+#: A descent continues while a round saves at least this velocity change [m/s].
 _WORTHWHILE = 2e-6
 
 
@@ -34,8 +35,8 @@ class DescentWorkspace(NamedTuple):
 
     Attributes:
         program: The linear program.
-        stride: Positions are looked at after every so-many-th step.
-        position: Positions along the path, rows beside the stride are stale [m], shape (J + 1, 3).
+        stride: Number of steps between two positions that are used.
+        position: Positions along the path; rows that are no multiples of the stride are stale [m], shape (J + 1, 3).
         start: First step of each burn, shape (K,).
         delta_v: Velocity change of each burn [m/s], shape (K, 3).
         score: Best score of each point so far, shape (P,).
@@ -51,7 +52,7 @@ class DescentWorkspace(NamedTuple):
 
 @njit
 def descent_workspace(problem: CoverageProblem, begin: IntArray, stride: int) -> DescentWorkspace:
-    """Return the arrays; `begin` and `stride` as in `LinearProgram` and `DescentWorkspace`."""
+    """Return the arrays of a descent; see `LinearProgram` for `begin` and `DescentWorkspace` for `stride`."""
     points = problem.normals.shape[0]
     return DescentWorkspace(
         linear_program(begin, points + _LIMIT_ROWS, MAX_BURNS),
@@ -65,7 +66,7 @@ def descent_workspace(problem: CoverageProblem, begin: IntArray, stride: int) ->
 
 @njit
 def burns_of(program: LinearProgram, size: int, start: IntArray, delta_v: FloatArray) -> int:
-    """Write the burns of a solved program in order of time; return how many there are."""
+    """Write the burns of a solved program in order of time and return their number."""
     count, columns = 0, program.cost.shape[0] // 3
     for c in range(size):
         begin, axis, amount = program.begin[program.basic[c] % columns], program.basic[c] // columns, program.value[c]
@@ -96,21 +97,21 @@ def choose_sightings(
     sighting: IntArray,
     bounded: bool = True,
 ) -> int:
-    """Choose for each point the step at which a path comes closest to showing it lit, or shows it most safely.
+    """Choose for each point the lit step at which a path is farthest beyond the plane from which the point is seen.
 
-    What counts is how far the position is above the plane of the point, by what a burn could add to it by then.
-    Sightings end where the path leaves the limits of range.
+    The score is the height of the position above the plane of the point, divided by the response of the position to a
+    burn up to then. Sightings end where the path leaves the limits of range.
 
     Args:
         problem: The episode.
         position: Positions after every `stride`-th step [m], shape (J + 1, 3).
-        stride: As there.
-        score: Receives that share of each point [m/s], shape (P,).
-        sighting: Receives the steps, shape (P,); -1 for a point that is never lit.
+        stride: Number of steps between two positions that are used.
+        score: Output: the score of each point [m/s], shape (P,).
+        sighting: Output: the steps, shape (P,); -1 for a point that is never lit.
         bounded: Whether sightings end where the path leaves the limits of range.
 
     Returns:
-        Step before which the path keeps within the limits of range.
+        Step before which the path is within the limits of range.
     """
     points = problem.normals.shape[0]
     nx, ny, nz = problem.normals[:, 0], problem.normals[:, 1], problem.normals[:, 2]
@@ -139,12 +140,16 @@ def choose_sightings(
 
 @njit
 def _limit_rows(problem: CoverageProblem, workspace: DescentWorkspace, rows: int, end: int) -> int:
-    """Add rows for the places where a path breaks the limits of range worst; return the number of rows."""
+    """Add a row for each part of a path that violates the limits of range, at its worst step.
+
+    Returns:
+        The number of rows; -1 if there are too many.
+    """
     program, position = workspace.program, workspace.position
     near, far = problem.near, problem.far
     worst, at = 0.0, -1
     direction = np.empty(3)
-    for j in range(workspace.stride, end + 2 * workspace.stride, workspace.stride):  # one more ends the last stretch
+    for j in range(workspace.stride, end + 2 * workspace.stride, workspace.stride):  # one more ends the last part
         broken = 0.0
         if j <= end:
             r = math.sqrt(position[j, 0] ** 2 + position[j, 1] ** 2 + position[j, 2] ** 2)
@@ -172,12 +177,12 @@ def least_fuel(
 
     Args:
         problem: The episode.
-        workspace: Receives burns and path afterwards.
-        sighting: Step at which each point is looked at, shape (P,).
-        cutoff: Break off above this velocity change [m/s].
+        workspace: The burns and the path are written to it.
+        sighting: Step at which each point is to be seen, shape (P,).
+        cutoff: Velocity change above which the solution is abandoned [m/s].
 
     Returns:
-        The velocity change [m/s], infinite for none, and how many columns of the program are used.
+        The velocity change [m/s], infinite if there is no solution, and the number of basic columns of the program.
     """
     program, points, end = workspace.program, sighting.shape[0], 0
     for p in range(points):
@@ -211,18 +216,19 @@ def descend(
     cutoff: float,
     rounds: int,
 ) -> tuple[float, int, int]:
-    """Improve the sightings and the burns by turns until nothing is gained.
+    """Improve the sightings and the burns in turn until the fuel no longer decreases.
 
     Args:
         problem: The episode.
-        workspace: Its program holds the last solution afterwards.
+        workspace: Its program contains the last solution afterwards.
         sighting: The sightings, shape (P,); read and written.
-        first_cutoff: Give up when the first solution costs more [m/s].
-        cutoff: Give up when the second one costs more [m/s].
-        rounds: Number of solutions at most.
+        first_cutoff: Velocity change above which the first solution is abandoned [m/s].
+        cutoff: Velocity change above which the second solution is abandoned [m/s].
+        rounds: Largest number of solutions.
 
     Returns:
-        The velocity change [m/s], infinite for none; how many columns are used; how many programs were solved.
+        The velocity change [m/s], infinite if there is no solution; the number of basic columns; the number of solved
+            programs.
     """
     best, kept, size = math.inf, sighting.copy(), 0
     limit = first_cutoff

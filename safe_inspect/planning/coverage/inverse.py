@@ -1,21 +1,21 @@
-"""The inverse of a small matrix, compiled: no BLAS, so that it is the same to the bit everywhere."""
+"""The inverse of a small matrix, compiled, without BLAS, so that its bits are the same on every machine."""
 
 from __future__ import annotations
 
 from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
-#: A pivot smaller than this is none.
+#: Smallest allowed pivot.
 _SINGULAR = 1e-9
 
 
 @njit
 def invert(matrix: FloatArray, inverse: FloatArray, size: int) -> bool:
-    """Write the inverse of a matrix by Gauss's and Jordan's method with partial pivoting; return whether it has one.
+    """Write the inverse of a matrix by Gauss-Jordan elimination with partial pivoting; return whether it exists.
 
     Args:
-        matrix: The matrix, in the first `size` rows and columns; destroyed.
-        inverse: Receives the inverse there.
+        matrix: The matrix, in the first `size` rows and columns; it is overwritten.
+        inverse: Output: the inverse, in the same rows and columns.
         size: Number of rows.
     """
     for i in range(size):

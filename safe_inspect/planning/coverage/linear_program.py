@@ -1,12 +1,13 @@
 """The least fuel for given sightings: a linear program, solved by the dual simplex method. Compiled.
 
-Positions are linear in the burns, and a point is seen from all positions beyond a plane. So when it is given at which
-step each point is to be looked at, the burns that need the least sum of abs(dv_x) + abs(dv_y) + abs(dv_z) solve
+Positions are linear in the burns, and a point is seen from all positions beyond a plane. If the step at which each
+point is to be seen is given, the burns with the least sum of abs(dv_x) + abs(dv_y) + abs(dv_z) therefore solve
 
     minimise sum_j c_j |u_j|   such that   a_r . u >= b_r   for each row r,
 
-u_j a velocity change along one axis at one step. No burn at all is feasible for the dual problem, so that the method
-starts there; rows may be added to a solved program, and the cost only grows on the way: it can be broken off.
+where u_j is a velocity change along one axis at one step. The absence of burns is feasible for the dual problem, so the
+method starts there. Rows may be added to a solved program, and the cost only increases during the solution, so that it
+can be stopped at a cutoff.
 """
 
 from __future__ import annotations
@@ -21,30 +22,31 @@ from safe_inspect.planning.coverage.inverse import invert
 from safe_inspect.planning.coverage.problem import CoverageProblem
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-#: Violations smaller than this are none, as a velocity change [m/s].
+#: Largest violation that is tolerated, as a velocity change [m/s].
 _TOLERANCE = 1e-12
-#: A coefficient smaller than this share of the largest is no pivot.
+#: Smallest pivot as a share of the largest coefficient.
 _PIVOT = 1e-9
-#: Prices differ by this much, so that no two burns are equally good and the method does not run in circles.
+#: Range of the differences between costs, so that no two burns are equally good and the method does not cycle.
 _APART = 1e-6
 
 
 class LinearProgram(NamedTuple):
-    """A linear program, and how far it is solved. C rows at most, n columns, K tight rows at most.
+    """A linear program and the state of its solution, with at most C rows, n columns and at most K tight rows.
 
     Attributes:
-        begin: Steps at which burns may begin, ascending, shape (n / 3,); column ``axis * (n / 3) + i`` is the i-th.
-        cost: Price of each column, about 1, shape (n,).
-        direction: Of each row: the unit vector along which the position counts, shape (C, 3).
-        time: The step after which it counts, shape (C,).
-        bound: What the burns have to add along it [m], shape (C,).
-        matrix: The rows' coefficients [s], shape (C, n).
-        known: Whether a row's coefficients are computed, shape (C,).
+        begin: Steps at which burns may start, ascending, shape (n / 3,); column ``axis * (n / 3) + i`` belongs to the
+            i-th.
+        cost: Cost of each column, about 1, shape (n,).
+        direction: For each row the unit vector along which the position counts, shape (C, 3).
+        time: For each row the step after which the position counts, shape (C,).
+        bound: Least contribution of the burns along the direction [m], shape (C,).
+        matrix: Coefficients of the rows [s], shape (C, n).
+        known: Whether the coefficients of a row have been computed, shape (C,).
         tight: Rows that hold with equality, shape (K,).
-        basic: Columns that are used, shape (K,).
+        basic: Columns of the basis, shape (K,).
         sign: Their signs, shape (K,).
         value: Their sizes [m/s], shape (K,).
-        price: What one more metre in a tight row would cost [1/s], shape (K,).
+        price: Dual value of each tight row: the cost of one more metre [1/s], shape (K,).
     """
 
     begin: IntArray
@@ -62,12 +64,12 @@ class LinearProgram(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """How the solution of a program ended.
+    """Result of the solution of a program.
 
     Attributes:
-        solved: Whether the optimum is found; else the cutoff was passed, or there is no solution.
-        cost: Velocity change [m/s], infinite when it is not solved.
-        size: Number of tight rows, and of columns that are used.
+        solved: Whether the optimum was found; else the cutoff was exceeded, or no solution was found.
+        cost: Velocity change [m/s], infinite if it is not solved.
+        size: Number of tight rows, which is also that of basic columns.
     """
 
     solved: bool
@@ -80,9 +82,9 @@ def linear_program(begin: IntArray, rows: int, most: int) -> LinearProgram:
     """Return an empty program.
 
     Args:
-        begin: Steps at which burns may begin, ascending.
-        rows: Number of rows at most.
-        most: Number of tight rows at most.
+        begin: Steps at which burns may start, ascending.
+        rows: Largest number of rows.
+        most: Largest number of tight rows.
     """
     columns = 3 * begin.shape[0]
     cost = np.empty(columns)
@@ -108,7 +110,7 @@ def linear_program(begin: IntArray, rows: int, most: int) -> LinearProgram:
 def set_row(
     problem: CoverageProblem, program: LinearProgram, row: int, direction: FloatArray, time: int, least: float
 ) -> None:
-    """Ask that the position after `time` steps, along a unit vector, is at least `least` [m]."""
+    """Set a row: the position after `time` steps, along a unit vector, must be at least `least` [m]."""
     before = 0.0
     for i in range(3):
         program.direction[row, i] = direction[i]
@@ -120,7 +122,7 @@ def set_row(
 
 @njit
 def _coefficients(problem: CoverageProblem, program: LinearProgram, row: int) -> FloatArray:
-    """Return the coefficients of a row, computed once."""
+    """Return the coefficients of a row, which are computed once."""
     a: FloatArray = program.matrix[row]
     if not program.known[row]:
         count, last = a.shape[0] // 3, program.time[row]
@@ -140,7 +142,7 @@ def _coefficients(problem: CoverageProblem, program: LinearProgram, row: int) ->
 
 @njit
 def _gain(problem: CoverageProblem, program: LinearProgram, row: int, size: int) -> float:
-    """Return what the columns that are used add to a row [m]."""
+    """Return the contribution of the basic columns to a row [m]."""
     count, gain = program.cost.shape[0] // 3, 0.0
     for c in range(size):
         axis, m = program.basic[c] // count, program.time[row] - program.begin[program.basic[c] % count]
@@ -158,7 +160,7 @@ def _gain(problem: CoverageProblem, program: LinearProgram, row: int, size: int)
 def _refresh(
     problem: CoverageProblem, program: LinearProgram, size: int, basis: FloatArray, inverse: FloatArray
 ) -> bool:
-    """Compute values and prices of the present basis; return whether it is sound."""
+    """Compute values and prices of the current basis; return whether it is regular."""
     for i in range(size):
         a = _coefficients(problem, program, program.tight[i])
         for c in range(size):
@@ -176,7 +178,7 @@ def _refresh(
 
 @njit
 def _worst(problem: CoverageProblem, program: LinearProgram, rows: int, size: int) -> tuple[int, int]:
-    """Return the row and the column that are violated most, one of them -1; both for none."""
+    """Return the row or the basic column that is violated most, and -1 for the other; -1 for both if none is."""
     worst, row, column = _TOLERANCE, -1, -1
     for c in range(size):
         if -program.value[c] > worst:
@@ -199,15 +201,15 @@ def _worst(problem: CoverageProblem, program: LinearProgram, rows: int, size: in
 def solve(
     problem: CoverageProblem, program: LinearProgram, rows: int, size: int, cutoff: float, pivots: int = 300
 ) -> Solution:
-    """Solve a program by the dual simplex method; `program` then holds the columns that are used.
+    """Solve a program by the dual simplex method; the basis of `program` is the solution afterwards.
 
     Args:
         problem: The episode.
         program: The program; its basis is read and written.
-        rows: How many rows there are; one with the bound -inf counts for nothing.
-        size: Size of the basis to begin with: 0, or what an earlier solution ended with before rows were added.
-        cutoff: Break off when the cost passes this [m/s].
-        pivots: Give up after so many exchanges.
+        rows: Number of rows; rows with the bound -inf are ignored.
+        size: Size of the initial basis: 0, or that of an earlier solution before rows were added.
+        cutoff: Cost above which the solution is abandoned [m/s].
+        pivots: Largest number of pivots.
 
     Source:
         Lemke, "The dual method of solving the linear programming problem", 1954.
@@ -226,7 +228,7 @@ def solve(
         row, column = _worst(problem, program, rows, size)
         if row < 0 and column < 0:
             return Solution(True, spent, size)
-        # The prices of the tight rows move by -t weight, that of the violated row by t.
+        # With a step t, the prices of the tight rows change by -t weight and that of the violated row by t.
         if row >= 0:
             if size == most:
                 return Solution(False, math.inf, size)

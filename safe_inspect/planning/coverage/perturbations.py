@@ -1,4 +1,4 @@
-"""Changes at random: of the burns of a path, and of the steps at which points are looked at. Compiled."""
+"""Random changes of the burns of a path, and of the steps at which points are seen. Compiled."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from safe_inspect.planning.coverage.problem import CoverageProblem, write_positi
 from safe_inspect.random.splitmix import SplitMixState, next_uniform
 from safe_inspect.types import FloatArray, IntArray
 
-#: Smallest and largest size of a further burn, as powers of ten [m/s].
+#: Smallest and largest size of an additional burn, as powers of ten [m/s].
 _SMALLEST, _LARGEST = -3.3, -1.0
-#: A burn begins in this share of the episode.
+#: Share of the episode, from its start, in which burns start.
 _EARLY = 0.7
-#: Tries to find another step at which a point is lit.
+#: Number of attempts to find another step at which a point is lit.
 _TRIES = 20
 
 
@@ -25,7 +25,7 @@ def random_burn(
     delta_v: FloatArray,
     k: int,
 ) -> None:
-    """Write burn k: at the reset or at any time, of a size between two powers of ten [m/s], along some axes."""
+    """Write burn k at random: at the reset or later, of a size between two powers of ten [m/s], along some axes."""
     size = 10.0 ** (smallest + (largest - smallest) * next_uniform(seed))
     start[k] = int(next_uniform(seed) * _EARLY * (problem.coast.shape[0] - 1)) if next_uniform(seed) < 0.6 else 0
     for axis in range(3):
@@ -42,16 +42,16 @@ def perturb_burns(
     stride: int,
     position: FloatArray,
 ) -> None:
-    """Write the path with a further burn, or with a burn lessened or moved; the burns themselves stay.
+    """Write the path with an additional burn, or with a smaller or shifted burn; the burns themselves do not change.
 
     Args:
         problem: The episode.
         seed: State of the random numbers; read and written.
-        start: First step of each burn, with room for one more.
-        delta_v: Velocity changes [m/s], likewise.
-        count: How many burns there are.
-        stride: As in `write_positions`.
-        position: As there.
+        start: First step of each burn, with space for one more.
+        delta_v: Velocity changes [m/s], with space for one more.
+        count: Number of burns.
+        stride: See `write_positions`.
+        position: See `write_positions`.
     """
     kind = next_uniform(seed)
     if kind < 0.5 or count == 0:
@@ -77,15 +77,15 @@ def perturb_burns(
 def resample_sightings(
     problem: CoverageProblem, seed: SplitMixState, stride: int, tight: IntArray, tights: int, sighting: IntArray
 ) -> None:
-    """Move the sightings at one or two of the points that cost fuel to any step at which they are lit.
+    """Move the sightings of one or two of the points that cost fuel to random steps at which they are lit.
 
     Args:
         problem: The episode.
         seed: State of the random numbers; read and written.
         stride: Sightings are at multiples of it.
         tight: Points that cost fuel.
-        tights: How many they are.
-        sighting: Step of the sighting at each point, shape (P,); read and written.
+        tights: Number of these points.
+        sighting: Step of the sighting of each point, shape (P,); read and written.
     """
     for _ in range(1 + int(2.0 * next_uniform(seed))):
         p = tight[int(next_uniform(seed) * tights)]

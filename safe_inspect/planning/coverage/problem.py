@@ -1,4 +1,4 @@
-"""`CoverageProblem`: all that a plan for one episode depends on, and how positions respond to burns. Compiled."""
+"""`CoverageProblem`: the data on which a plan for one episode depends, and how positions respond to burns. Compiled."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ class CoverageProblem(NamedTuple):
 
     Attributes:
         impulse_response: Change of the position m steps after the start of a burn of 1 m/s along each axis, held over
-            `hold` steps [s], shape (J + 1, 3, 3). Only radial and along-track motion mix.
+            `hold` steps [s], shape (J + 1, 3, 3). Only radial and along-track motion are coupled.
         hold: Number of steps of a burn.
         coast: Position after 0, 1, ... steps without thrust [m], shape (J + 1, 3).
-        control_authority: Largest response within so many steps [s], in the orbit's plane and across it, shape
-            (J + 1, 2).
+        control_authority: Largest response within 0, 1, ... steps [s], in the orbital plane and across it, shape (J +
+            1, 2).
         normals: Outward unit vectors of the points that are not inspected at the reset, shape (P, 3).
-        slopes: Their shares in the orbit's plane and across it, shape (P, 2).
-        lit: Whether they are lit after 0, 1, ... steps, shape (J + 1, P).
-        radius: Height above the centre from which a point is seen: its normal times the position is at least this [m].
+        slopes: Magnitudes of the normals' components in the orbital plane and across it, shape (P, 2).
+        lit: Whether the points are lit after 0, 1, ... steps, shape (J + 1, P).
+        radius: Height above the centre from which a point is seen: the dot product of its normal and the position is at
+            least this [m].
         near: Least range [m].
         far: Largest range [m].
     """
@@ -79,15 +80,15 @@ def control_authorities(response: FloatArray) -> FloatArray:
 def write_positions(
     problem: CoverageProblem, start: IntArray, delta_v: FloatArray, count: int, stride: int, position: FloatArray
 ) -> None:
-    """Write the position after 0, `stride`, 2 `stride`, ... steps [m], shape (J + 1, 3); the other rows stay.
+    """Write the position after 0, `stride`, 2 `stride`, ... steps [m], shape (J + 1, 3); other rows do not change.
 
     Args:
         problem: The episode.
         start: First step of each burn, shape (K,).
         delta_v: Velocity change of each burn [m/s], shape (K, 3).
-        count: How many burns there are.
-        stride: The position is wanted after every so-many-th step.
-        position: Receives the positions.
+        count: Number of burns.
+        stride: Number of steps between two positions.
+        position: Output: the positions.
     """
     response, last = problem.impulse_response, position.shape[0]
     for j in range(0, last, stride):

@@ -1,4 +1,4 @@
-"""The search for the cheapest plan of one episode: many starts, then hops from the best of them. Compiled."""
+"""The search for the plan of least cost of one episode: many starts, then hops from the best of them. Compiled."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from safe_inspect.planning.coverage.problem import CoverageProblem, write_positi
 from safe_inspect.random.splitmix import SplitMixState, next_uniform
 from safe_inspect.types import FloatArray, IntArray
 
-#: Steps between two first steps of burns, and between two sightings, while the search is coarse.
+#: Number of steps between two possible starts of burns, and between two sightings, in the coarse search.
 BURN_STEP, SIGHTING_STEP = 8, 4
-#: Two plans whose fuel differs by less than this share are taken for one.
+#: Plans whose fuel differs by less than this share are treated as the same.
 _SAME = 0.01
-#: Hops are allowed to pass through plans dearer by this share and amount [m/s] before the sightings are improved.
+#: Hops may pass through plans that are more expensive by this share and amount [m/s] until sightings are improved.
 _DETOUR, _DETOUR_MORE = 0.5, 0.01
-#: Rounds of a descent, and of the refinement.
+#: Number of rounds of a descent, and of the refinement.
 _ROUNDS, _REFINEMENTS = 6, 8
 
 
 class SearchEffort(NamedTuple):
-    """How long is searched.
+    """Extent of a search.
 
     Attributes:
-        starts: Paths at random from which plans are made.
+        starts: Number of random paths from which plans are made.
         chains: How many of the best plans are improved by hops.
-        programs: Linear programs that each of them may solve.
-        temperature: By how much a hop may make a plan worse at first [m/s].
+        programs: Number of linear programs that may be solved for each of them.
+        temperature: Initial amount by which a hop may make a plan worse [m/s].
     """
 
     starts: int
@@ -58,19 +58,19 @@ def search_plan(
     start: IntArray,
     burns: FloatArray,
 ) -> tuple[float, int]:
-    """Search the cheapest plan of an episode.
+    """Search for the plan of least cost of an episode.
 
     Args:
         problem: The episode.
-        given: Sightings to start from, of G plans, shape (G, P).
+        given: Initial sightings of G plans, shape (G, P).
         seed: State of the random numbers, shape (1,); read and written.
-        effort: How long is searched.
+        effort: Extent of the search.
         start: First step of each burn, shape (`MAX_BURNS`,); written.
         burns: Velocity change of each burn [m/s], Hill frame, shape (`MAX_BURNS`, 3); written.
 
     Returns:
-        The velocity change of the plan [m/s], infinite when none was found, and its number of burns K: the first K
-        rows of `start` and `burns` are the plan.
+        The velocity change of the plan [m/s], infinite if none was found, and its number of burns K: the first K rows
+            of `start` and `burns` are the plan.
     """
     points = problem.normals.shape[0]
     workspace = descent_workspace(problem, np.arange(0, problem.coast.shape[0] - 1, BURN_STEP), SIGHTING_STEP)
@@ -97,7 +97,7 @@ def search_plan(
             best, count = reached, found_start.shape[0]
             start[:count], burns[:count] = found_start, found_burns
     for number in range(given.shape[0]):
-        if best > 0.0:  # a given plan is never spoilt by the coarse sightings
+        if best > 0.0:  # coarse sightings must not make a given plan worse
             reached, found_start, found_burns = _refine(problem, workspace, given[number])
             if reached < best:
                 best, count = reached, found_start.shape[0]
@@ -109,7 +109,7 @@ def search_plan(
 def _random_sightings(
     problem: CoverageProblem, workspace: DescentWorkspace, seed: SplitMixState, with_burns: bool, sighting: IntArray
 ) -> None:
-    """Write the sightings of a path with one or two burns at random, or of none."""
+    """Write the sightings of a path with one or two random burns, or with none."""
     start, delta_v, count = np.zeros(2, np.int64), np.zeros((2, 3)), 0
     if with_burns:
         count = 1 + int(2.0 * next_uniform(seed))
@@ -121,7 +121,7 @@ def _random_sightings(
 
 @njit
 def _keep(cost: FloatArray, sightings: IntArray, reached: float, sighting: IntArray) -> None:
-    """Keep the sightings if they are among the best of their kind; the arrays stay in order of cost."""
+    """Keep the sightings if they are among the best distinct ones; the arrays stay sorted by cost."""
     place = cost.shape[0] - 1
     if not reached < cost[place]:
         return
@@ -143,7 +143,7 @@ def _keep(cost: FloatArray, sightings: IntArray, reached: float, sighting: IntAr
 def _hop(
     problem: CoverageProblem, workspace: DescentWorkspace, seed: SplitMixState, effort: SearchEffort, best: IntArray
 ) -> None:
-    """Improve sightings by hops: change some, descend, and keep what is not much worse."""
+    """Improve sightings by hops: change some, descend, and accept results that are not much worse."""
     points = best.shape[0]
     now, sighting = best.copy(), best.copy()
     start, delta_v, count = np.zeros(MAX_BURNS + 1, np.int64), np.zeros((MAX_BURNS + 1, 3)), 0
@@ -187,10 +187,11 @@ def _hop(
 def _refine(
     problem: CoverageProblem, coarse: DescentWorkspace, sighting: IntArray
 ) -> tuple[float, IntArray, FloatArray]:
-    """Solve once more with a sighting at every step, and with burns at any step about those that are used.
+    """Solve again with sightings at every step, and with burns at any step near those that are used.
 
     Returns:
-        The velocity change [m/s], infinite for none; first step and velocity change of each burn, as in `search_plan`.
+        The velocity change [m/s], infinite if there is no solution; first step and velocity change of each burn, as in
+            `search_plan`.
     """
     steps = problem.coast.shape[0] - 1
     wanted = np.zeros(steps, np.bool_)
