@@ -193,11 +193,11 @@ def test_one_policy_for_all_is_trained(ray_session, tmp_path):
     [
         (
             {"minibatch_size": 100},
-            "`minibatch_size` concerns all policies, so own cannot have a value of its own; give all",
+            "`minibatch_size` applies to all policies, so own cannot have a separate value; give all",
         ),
-        ({"sgd_minibatch_size": 100}, "`minibatch_size` concerns all policies"),
+        ({"sgd_minibatch_size": 100}, "`minibatch_size` applies to all policies"),
         ({"lrr": 1.0}, "there is no key `lrr`; did you mean `lr`?"),
-        ({"lr": {"grid_search": [0.1, 0.2]}}, "a search is possible for what all policies have alike only"),
+        ({"lr": {"grid_search": [0.1, 0.2]}}, "only keys that are the same for all policies can be searched"),
         ({"entropy_coeff": -1.0}, "-1.0 is too small"),
     ],
 )

@@ -65,7 +65,7 @@ def test_trials_are_ranked_by_a_figure_that_may_have_its_short_name():
     assert ranking(named) == {"metric": "env_runners/success_rate", "mode": "max"}
     own = {**ASHA, "config": {"metric": "env_runners/success_rate", "mode": "max"}}
     assert ranking(settings_of(scheduler=own)) == {}
-    assert any("there is none" in note for note in translate_tune({"metric": "success_rate"}).notes)
+    assert any("neither is given" in note for note in translate_tune({"metric": "success_rate"}).notes)
 
 
 def test_callbacks_are_built():
@@ -93,7 +93,7 @@ def test_a_callback_that_cannot_begin_is_named():
     [
         ({"scheduler": {"functor": "ray.tune.schedulers.ASHA"}}, "module 'ray.tune.schedulers' has no 'ASHA'"),
         ({"scheduler": "ray.tune.Callback"}, "'ray.tune.Callback' is no scheduler of ray.tune"),
-        ({"scheduler": {**ASHA, "config": {"max_tt": 3}}}, "ASHAScheduler refuses its `config`: .*max_tt"),
+        ({"scheduler": {**ASHA, "config": {"max_tt": 3}}}, "ASHAScheduler rejects its `config`: .*max_tt"),
         ({"scheduler": "no_such_module.Scheduler"}, "no module 'no_such_module'"),
         ({"callbacks": [ASHA]}, r"tune_config.callbacks\[0\]: .* is no ray.tune.Callback; name RLlib's"),
     ],
