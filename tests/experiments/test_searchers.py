@@ -114,9 +114,9 @@ def test_what_a_searcher_cannot_search_is_told_before_ray(keys, where, told):
 @pytest.mark.parametrize(
     ("entry", "told"),
     [
-        ("ray.tune.Callback", "'ray.tune.Callback' is no searcher of ray.tune"),
+        ("ray.tune.Callback", "'ray.tune.Callback' is not a searcher of ray.tune"),
         ({**LADDER, "config": {"step": 1}}, "Ladder rejects its `config`: .*'step'"),
-        ({**LADDER, "config": {"wrong": True}}, "Ladder cannot search: it takes no search space; remove its own"),
+        ({**LADDER, "config": {"wrong": True}}, "Ladder cannot search: it accepts no search space; remove its own"),
     ],
 )
 def test_what_is_no_searcher_is_one_message(entry, told):

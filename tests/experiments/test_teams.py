@@ -96,7 +96,7 @@ def test_a_team_goes_on_from_its_checkpoint(trained):
     stream = io.StringIO()
     fields = {**vars(run), "resume": result.folder, "tune": {"stop": {"training_iteration": 3}}}
     more = train(TrainingRun(**fields), stream)
-    assert "the training goes on after iteration 2" in stream.getvalue()
+    assert "the training continues after iteration 2" in stream.getvalue()
     assert more.iteration == 3
     assert [row["iteration"] for row in read_progress(result.folder / "progress.csv")] == [1, 2, 3]
 
