@@ -214,10 +214,10 @@ def test_the_text_of_a_model_card() -> None:
         ("translational-inspection", ["initial_weights=translational-inspection"], []),
         ("docking", [], []),
         ("docking", ["policy.config.model_config.initial_weights=translational-inspection"],
-         [("rllib_configs", "translational-inspection: its weights do not fit this policy: of the actions, ")]),
+         [("rllib_configs", "translational-inspection: its weights do not match this policy: of the actions, ")]),
         ("multiagent-translational-inspection", [], []),
         ("multiagent-translational-inspection", ["initial_weights=docking"],
-         [(f"policies.blue{index}_ctrl", "docking: its weights do not fit this policy: of the actions, ")
+         [(f"policies.blue{index}_ctrl", "docking: its weights do not match this policy: of the actions, ")
           for index in range(3)]),
     ],
 )  # fmt: skip

@@ -106,7 +106,7 @@ def shipped() -> Weights:
     [
         ({"taste": 3}, "file: the policy has the unknown setting `taste`; another version wrote it"),
         ({"fcnet_activation": "sour"}, "file: the policy's settings are damaged ("),
-        ({"fcnet_hiddens": [7]}, "file: its weights do not fit this policy ("),
+        ({"fcnet_hiddens": [7]}, "file: its weights do not match this policy ("),
     ],
 )
 def test_a_file_that_describes_no_module_is_refused(shipped: Weights, changes: dict[str, Any], message: str) -> None:

@@ -55,4 +55,4 @@ def load_arrays(module: Any, arrays: Mapping[str, AnyArray], title: str) -> None
         module.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[-1].strip()
-        raise CheckpointError(f"{title}: its weights do not fit this policy ({reason})") from None
+        raise CheckpointError(f"{title}: its weights do not match this policy ({reason})") from None
