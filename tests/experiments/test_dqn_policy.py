@@ -103,7 +103,7 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
     pytest.importorskip("onnx")
     from safe_inspect.experiments.export.export import export_policy
 
-    with pytest.raises(CheckpointError, match="the policy is no multilayer perceptron"):
+    with pytest.raises(CheckpointError, match="the policy is not a multilayer perceptron"):
         export_policy(find_newest(run).newest.path, tmp_path / "a.onnx")
     (tmp_path / "b").mkdir()
     run = _save(tmp_path / "b", _module(num_atoms=5))

@@ -146,7 +146,7 @@ def test_a_file_whose_state_is_another_is_not_left(tmp_path, monkeypatch):
     weights = onnx_graph.lstm_weights
     monkeypatch.setattr(onnx_graph, "lstm_weights", spoilt)
     checkpoint = single_run(tmp_path / "run", experiment_of(), use_lstm=True, lstm_cell_size=8)
-    with pytest.raises(CheckpointError, match="the exported policy is not the given one"):
+    with pytest.raises(CheckpointError, match="the exported policy differs from the given one"):
         export_policy(checkpoint, tmp_path / "p.onnx")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
