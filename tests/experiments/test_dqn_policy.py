@@ -117,7 +117,7 @@ def test_it_does_not_fly_beside_policies_that_learn(run):
     from safe_inspect.experiments.settings.policies import PolicySettings
 
     frozen = PolicySettings("old", ("blue0_ctrl",), checkpoint=str(find_newest(run).newest.path))
-    with pytest.raises(CheckpointError, match="policies of SAC and DQN do not fly beside policies that learn"):
+    with pytest.raises(CheckpointError, match="policies of SAC and DQN cannot be combined with policies that learn"):
         check_frozen({"old": frozen}, [])
 
 

@@ -156,7 +156,7 @@ def damaged(checkpoint, folder):
         ),
         (
             lambda path, _: PolicySpec("old", ("green",), "", {}, str(path), "shared"),
-            "the policy of green has 11 elements of observation, and the agent 7",
+            "the policy of green has 11 elements of observation, but the agent has 7",
         ),
         (
             lambda path, folder: PolicySpec("old", ("green",), "", {}, str(damaged(path, folder)), "own"),

@@ -74,7 +74,7 @@ def export_perceptron(
     if found != sizes:
         raise CheckpointError(
             f"{cfg}: the net has {found[0]} inputs and {found[1]} outputs, but the task needs {sizes[0]} and "
-            f"{sizes[1]}; give the task for which it was trained"
+            f"{sizes[1]}; give the task in which it was trained"
         )
     spread = None
     if combined and choices:
