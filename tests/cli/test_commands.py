@@ -274,10 +274,10 @@ def test_what_is_no_command_line_is_refused(typed, words):
     ("override", "told"),
     [
         ("scheduler=ray.tune.schedulers.ASHA", "tune_config.scheduler: module 'ray.tune.schedulers' has no 'ASHA'"),
-        ("scheduler=ray.tune.Callback", "tune_config.scheduler: 'ray.tune.Callback' is no scheduler of ray.tune"),
+        ("scheduler=ray.tune.Callback", "tune_config.scheduler: 'ray.tune.Callback' is not a scheduler of ray.tune"),
         (
             "initial_weights=docking",
-            "model_config.initial_weights: docking: its weights do not fit this policy",
+            "model_config.initial_weights: docking: its weights do not match this policy",
         ),
         ("fcnet_activation=gelu", "`gelu` is not possible; use one of `tanh`, `relu`, `swish`, `silu`, `linear`"),
     ],

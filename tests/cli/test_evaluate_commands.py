@@ -261,7 +261,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("random", "--json", "folder"), "folder: the file cannot be written (it is a folder)"),
         (("./checkpoint_000001",), "./checkpoint_000001: there is no such checkpoint or ONNX file"),
         (("folder",), "neither a checkpoint nor the folder of a training run"),
-        (("file.txt",), "this file is no policy"),
+        (("file.txt",), "this file is not a policy"),
         (("none.onnx",), "none.onnx"),
         (("--policy", "no-such-policy"), "no shipped policy 'no-such-policy'"),
         (("--policy", "zero-thrust"), "it is a scripted policy: give it as a separate argument, without `--policy`"),

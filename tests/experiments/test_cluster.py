@@ -48,7 +48,7 @@ def test_only_a_folder_of_ours_is_removed(tmp_path, name, of_ray, gone):
 
 def test_a_training_that_would_wait_for_ever_is_refused():
     cluster.check_size(4.0, 4.0)
-    with pytest.raises(ConfigError, match=r"claims 4\.5 processors, and Ray has 4; lower `num_env_runners`"):
+    with pytest.raises(ConfigError, match=r"needs 4\.5 processors, but Ray has 4; lower `num_env_runners`"):
         cluster.check_size(4.5, 4.0)
 
 
@@ -133,7 +133,7 @@ def test_a_cluster_that_is_not_there_is_one_message(tmp_path):
 def test_auto_is_the_cluster_that_was_started_and_no_private_ray(tmp_path, monkeypatch):
     monkeypatch.setenv("RAY_TMPDIR", str(tmp_path))
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    with pytest.raises(ConfigError, match=r"`auto` can be joined .*`ray start` has begun none"):
+    with pytest.raises(ConfigError, match=r"`auto` can be joined .*`ray start` has started none"):
         next(cluster._attached("auto", {}, 1.0))
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -112,10 +112,10 @@ def test_a_local_ray_has_the_processors_that_the_run_claims(
 
 def test_what_does_not_fit_starts_nothing(fake: FakeRay, tmp_path: Path) -> None:
     given = translate_ray({"num_cpus": 2, "temporary_folder": str(tmp_path)}).settings
-    with pytest.raises(ConfigError, match="claims 3 processors, and Ray has 2"), cluster.ray_cluster(given, 3.0, None):
+    with pytest.raises(ConfigError, match="needs 3 processors, but Ray has 2"), cluster.ray_cluster(given, 3.0, None):
         pass
     fake.running = True
-    with pytest.raises(ConfigError, match="claims 5 processors, and Ray has 4"), cluster.ray_cluster({}, 5.0, None):
+    with pytest.raises(ConfigError, match="needs 5 processors, but Ray has 4"), cluster.ray_cluster({}, 5.0, None):
         pass
     assert not fake.calls
 
@@ -168,7 +168,7 @@ def test_why_a_cluster_cannot_be_joined_is_told_in_its_last_line(
     assert (problem.path, problem.message) == (
         "ray_config.address", "no Ray cluster at `head` can be joined (the reason)",
     )  # fmt: skip
-    assert problem.hint.startswith("start one with `ray start --head`, set RAY_AUTH_MODE=token where")
+    assert problem.hint.startswith("start one with `ray start --head`, set RAY_AUTH_MODE=token if")
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,7 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
     pytest.importorskip("onnx")
     from safe_inspect.experiments.export.export import export_policy
 
-    with pytest.raises(CheckpointError, match="the policy is no multilayer perceptron"):
+    with pytest.raises(CheckpointError, match="the policy is not a multilayer perceptron"):
         export_policy(find_newest(run).newest.path, tmp_path / "a.onnx")
     (tmp_path / "b").mkdir()
     run = _save(tmp_path / "b", _module(num_atoms=5))
@@ -117,7 +117,7 @@ def test_it_does_not_fly_beside_policies_that_learn(run):
     from safe_inspect.experiments.settings.policies import PolicySettings
 
     frozen = PolicySettings("old", ("blue0_ctrl",), checkpoint=str(find_newest(run).newest.path))
-    with pytest.raises(CheckpointError, match="policies of SAC and DQN do not fly beside policies that learn"):
+    with pytest.raises(CheckpointError, match="policies of SAC and DQN cannot be combined with policies that learn"):
         check_frozen({"old": frozen}, [])
 
 

@@ -187,7 +187,7 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("model", "message"),
         [
-            ({"fcnet_activation": "softmax"}, "a layer of the kind Softmax.*known: ELU"),
+            ({"fcnet_activation": "softmax"}, "a layer of the kind Softmax.*supported: ELU"),
         ],
     )
     def test_layers_that_no_file_can_hold(self, tmp_path, model, message):
@@ -209,7 +209,7 @@ class TestRefusals:
 
         agent = run[0].spec.agents[0]
         check_module(make_module(agent), "here")
-        with pytest.raises(CheckpointError, match=r"here: .*module of its own kind \(Halved\)"):
+        with pytest.raises(CheckpointError, match=r"here: .*a custom module \(Halved\)"):
             check_module(make_module(agent, module_class=Halved), "here")
 
     @pytest.mark.parametrize(
@@ -254,7 +254,7 @@ class TestRefusals:
         build = export.build_file
         monkeypatch.setattr(export, "build_file", spoilt)
         (tmp_path / "p.onnx").write_text("old")
-        with pytest.raises(CheckpointError, match=r"not the given one: it differs by \d\.\de-05 of the action's"):
+        with pytest.raises(CheckpointError, match=r"differs from the given one by \d\.\de-05 of the action's"):
             export.export_policy(run[1], tmp_path / "p.onnx")
         assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("p.onnx", "old")]
 

@@ -157,10 +157,10 @@ safe-inspect train x.yml
 | wall time | 1.6 min |
 | machine | a machine |
 | begun | then |
-| trained by | safe_inspect 1.2, commit 0123456789ab, with changes that were not committed |
+| trained by | safe_inspect 1.2, commit 0123456789ab, with uncommitted changes |
 | exported | today by ray 2.0, torch 1.0 |
 
-`experiment.resolved.yml` beside this card is the whole experiment.
+`experiment.resolved.yml` next to this card contains the whole experiment.
 
 Other seeds of the same recipe:
 
@@ -201,7 +201,7 @@ def test_the_text_of_a_model_card() -> None:
     assert model_card(CARD).startswith(TEXT)
     bare = model_card(dataclasses.replace(CARD, training={}, evaluations={}, seeds=(), limits=()))
     for line in ("| environment steps | unknown |", "| wall time | unknown |", "| seed | unknown |",
-                 "| trained by | safe_inspect unknown, commit unknown |", "None was given."):  # fmt: skip
+                 "| trained by | safe_inspect unknown, commit unknown |", "There is no evaluation."):  # fmt: skip
         assert line in bare.splitlines()
     assert "Other seeds" not in bare
     clean = model_card(dataclasses.replace(CARD, training={"git_commit": "abc"}))
@@ -214,10 +214,10 @@ def test_the_text_of_a_model_card() -> None:
         ("translational-inspection", ["initial_weights=translational-inspection"], []),
         ("docking", [], []),
         ("docking", ["policy.config.model_config.initial_weights=translational-inspection"],
-         [("rllib_configs", "translational-inspection: its weights do not fit this policy: of the actions, ")]),
+         [("rllib_configs", "translational-inspection: its weights do not match this policy: of the actions, ")]),
         ("multiagent-translational-inspection", [], []),
         ("multiagent-translational-inspection", ["initial_weights=docking"],
-         [(f"policies.blue{index}_ctrl", "docking: its weights do not fit this policy: of the actions, ")
+         [(f"policies.blue{index}_ctrl", "docking: its weights do not match this policy: of the actions, ")
           for index in range(3)]),
     ],
 )  # fmt: skip

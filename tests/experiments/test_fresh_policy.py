@@ -104,7 +104,7 @@ def test_weights_that_do_not_fit_are_one_message(algorithm, tmp_path):
     from safe_inspect.errors import CheckpointError
 
     checkpoint = saved(algorithm({"team": ONE}, model_config=NET), tmp_path / "checkpoint")
-    with pytest.raises(CheckpointError, match="its weights do not fit this policy"):
+    with pytest.raises(CheckpointError, match="its weights do not match this policy"):
         algorithm({"team": CHOOSING}, model_config={**NET, "initial_weights": checkpoint})
     with pytest.raises(CheckpointError, match="nowhere"):
         algorithm({"team": ONE}, model_config={**NET, "initial_weights": str(tmp_path / "nowhere")})

@@ -69,8 +69,8 @@ def test_a_layer_of_another_kind_is_named_with_those_that_are_known() -> None:
         with pytest.raises(CheckpointError) as caught:
             graph().net([layer], "x")
         assert str(caught.value) == (
-            f"title: the policy has a layer of the kind {type(layer).__name__}, which cannot be exported; known: ELU, "
-            "Identity, LayerNorm, LeakyReLU, Linear, ReLU, SiLU, Sigmoid, Tanh"
+            f"title: the policy has a layer of the kind {type(layer).__name__}, which cannot be exported; supported: "
+            "ELU, Identity, LayerNorm, LeakyReLU, Linear, ReLU, SiLU, Sigmoid, Tanh"
         )
 
 

@@ -104,9 +104,9 @@ def shipped() -> Weights:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"taste": 3}, "file: the policy has the unknown setting `taste`; another version wrote it"),
+        ({"taste": 3}, "file: the policy has the unknown setting `taste` of another version"),
         ({"fcnet_activation": "sour"}, "file: the policy's settings are damaged ("),
-        ({"fcnet_hiddens": [7]}, "file: its weights do not fit this policy ("),
+        ({"fcnet_hiddens": [7]}, "file: its weights do not match this policy ("),
     ],
 )
 def test_a_file_that_describes_no_module_is_refused(shipped: Weights, changes: dict[str, Any], message: str) -> None:
@@ -172,7 +172,7 @@ def test_decisions_that_last_have_the_hurdle_distribution_and_thrust_may() -> No
         policy_spec({"hurdle": True}, "PPO", texts("gaussian", [], 0.5))
     assert str(caught.value) == (
         "agent_config: a hurdle policy coasts by actions of 0, for which X gives 0.5 N; give the controller limits "
-        "that are equal about 0"
+        "that are symmetric about 0"
     )
 
 

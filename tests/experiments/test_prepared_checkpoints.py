@@ -163,7 +163,7 @@ def test_a_checkpoint_with_pickles_alone_is_refused(prepared, capsys):
     for words in (("evaluate", str(folder), "--episodes", "2"), ("export", str(folder)), ("view", str(folder))):
         assert main(list(words)) == 2
         told = capsys.readouterr().err
-        assert f"{checkpoint.path}: the checkpoint holds the policy 'default_policy' only as a pickle" in told
+        assert f"{checkpoint.path}: the checkpoint contains the policy 'default_policy' only as a pickle" in told
         assert "Train again" in told
     assert not marker.exists()
 
@@ -177,7 +177,7 @@ def test_weights_of_another_version_or_none_are_refused(prepared):
     for change, text in (
         (lambda: content.replace(b'"format":"1"', b'"format":"9"'), "whose format this version does not read"),
         (lambda: content.replace(b"fcnet_use_layernorm", b"fcnet_use_layer_norm"[:19]), "unknown setting"),
-        (lambda: content.replace(b"[32, 32]", b"[32, 16]"), "its weights do not fit this policy"),
+        (lambda: content.replace(b"[32, 32]", b"[32, 16]"), "its weights do not match this policy"),
         (lambda: content.replace(b'\\"choices\\"', b'\\"chances\\"'), "the weights are damaged"),
         (lambda: content.replace(b'\\"unit\\"', b'\\"tinu\\"'), "the weights are damaged"),
         (lambda: content[:-100], "the weights are damaged"),

@@ -97,15 +97,16 @@ def test_a_loop_that_does_not_say_where_episodes_begin_is_told_so(exported, kind
     with pytest.raises(ArgumentError, match="the policy is recurrent; give `episode_start`, True for each row whose"):
         policy.predict(rows)
     with pytest.raises(
-        ArgumentError, match="there are 3 observations, and 0 in the last call: `episode_start` is True"
+        ArgumentError, match="there are 3 observations, but there were 0 in the last call; `episode_start` must be True"
     ):
         policy.predict(rows, episode_start=False)
     policy.predict(rows, episode_start=True)
-    with pytest.raises(ArgumentError, match="there are 2 observations, and 3 in the last call"):
+    with pytest.raises(ArgumentError, match="there are 2 observations, but there were 3 in the last call"):
         policy.predict(rows[:2], episode_start=np.array([True, False]))
     for wrong in (np.ones(2, dtype=np.bool_), np.ones(3), [[True]]):
         with pytest.raises(
-            ArgumentError, match=r"`episode_start` has the shape .*one bool or \(3,\) of them is wanted"
+            ArgumentError,
+            match=r"`episode_start` has the shape .*expected one bool or an array of bools of shape \(3,\)",
         ):
             policy.predict(rows, episode_start=wrong)
 
@@ -146,7 +147,7 @@ def test_a_file_whose_state_is_another_is_not_left(tmp_path, monkeypatch):
     weights = onnx_graph.lstm_weights
     monkeypatch.setattr(onnx_graph, "lstm_weights", spoilt)
     checkpoint = single_run(tmp_path / "run", experiment_of(), use_lstm=True, lstm_cell_size=8)
-    with pytest.raises(CheckpointError, match="the exported policy is not the given one"):
+    with pytest.raises(CheckpointError, match="the exported policy differs from the given one"):
         export_policy(checkpoint, tmp_path / "p.onnx")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 

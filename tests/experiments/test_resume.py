@@ -95,7 +95,7 @@ def test_a_killed_training_goes_on_from_the_newest_good_checkpoint(killed, tmp_p
     assert "checkpoint_000099: the checkpoint is incomplete" in progress
     lines = [line for line in progress.splitlines() if line.startswith("iteration")]
     assert lines[0].startswith(f"iteration {reached + 1:>4}/{reached + 2}")
-    assert "its episodes begin anew" in progress
+    assert "all episodes start again" in progress
     rows = read_progress(copy / "progress.csv")
     assert [row["iteration"] for row in rows] == list(range(1, reached + 3))
     steps = [row["steps"] for row in rows]
@@ -162,7 +162,7 @@ def test_a_stopped_training_saves_a_checkpoint_and_leaves_nothing(tmp_path, send
 
 def test_a_training_that_is_stopped_while_ray_starts_leaves_nothing(tmp_path):
     process = start(tmp_path, 1000)
-    wait_for(process, "Ray takes some seconds to begin")
+    wait_for(process, "Ray takes some seconds to start")
     (run,) = tmp_path.iterdir()
     while not (run / ".ray").exists():
         time.sleep(0.01)

@@ -51,7 +51,7 @@ def test_connectors_are_built_for_each_pipeline():
         ({"rl_module": "ray.rllib.connectors.connector_v2.ConnectorV2"}, "ConnectorV2' is no RLModule of RLlib"),
         ({"rl_module": "no_such_module.Module"}, "no module 'no_such_module'"),
         ({"env_to_module_connector": f"{__name__}.Deep"}, "rllib_configs.env_to_module_connector"),
-        ({"learner_connector": f"{__name__}.refusing"}, "refusing refuses its `config`: .*depth"),
+        ({"learner_connector": f"{__name__}.refusing"}, "refusing rejects its `config`: .*depth"),
         ({"module_to_env_connector": "ray.rllib.connectors.Nothing"}, "has no 'Nothing'"),
     ],
 )

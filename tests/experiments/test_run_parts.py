@@ -112,7 +112,7 @@ def test_runs_without_a_record_are_named_by_their_folders(runs: Any, tmp_path: P
         "trials, trials/NAME"
     )
     (tmp_path / "empty").mkdir()
-    for folder, what in (("empty", "no progress.csv is in this folder"), ("nowhere", "there is no such folder")):
+    for folder, what in (("empty", "there is no progress.csv in this folder"), ("nowhere", "there is no such folder")):
         with pytest.raises(SafeInspectError) as caught:
             recipes.recipes_of([tmp_path / folder])
         assert str(caught.value) == f"{tmp_path / folder}: {what}; give the folder of a training run"
@@ -247,7 +247,7 @@ def test_a_searcher_is_told_of_figures_that_are_known_alone() -> None:
         ("t", None, False),
     ]  # fmt: skip
     own.accepts = False
-    with pytest.raises(ValueError, match="it takes no search space; remove its own"):
+    with pytest.raises(ValueError, match="it accepts no search space; remove its own"):
         Suggestions(own, {}, "m", "max")
 
 

@@ -273,11 +273,11 @@ def test_what_the_batched_runner_cannot_do_the_stock_one_does(algorithm):
     config = build({})
     assert not capabilities(config).sampling
     config.callbacks([*np.atleast_1d(config.callbacks_class), Watching])
-    assert capabilities(config).sampling == "a callback waits for `on_episode_step`"
+    assert capabilities(config).sampling == "a callback implements `on_episode_step`"
     config = build({})
     config.env_runners(env_to_module_connector=lambda env, spaces, device: FlattenObservations())
-    assert "a connector stands between environment and policy" in capabilities(config).sampling
-    with pytest.warns(UserWarning, match="the stock runner samples, as a connector stands"):
+    assert "there is a connector between environment and policy" in capabilities(config).sampling
+    with pytest.warns(UserWarning, match="the stock runner samples, as there is a connector"):
         algo = config.build_algo()
     try:
         runners = algo.train()["env_runners"]

@@ -85,12 +85,12 @@ def test_drawn_values_lie_in_their_ranges_and_follow_from_the_seed():
     [
         ({"lr": {"uniform": 3}}, "`uniform` takes a list of two numbers"),
         ({"lr": {"uniform": [1e-4]}}, "`uniform` takes a list of two numbers"),
-        ({"lr": {"uniform": [1e-3, 1e-4]}}, "`uniform` goes from 0.001 to 0.0001; the second number is to be larger"),
-        ({"lr": {"loguniform": [0, 1e-3]}}, "`loguniform` is for numbers above 0"),
-        ({"lr": {"randint": [1, 3]}}, "`randint` does not fit: use `uniform` or `choice`"),
+        ({"lr": {"uniform": [1e-3, 1e-4]}}, "`uniform` goes from 0.001 to 0.0001; the second number must be larger"),
+        ({"lr": {"loguniform": [0, 1e-3]}}, "`loguniform` requires numbers above 0"),
+        ({"lr": {"randint": [1, 3]}}, "`randint` is not possible here: use `uniform` or `choice`"),
         ({"gamma": {"uniform": [0.9, 1.5]}}, "1.5 is too large; the greatest is 1"),
-        ({"num_epochs": {"uniform": [1, 5]}}, "whole numbers are wanted; use `randint` or `choice`"),
-        ({"model_config": {"fcnet_activation": {"choice": ["tanh"]}}}, "`choice` is possible for the keys of"),
+        ({"num_epochs": {"uniform": [1, 5]}}, "whole numbers are required; use `randint` or `choice`"),
+        ({"model_config": {"fcnet_activation": {"choice": ["tanh"]}}}, "`choice` is only supported for the keys of"),
     ],
 )
 def test_a_wrong_range_is_one_message(keys, told):
@@ -102,7 +102,7 @@ def test_a_wrong_range_is_one_message(keys, told):
     ("keys", "where", "told"),
     [
         ({}, "tune_config.search_alg", "there is no key to search"),
-        ({"lr": {"grid_search": [1e-4]}}, "rllib_configs.lr", "use `choice` in the place of `grid_search`"),
+        ({"lr": {"grid_search": [1e-4]}}, "rllib_configs.lr", "use `choice` instead of `grid_search`"),
     ],
 )
 def test_what_a_searcher_cannot_search_is_told_before_ray(keys, where, told):
@@ -114,9 +114,9 @@ def test_what_a_searcher_cannot_search_is_told_before_ray(keys, where, told):
 @pytest.mark.parametrize(
     ("entry", "told"),
     [
-        ("ray.tune.Callback", "'ray.tune.Callback' is no searcher of ray.tune"),
-        ({**LADDER, "config": {"step": 1}}, "Ladder refuses its `config`: .*'step'"),
-        ({**LADDER, "config": {"wrong": True}}, "Ladder cannot search: it takes no search space; remove its own"),
+        ("ray.tune.Callback", "'ray.tune.Callback' is not a searcher of ray.tune"),
+        ({**LADDER, "config": {"step": 1}}, "Ladder rejects its `config`: .*'step'"),
+        ({**LADDER, "config": {"wrong": True}}, "Ladder cannot search: it accepts no search space; remove its own"),
     ],
 )
 def test_what_is_no_searcher_is_one_message(entry, told):

@@ -106,7 +106,7 @@ def test_the_card_tells_the_facts(shelf):
         "| environment steps | 28,000 |",
         "| wall time | 0.2 min |",
         "| machine | two cores |",
-        "commit abc, with changes that were not committed",
+        "commit abc, with uncommitted changes",
         "- seed 5: 99 %",
         "### The shipped task\n\n1,000 episodes, seed 7.",
         "Success 99.5 % (95 % interval 98.85 to 99.78 %; win 995, lose 5).",
@@ -150,10 +150,10 @@ def test_mistakes(run, shelf, tmp_path):
     before = sorted(shelf.rglob("*"))
     with pytest.raises(OutputError, match="one-deputy: the folder exists already"):
         ship(run[1], "one-deputy", shelf, **WORDS)
-    with pytest.raises(OutputError, match="is no name of a policy"):
+    with pytest.raises(OutputError, match="is not a name for a policy"):
         ship(run[1], "../one", shelf, **WORDS)
     (tmp_path / "file").write_text("{}")
-    with pytest.raises(CheckpointError, match="this is no evaluation"):
+    with pytest.raises(CheckpointError, match="this is not an evaluation"):
         ship(run[1], "two", shelf, evaluations={"x": tmp_path / "file"}, **WORDS)
     with pytest.raises(OutputError, match="cannot be written"):
         ship(run[1], "two", tmp_path / "file", **WORDS)

@@ -86,7 +86,7 @@ def test_several_policies_without_the_agents_own_are_refused(team_run, tmp_path)
     _, _, modules = team_run
     renamed = {f"other{index}": module for index, module in enumerate(modules.values())}
     checkpoint = save_run(tmp_path / "run", experiment_of(path=TEAM), renamed)
-    with pytest.raises(CheckpointError, match="has the policies other0, other1, other2, and none is the 'blue0_ctrl'"):
+    with pytest.raises(CheckpointError, match="has the policies other0, other1, other2, but none is 'blue0_ctrl'"):
         open_source(checkpoint)
 
 
@@ -104,7 +104,7 @@ def test_what_is_no_source_is_one_message(run, tmp_path, monkeypatch):
     with pytest.raises(CheckpointError, match="the run has no complete checkpoint"):
         open_source(empty)
     (tmp_path / "notes.txt").write_text("")
-    with pytest.raises(SafeInspectError, match="this file is no policy"):
+    with pytest.raises(SafeInspectError, match="this file is not a policy"):
         open_source(tmp_path / "notes.txt")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "random").mkdir()

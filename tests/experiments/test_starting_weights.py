@@ -55,10 +55,13 @@ def test_the_same_elements_have_the_same_weights(trained):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (lambda info: {"observation": info.observation[1:]}, r"does not see Sensor_Position.x \[m\] as that one does"),
+        (
+            lambda info: {"observation": info.observation[1:]},
+            r"does not observe Sensor_Position.x \[m\] as that policy does",
+        ),
         (
             lambda info: {"observation": (dataclasses.replace(info.observation[0], unit="km"), *info.observation[1:])},
-            r"does not see Sensor_Position.x \[m\]",
+            r"does not observe Sensor_Position.x \[m\]",
         ),
         (
             lambda info: {"action": (dataclasses.replace(info.action[0], gain=0.2), *info.action[1:])},

@@ -96,7 +96,7 @@ def test_a_team_goes_on_from_its_checkpoint(trained):
     stream = io.StringIO()
     fields = {**vars(run), "resume": result.folder, "tune": {"stop": {"training_iteration": 3}}}
     more = train(TrainingRun(**fields), stream)
-    assert "the training goes on after iteration 2" in stream.getvalue()
+    assert "the training continues after iteration 2" in stream.getvalue()
     assert more.iteration == 3
     assert [row["iteration"] for row in read_progress(result.folder / "progress.csv")] == [1, 2, 3]
 
@@ -156,7 +156,7 @@ def damaged(checkpoint, folder):
         ),
         (
             lambda path, _: PolicySpec("old", ("green",), "", {}, str(path), "shared"),
-            "the policy of green has 11 elements of observation, and the agent 7",
+            "the policy of green has 11 elements of observation, but the agent has 7",
         ),
         (
             lambda path, folder: PolicySpec("old", ("green",), "", {}, str(damaged(path, folder)), "own"),
@@ -193,11 +193,11 @@ def test_one_policy_for_all_is_trained(ray_session, tmp_path):
     [
         (
             {"minibatch_size": 100},
-            "`minibatch_size` concerns all policies, so own cannot have a value of its own; give all",
+            "`minibatch_size` applies to all policies, so own cannot have a separate value; give all",
         ),
-        ({"sgd_minibatch_size": 100}, "`minibatch_size` concerns all policies"),
+        ({"sgd_minibatch_size": 100}, "`minibatch_size` applies to all policies"),
         ({"lrr": 1.0}, "there is no key `lrr`; did you mean `lr`?"),
-        ({"lr": {"grid_search": [0.1, 0.2]}}, "a search is possible for what all policies have alike only"),
+        ({"lr": {"grid_search": [0.1, 0.2]}}, "only keys that are the same for all policies can be searched"),
         ({"entropy_coeff": -1.0}, "-1.0 is too small"),
     ],
 )

@@ -63,8 +63,8 @@ def lines_of(text):
 def test_its_progress_is_one_line_for_each_iteration(trained):
     _, printed, _ = trained
     first, *lines = lines_of(printed)
-    assert "the training starts; what this installation has not compiled yet is compiled first" in first
-    assert first.endswith("; Ray takes some seconds to begin")
+    assert "the training starts; code that is not compiled yet on this installation is compiled first" in first
+    assert first.endswith("; Ray takes some seconds to start")
     assert [line.split("  steps")[0] for line in lines] == ["iteration    1/2", "iteration    2/2"]
     assert all("success" in line and "m/s  left 0:" in line for line in lines)
 
@@ -122,7 +122,7 @@ def test_a_finished_run_goes_on_with_a_later_limit(trained):
     stream = io.StringIO()
     more = train(resumed(run, result, tune={"stop": {"training_iteration": 3}}), stream)
     first, second = lines_of(stream.getvalue())
-    assert "the training goes on after iteration 2" in first
+    assert "the training continues after iteration 2" in first
     assert second.startswith("iteration    3/3")
     assert more.iteration == 3
     assert more.folder == result.folder
@@ -196,7 +196,7 @@ def test_a_runner_that_is_killed_is_one_message_that_says_how_to_go_on(ray_sessi
     with pytest.raises(SafeInspectError, match="a process of the training was killed") as caught:
         train(run, io.StringIO())
     (folder,) = tmp_path.iterdir()
-    assert str(caught.value).endswith(f"; go on with --resume {folder}")
+    assert str(caught.value).endswith(f"; continue with --resume {folder}")
     assert find_newest(folder).newest.iteration >= 1
 
 
@@ -238,13 +238,13 @@ def test_a_search_trains_each_value_and_can_be_resumed(ray_session, tmp_path, qu
     again = io.StringIO()
     assert train(resumed(run, result), again).trials == result.trials  # they have ended; nothing is trained twice
     assert len(lines_of(again.getvalue())) == 1
-    with pytest.raises(CheckpointError, match="has 4 trials, and this experiment asks for 6"):
+    with pytest.raises(CheckpointError, match="has 4 trials, but this experiment requires 6"):
         train(resumed(run, result, tune={**run.tune, "num_samples": 3}), again)
 
 
 def test_what_does_not_fit_is_refused_and_leaves_no_folder(ray_session, tmp_path, quick, maker):
     run = TrainingRun({}, rllib={**quick, "num_env_runners": 9}, output=tmp_path, maker=maker)
-    with pytest.raises(ConfigError, match="claims 10 processors, and Ray has 4"):
+    with pytest.raises(ConfigError, match="needs 10 processors, but Ray has 4"):
         train(run)
     assert not list(tmp_path.iterdir())
 
@@ -263,6 +263,6 @@ def test_a_full_disk_is_one_message_that_says_how_to_go_on(ray_session, tmp_path
     with pytest.raises(OutputError) as caught:
         train(TrainingRun({}, rllib=QUICK, tune=tune, output=tmp_path, maker=MAKER), io.StringIO())
     (run,) = tmp_path.iterdir()
-    wanted = f"{run}: the disk is full (No space left on device); free some space and go on with --resume {run}"
+    wanted = f"{run}: the disk is full (No space left on device); free some space and continue with --resume {run}"
     assert str(caught.value) == wanted
     assert find_newest(run / "tune").newest.iteration == 2

@@ -100,14 +100,14 @@ def test_nets_are_separate_unless_asked():
         ({"num_epochs": 2.5}, "rllib_configs.num_epochs", "not a whole number"),
         ({"num_epochs": True}, "rllib_configs.num_epochs", "a whole number is expected, not True"),
         ({"use_gae": "yes"}, "rllib_configs.use_gae", "true or false is expected"),
-        ({"lr": [[5, 0.1], [9, 0.2]]}, "rllib_configs.lr", "begins with step 0"),
+        ({"lr": [[5, 0.1], [9, 0.2]]}, "rllib_configs.lr", "begin with step 0"),
         ({"lr": "fast"}, "rllib_configs.lr", "a number, or a list of pairs"),
         ({"batch_mode": "complete"}, "rllib_configs.batch_mode", "use one of `truncate_episodes`, `complete_episodes`"),
         ({"framework": "tf2"}, "rllib_configs.framework", "only `torch` is supported"),
         ({"observation_filter": "MeanStdFilter"}, "rllib_configs.observation_filter", "`normalization` in the glues"),
         ({"env": "CartPole-v1"}, "rllib_configs.env", "cannot be set here"),
         ({"callbacks_on_episode_end": "x"}, "rllib_configs.callbacks_on_episode_end", "cannot be set here"),
-        ({"num_workers": 1, "num_env_runners": 2}, "rllib_configs.num_env_runners", "one key, given twice"),
+        ({"num_workers": 1, "num_env_runners": 2}, "rllib_configs.num_env_runners", "the same key, given twice"),
         (
             {"algorithm": "SAC", "model_config": {"use_lstm": True}},
             "rllib_configs.model_config.use_lstm",
@@ -116,7 +116,7 @@ def test_nets_are_separate_unless_asked():
         (
             {"model_config": {"use_lstm": True, "free_log_std": True}},
             "rllib_configs.model_config.free_log_std",
-            "RLlib's recurrent policies take no `free_log_std`; remove one of it and `use_lstm`",
+            "RLlib's recurrent policies do not support `free_log_std`; remove it or `use_lstm`",
         ),
         ({"algorithm": "PPPO"}, "rllib_configs.algorithm", "use one of `PPO`, `APPO`"),
         ({"minibatch_size": 900, "train_batch_size": 300}, "rllib_configs.minibatch_size", "larger than the batch"),
@@ -134,7 +134,7 @@ def test_nets_are_separate_unless_asked():
         (
             {"model_config": {"fcnet_activation": {"grid_search": ["tanh", "relu"]}}},
             "rllib_configs.model_config.fcnet_activation",
-            "`grid_search` is possible for the keys of `rllib_configs` themselves only",
+            "`grid_search` is only supported for the keys of `rllib_configs` themselves",
         ),
     ],
 )
@@ -147,7 +147,7 @@ def test_mistakes_say_where_and_what(mapping, path, text):
 def test_what_is_infinite_or_null_on_purpose_is_taken():
     found = translate_rllib({"vf_clip_param": float("inf"), "sample_timeout_s": float("inf"), "lr": None})
     assert not found.problems
-    assert found.notes == ("`lr` is null, so its default holds",)
+    assert found.notes == ("`lr` is null, so its default is used",)
     assert not translate_tune({"stop": {"time_total_s": float("inf"), "episode_reward_mean": -3}}).problems
 
 
@@ -286,7 +286,7 @@ def test_checking_does_not_load_ray_or_torch():
     ("mapping", "reason"),
     [
         ({"model": {"use_lstm": True}}, "the policy is recurrent (`use_lstm`)"),
-        ({"algorithm": "SAC"}, "the batched one serves PPO, APPO, IMPALA, not SAC"),
+        ({"algorithm": "SAC"}, "the batched runner supports PPO, APPO, IMPALA, not SAC"),
         ({"restart_failed_sub_environments": True}, "does not restart environments that fail"),
     ],
 )
@@ -315,7 +315,7 @@ def test_the_runner_is_batched_unless_asked():
         ({"model": {"use_lstm": True}}, "the policy is recurrent (`use_lstm`)"),
         ({"num_learners": 2}, "several learners share a batch (`num_learners`)"),
         ({"num_learners": {"grid_search": [1, 2]}}, "several learners share a batch (`num_learners`)"),
-        ({"torch_skip_nan_gradients": False}, "each gradient is to be checked"),
+        ({"torch_skip_nan_gradients": False}, "each gradient must be checked"),
     ],
 )
 def test_the_stock_learner_takes_over_with_one_note(mapping, reason):
@@ -360,7 +360,7 @@ def test_addresses_of_ray(address):
 
 def test_a_training_that_nothing_ends_is_noted():
     for tune in ({}, {"stop": {}}):
-        assert any("nothing but an interruption ends" in note for note in translate_tune(tune).notes)
+        assert any("the training runs until it is interrupted" in note for note in translate_tune(tune).notes)
     for tune in ({"stop": {"training_iteration": 1}}, {"time_budget_s": 5}):
         assert translate_tune(tune).notes == ()
 

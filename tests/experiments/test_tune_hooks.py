@@ -20,7 +20,9 @@ def test_the_first_signal_asks_for_a_checkpoint_and_the_second_stops_at_once(tmp
     assert not monitor.reached({"training_iteration": 1})
     monitor.interrupt(signal.SIGTERM)
     assert monitor.reached({"training_iteration": 1})
-    assert stream.getvalue() == "stopping after this iteration, with a checkpoint; ask again to stop at once\n"
+    assert (
+        stream.getvalue() == "stopping after this iteration, with a checkpoint; interrupt again to stop immediately\n"
+    )
     monitor.interrupt(signal.SIGHUP)  # the terminal is closed: nobody asks again
     with pytest.raises(Interrupted) as caught:
         monitor.interrupt(signal.SIGINT)

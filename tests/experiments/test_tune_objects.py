@@ -65,7 +65,7 @@ def test_trials_are_ranked_by_a_figure_that_may_have_its_short_name():
     assert ranking(named) == {"metric": "env_runners/success_rate", "mode": "max"}
     own = {**ASHA, "config": {"metric": "env_runners/success_rate", "mode": "max"}}
     assert ranking(settings_of(scheduler=own)) == {}
-    assert any("there is none" in note for note in translate_tune({"metric": "success_rate"}).notes)
+    assert any("neither is given" in note for note in translate_tune({"metric": "success_rate"}).notes)
 
 
 def test_callbacks_are_built():
@@ -84,7 +84,7 @@ class Unready(tune.Callback):
 
 def test_a_callback_that_cannot_begin_is_named():
     (made,) = callbacks_of(settings_of(callbacks=f"{__name__}.Unready"))
-    with pytest.raises(ConfigError, match=r"^tune_config.callbacks\[0\]: .*Unready cannot begin: no key was found$"):
+    with pytest.raises(ConfigError, match=r"^tune_config.callbacks\[0\]: .*Unready cannot start: no key was found$"):
         pickle.loads(pickle.dumps(made)).setup(stop=None)
 
 
@@ -92,10 +92,10 @@ def test_a_callback_that_cannot_begin_is_named():
     ("keys", "told"),
     [
         ({"scheduler": {"functor": "ray.tune.schedulers.ASHA"}}, "module 'ray.tune.schedulers' has no 'ASHA'"),
-        ({"scheduler": "ray.tune.Callback"}, "'ray.tune.Callback' is no scheduler of ray.tune"),
-        ({"scheduler": {**ASHA, "config": {"max_tt": 3}}}, "ASHAScheduler refuses its `config`: .*max_tt"),
+        ({"scheduler": "ray.tune.Callback"}, "'ray.tune.Callback' is not a scheduler of ray.tune"),
+        ({"scheduler": {**ASHA, "config": {"max_tt": 3}}}, "ASHAScheduler rejects its `config`: .*max_tt"),
         ({"scheduler": "no_such_module.Scheduler"}, "no module 'no_such_module'"),
-        ({"callbacks": [ASHA]}, r"tune_config.callbacks\[0\]: .* is no ray.tune.Callback; name RLlib's"),
+        ({"callbacks": [ASHA]}, r"tune_config.callbacks\[0\]: .* is not a ray.tune.Callback; give RLlib's"),
     ],
 )
 def test_what_cannot_be_built_is_one_message(keys, told):

@@ -199,7 +199,7 @@ def test_wrong_runs_are_one_message(tmp_path):
     run = write_run(tmp_path / "run", [(1000, 0.1)], seed=1)
     with pytest.raises(SafeInspectError, match="there is no such folder"):
         recipes_of([tmp_path / "nothing"])
-    with pytest.raises(SafeInspectError, match=r"no progress\.csv is in this folder"):
+    with pytest.raises(SafeInspectError, match=r"there is no progress\.csv in this folder"):
         recipes_of([tmp_path])
     with pytest.raises(SafeInspectError, match="2 labels are given for 1 runs of 1 recipes"):
         recipes_of([run], ["a", "b"])

@@ -38,7 +38,7 @@ def test_one_observation_and_rows_of_them(policy):
     assert actions.dtype == np.int64
     np.testing.assert_array_equal(policy.predict(observations[3]), actions[3])
     assert policy.make().action_space.contains(policy.predict(observations[3]))
-    with pytest.raises(ValueError, match=r"have the shape \(4,\); \(13,\) or \(N, 13\) is wanted"):
+    with pytest.raises(ValueError, match=r"have the shape \(4,\); expected \(13,\) or \(N, 13\)"):
         policy.predict(observations[0, :4])
 
 
@@ -90,11 +90,11 @@ def test_a_shipped_policy_flies_without_onnxruntime(monkeypatch):
 
 
 def test_what_cannot_be_loaded_is_told():
-    with pytest.raises(SafeInspectError, match="inspector: a scripted policy flies inside the environment"):
+    with pytest.raises(SafeInspectError, match="inspector: a scripted policy acts inside the environment"):
         safe_inspect.load_policy("inspector")
     with pytest.raises(CheckpointError, match="the policy is of another task"):
         safe_inspect.load_policy(NAME, "safe_inspect/TranslationalInspectionSeed-v0")
-    with pytest.raises(SafeInspectError, match="blue0_ctrl, blue1_ctrl, blue2_ctrl have policies of their own"):
+    with pytest.raises(SafeInspectError, match="blue0_ctrl, blue1_ctrl, blue2_ctrl have different policies"):
         safe_inspect.load_policy("multiagent-translational-inspection")
-    with pytest.raises(SafeInspectError, match="it flies no agent 'blue7_ctrl'; did you mean"):
+    with pytest.raises(SafeInspectError, match="it controls no agent 'blue7_ctrl'; did you mean"):
         safe_inspect.load_policy("multiagent-translational-inspection", agent="blue7_ctrl")

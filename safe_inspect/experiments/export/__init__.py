@@ -1,1 +1,1 @@
-"""Policies as ONNX files, and as part of the package."""
+"""Export of policies as ONNX files, and as part of the package."""

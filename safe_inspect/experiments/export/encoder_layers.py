@@ -1,4 +1,4 @@
-"""The layers of RLlib's encoders, and weights of an LSTM in ONNX's order. Importing this module loads Ray and Torch."""
+"""Layers of RLlib's encoders, and weights of an LSTM in ONNX's order. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ray.rllib.core.models.torch.encoder import TorchLSTMEncoder
 
 from safe_inspect.types import AnyArray
 
-#: Inputs of a file that hold the state of an LSTM, output and cell.
+#: Names of an ONNX file's inputs for the state of an LSTM: output and cell.
 STATE = ("state_h", "state_c")
 
 _GATES = (0, 3, 1, 2)  # input, forget, cell, output in Torch; input, output, forget, cell in ONNX
 
 
 class EncoderLayers(NamedTuple):
-    """What stands before the head of a policy.
+    """The layers before the head of a policy.
 
     Attributes:
         dense: Dense layers and activations, in order.
-        lstm: The LSTM behind them; None in a policy without a state.
+        lstm: The LSTM after them; None for a policy without a state.
     """
 
     dense: torch.nn.Sequential
@@ -29,7 +29,7 @@ class EncoderLayers(NamedTuple):
 
 
 def encoder_layers(module: Any) -> EncoderLayers | None:
-    """Return the layers before the head of an RLModule's policy; None where they are of another kind."""
+    """Return the layers before the head of an RLModule's policy; None if they are of an unsupported kind."""
     own = getattr(module, "encoder", None)
     encoder = getattr(own, "actor_encoder", None) or getattr(own, "encoder", None)
     lstm = None
@@ -48,7 +48,11 @@ def state_sizes(module: Any) -> dict[str, int]:
 
 
 def lstm_weights(lstm: torch.nn.LSTM) -> dict[str, AnyArray]:
-    """Return the inputs W (1, 4 H, I), R (1, 4 H, H) and B (1, 8 H) of ONNX's operator LSTM, by names of constants."""
+    """Return the weights of an LSTM for ONNX's operator LSTM, by name.
+
+    Returns:
+        ``kernel``, ONNX's W, shape (1, 4 H, I); ``recurrence``, R, shape (1, 4 H, H); ``bias``, B, shape (1, 8 H).
+    """
     parts: Any = lstm.all_weights[0]
     kernel, recurrence, *biases = [
         np.concatenate([np.split(part.detach().cpu().numpy(), 4)[gate] for gate in _GATES]) for part in parts

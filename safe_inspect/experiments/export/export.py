@@ -1,4 +1,4 @@
-"""`export_policy`: a policy of a checkpoint as an ONNX file. Importing this module loads Ray and Torch."""
+"""`export_policy`: export of a checkpoint's policy to an ONNX file. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ _RANDOM_STEPS, _RANDOM_ROWS = 64, 64
 
 @dataclass(frozen=True)
 class Exported:
-    """A file that was written.
+    """An exported file.
 
     Attributes:
         path: The file.
-        info: What it says.
-        difference: How far it is from the checkpoint, over random and flown observations together.
-        flown: How many of the observations were flown.
+        info: The description of the policy in the file.
+        difference: Difference from the checkpoint, over random and flown observations together.
+        flown: Number of the observations that come from rollouts.
     """
 
     path: Path
@@ -61,20 +61,23 @@ def export_policy(
     policy: str | None = None,
     experiment: Experiment | None = None,
 ) -> Exported:
-    """Write a policy as an ONNX file, with the normalisers and the scaling of the actions inside.
+    """Write a policy as an ONNX file that includes the normalisers and the scaling of the actions.
 
-    The file is compared with the checkpoint before it gets its name; a file of that name is replaced at once.
+    The file is written under a temporary name and compared with the checkpoint before it replaces any file `output`.
 
     Args:
         checkpoint: The checkpoint's folder.
-        output: The file.
-        policy: Name of the policy, where the checkpoint holds several.
-        experiment: The experiment that it was trained with; that of the run in which the checkpoint lies unless given.
+        output: The file to write.
+        policy: Name of the policy; needed if the checkpoint contains several.
+        experiment: The experiment with which the policy was trained; by default that of the checkpoint's run.
+
+    Returns:
+        The written file, and its difference from the checkpoint.
 
     Raises:
-        CheckpointError: The checkpoint is missing, damaged or of another task, the policy cannot stand in a file, or
-            the file's outputs are not the checkpoint's.
-        ConfigError: A normaliser is none of this package's own, or the run's configuration has mistakes.
+        CheckpointError: The checkpoint is missing, damaged or of another task, the policy cannot be exported, or the
+            outputs of the file differ from those of the checkpoint.
+        ConfigError: A normaliser is not one of this package's own, or the run's configuration has mistakes.
         OutputError: The file cannot be written.
         SafeInspectError: The package onnx or onnxruntime is not installed.
     """
@@ -84,8 +87,8 @@ def export_policy(
     if experiment is None:
         if own is None:
             raise CheckpointError(
-                f"{checkpoint}: the checkpoint lies in no folder of a training run, so its task is not known; give the "
-                "experiment with --cfg"
+                f"{checkpoint}: the checkpoint is not in the folder of a training run, so its task is unknown; give "
+                "the experiment with --cfg"
             )
         experiment = load_experiment(own)
     title = f"{checkpoint}, policy {folder.name}"
@@ -100,13 +103,14 @@ def export_policy(
         check_module(module, title)
     if loaded.info is None:
         raise CheckpointError(
-            f"{title}: the checkpoint does not say what the policy sees and does, so it is not exported; train again"
+            f"{title}: the checkpoint does not describe the policy's observation and action, so it cannot be exported; "
+            "train again"
         )
     for agent in agents:
         check_layout(title, loaded.info, agent)
     info = replace(
         policy_info(experiment, folder.name, agents, exportable=True),
-        distribution=loaded.info.distribution,  # `hurdle` stands among the settings of the net
+        distribution=loaded.info.distribution,  # `hurdle` is a setting of the net and not of the task
         configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
         state=state_sizes(module),
@@ -117,15 +121,19 @@ def export_policy(
 def write_policy(
     module: Any, info: PolicyInfo, output: str | os.PathLike[str], spec: EnvironmentSpec, agent: AgentSpec, title: str
 ) -> Exported:
-    """Write a file, compare it with the module, and give it its name; see `export_policy`.
+    """Write a module as an ONNX file, after comparing the file with the module; see `export_policy`.
 
     Args:
-        module: The policy's module, RLlib's or a `Perceptron`.
-        info: What the file says of it.
-        output: The file.
+        module: The policy's module, from RLlib or a `Perceptron`.
+        info: The description of the policy for the file.
+        output: The file to write.
         spec: The task.
-        agent: One of the agents that it flies.
-        title: The policy, for messages.
+        agent: One of the agents that the policy controls.
+        title: Name of the policy in messages.
+
+    Raises:
+        CheckpointError: A layer cannot be exported, or the outputs of the file differ from those of the module.
+        OutputError: The file cannot be written.
     """
     path = Path(output).expanduser()
     with new_file(path, "give another --output") as work:
@@ -136,14 +144,14 @@ def write_policy(
         difference = worst(*(compare_readings(written, module, agent, readings) for readings in (random, flown)))
         if not difference.passes:
             raise CheckpointError(
-                f"{title}: the exported policy is not the given one: it differs by {difference.action:.1e} of the "
-                f"action's range and by {difference.inputs:.1e} of the net's outputs; no file is left. Please report it"
+                f"{title}: the exported policy differs from the given one by {difference.action:.1e} of the action's "
+                f"range and by {difference.inputs:.1e} of the net's outputs; no file was written. Please report this"
             )
     return Exported(path, info, difference, flown.shape[0] * flown.shape[1])
 
 
 def portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a resolved configuration that names no folder of this machine."""
+    """Return a resolved configuration without absolute paths of this machine."""
     found: dict[str, Any] = json.loads(json.dumps(configuration))
     task = found.get("config", {}).get("config", {}).get("env_config", {})
     if isinstance(task, dict) and Path(str(task.get("output_path") or "")).is_absolute():
@@ -155,18 +163,18 @@ def policies_in(checkpoint: str | os.PathLike[str]) -> list[str]:
     """Return the names of the policies of a checkpoint.
 
     Raises:
-        CheckpointError: The checkpoint is missing or damaged, or holds no policy.
+        CheckpointError: The checkpoint is missing or damaged, or contains no policy.
     """
     read_checkpoint(checkpoint)
     modules = Path(checkpoint) / MODULES
     names = sorted(item.name for item in modules.iterdir() if item.is_dir()) if modules.is_dir() else []
     if not names:
-        raise CheckpointError(f"{checkpoint}: the checkpoint holds no policy")
+        raise CheckpointError(f"{checkpoint}: the checkpoint contains no policy")
     return names
 
 
 def training_record(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return what the checkpoint and the folder of its run say about the training; nothing of the machine."""
+    """Return data about the training from the checkpoint and the folder of its run, without data about the machine."""
     found = read_checkpoint(checkpoint)
     training: dict[str, Any] = {"iteration": found.iteration, "steps": found.steps, "seconds": round(found.seconds, 1)}
     own = configuration_of(checkpoint)
@@ -184,7 +192,7 @@ def training_record(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _agents(experiment: Experiment, name: str, title: str) -> list[AgentSpec]:
-    """Return the agents that a policy flies."""
+    """Return the agents that a policy controls."""
     outside = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     if name == SINGLE and len(outside) == 1:
         return outside

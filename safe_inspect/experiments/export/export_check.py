@@ -1,4 +1,4 @@
-"""How far an exported policy is from the checkpoint. Importing this module loads Ray and Torch."""
+"""Comparison of an exported policy with the checkpoint. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.observe_sensor import ObserveSensor
 from safe_inspect.types import AnyArray, FloatArray
 
-#: Largest difference that passes, relative to the range of the action or to the outputs of the net.
+#: Largest accepted difference, relative to the range of the action or to the outputs of the net.
 EXPORT_TOLERANCE = 1e-5
 
 _SPREAD = 1.5
@@ -32,14 +32,15 @@ _SPREAD = 1.5
 
 @dataclass(frozen=True)
 class ExportDifference:
-    """How far a file's outputs are from the checkpoint's.
+    """Difference between the outputs of a file and those of the checkpoint.
 
     Attributes:
         rows: Number of observations.
         action: Largest difference of the output `thrust`, relative to the range of the element [-].
-        inputs: Largest difference of the output `action_dist_inputs`, relative to the row's largest (1 at least) [-].
-        undecided: Rows of a categorical policy in which two levels are equally likely within the tolerance; they are
-            left out of `action`.
+        inputs: Largest difference of the output `action_dist_inputs`, relative to the largest output of the row, at
+            least 1 [-].
+        undecided: Number of rows in which the action is undecided within the tolerance, such as two levels that are
+            equally likely; they are omitted from `action`.
     """
 
     rows: int
@@ -49,15 +50,22 @@ class ExportDifference:
 
     @property
     def passes(self) -> bool:
-        """Whether the file is as good as the checkpoint; NaN is not."""
+        """Whether both differences are within `EXPORT_TOLERANCE`; False for NaN."""
         return bool(self.action <= EXPORT_TOLERANCE and self.inputs <= EXPORT_TOLERANCE)
 
 
 def compare_readings(policy: OnnxPolicy, module: Any, agent: AgentSpec, readings: AnyArray) -> ExportDifference:
-    """Compare a file with the checkpoint's module on observations in SI units, float32, T steps of R rows: (T, R, O).
+    """Compare a file with the checkpoint's module.
 
-    The module sees what the agent's own glues make of the readings, and its actions pass through them. For a recurrent
-    policy the rows are episodes, which begin with the first step; for others all steps are one.
+    The readings pass through the agent's observation glues before they reach the module, and the module's actions pass
+    through the agent's action glues. For a recurrent policy the rows are episodes that begin at the first step; for
+    other policies all steps are treated as one batch.
+
+    Args:
+        policy: The file.
+        module: The module.
+        agent: The agent whose glues are used.
+        readings: Observations in SI units, float32, shape (T, R, O) for T steps of R rows.
     """
     steps = readings if policy.recurrent else readings.reshape(1, -1, readings.shape[-1])
     net = TrainedPolicy(module).inputs if policy.recurrent else partial(_inputs, module)
@@ -79,14 +87,14 @@ def compare_readings(policy: OnnxPolicy, module: Any, agent: AgentSpec, readings
 
 
 def _inputs(module: Any, observation: AnyArray) -> AnyArray:
-    """Return what a module without a state gives for rows of observations."""
+    """Return the inputs of the action distributions that a module without a state gives for rows of observations."""
     with torch.no_grad():
         outputs = module.forward_inference({Columns.OBS: torch.from_numpy(observation)})
     return np.asarray(outputs[Columns.ACTION_DIST_INPUTS].numpy())
 
 
 def random_readings(agent: AgentSpec, steps: int, rows: int, seed: int = 0) -> AnyArray:
-    """Return readings that the glues turn into numbers all over the net's inputs, float32, shape (steps, rows, O)."""
+    """Sample readings that the glues map to the whole range of the net's inputs, float32, shape (steps, rows, O)."""
     generator = np.random.default_rng(seed)
     parts = []
     for glue in agent.observation_glues:
@@ -103,7 +111,7 @@ def random_readings(agent: AgentSpec, steps: int, rows: int, seed: int = 0) -> A
 
 
 def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
-    """Return what the file's own flights observe in SI units, float32, shape (T, R, O); agents of others coast."""
+    """Return the observations of rollouts of the file in SI units, float32, shape (T, R, O); other agents coast."""
     mine = [agent.name for agent in spec.agents if agent.name in policy.info.agents and agent.scripted_policy is None]
     others = [agent.name for agent in spec.agents if agent.name not in mine and agent.scripted_policy is None]
     raw = policy.prepare(spec, mine)
@@ -119,7 +127,7 @@ def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16
 
 
 def _through_glues(agent: AgentSpec, readings: AnyArray) -> FloatArray:
-    """Return what the agent's observation glues make of readings, shape (R, O)."""
+    """Return the observation that the agent's glues compute from readings, shape (R, O)."""
     parts, first = [], 0
     for glue in agent.observation_glues:
         size = len(glue.names(agent.parts))
@@ -134,7 +142,7 @@ def _through_glues(agent: AgentSpec, readings: AnyArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Reading:
-    """Stands for `View.reading`."""
+    """Replacement for `View.reading` with fixed values."""
 
     values: FloatArray
 
@@ -143,7 +151,11 @@ class _Reading:
 
 
 def _commanded(policy: OnnxPolicy, agent: AgentSpec, inputs: AnyArray) -> tuple[FloatArray, AnyArray]:
-    """Return what the controllers get for the outputs of the net, shape (R, A), and which rows are clear-cut, (R,)."""
+    """Return the commands of the controllers for outputs of the net, and which rows are decided.
+
+    Returns:
+        Commands, shape (R, A), and a mask of the rows whose action does not change within the tolerance, shape (R,).
+    """
     sure = np.ones(len(inputs), dtype=np.bool_)
     layout = action_layout(agent)
     action = np.empty((len(inputs), layout.size))
@@ -176,7 +188,7 @@ def _commanded(policy: OnnxPolicy, agent: AgentSpec, inputs: AnyArray) -> tuple[
 
 
 def worst(first: ExportDifference, *others: ExportDifference) -> ExportDifference:
-    """Return the larger of each figure, over all rows together."""
+    """Return the largest of each difference, over all rows together."""
     for other in others:
         first = replace(
             first,

@@ -1,4 +1,4 @@
-"""The model card of a trained policy, of what the training and its evaluations have found."""
+"""The model card of a trained policy, with data about its training and its evaluations."""
 
 from __future__ import annotations
 
@@ -6,34 +6,34 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-#: Where a policy may be used, for every card.
+#: Limits of use that every card contains.
 LIMITS = (
-    "It was trained and evaluated in this package's simulation alone: linear dynamics, a point "
-    "mass, exact readings of the sensors, thrust that is held for a step.",
-    "It knows one task: the bodies, the distribution of the initial states and the limits of its experiment. "
-    "Evaluate it again before it flies in another.",
-    "It guarantees nothing. Limits that must not be violated are kept by the run-time assurance, where an experiment "
-    "switches it on.",
+    "It was trained and evaluated only in this package's simulation: linear dynamics, a point "
+    "mass, exact readings of the sensors, thrust that is constant during a step.",
+    "It was trained for one task: the bodies, the distribution of the initial states and the limits of its experiment. "
+    "Evaluate it again before using it in another task.",
+    "It guarantees nothing. Limits that must not be violated are enforced by the safety filter, if an experiment "
+    "enables it.",
 )
 
 
 @dataclass(frozen=True)
 class CardData:
-    """What a card says.
+    """Content of a model card.
 
     Attributes:
         name: Name of the policy.
-        title: What it does, one sentence.
+        title: What the policy does, in one sentence.
         command: Command of the training.
-        training: What `safe_inspect.experiments.export.export.training_record` found.
-        machine: On what it was trained.
-        date: When the card was written.
+        training: Data about the training, from `safe_inspect.experiments.export.export.training_record`.
+        machine: The machine on which it was trained.
+        date: Date of the card.
         versions: Versions of the packages that exported it.
         exported: For each ONNX file its name, agents, kind of actions and largest difference from the checkpoint.
-        observation: Name and unit of each element of the observation of each file.
-        evaluations: Contents of the `evaluation.json` of each evaluation, by a title.
-        seeds: Other seeds of the recipe and what they reached, one line each.
-        limits: Limits of use beside those of every policy.
+        observation: Name and unit of each element of the observation, for each file.
+        evaluations: Contents of the `evaluation.json` of each evaluation, by title.
+        seeds: Other seeds of the recipe and their results, one line each.
+        limits: Limits of use in addition to those of every policy.
     """
 
     name: str
@@ -54,7 +54,7 @@ def model_card(card: CardData) -> str:
     """Return the card as Markdown.
 
     Raises:
-        KeyError: An evaluation is none of `safe-inspect evaluate`.
+        KeyError: An evaluation was not written by `safe-inspect evaluate`.
     """
     training = card.training
     steps, seconds = training.get("steps"), training.get("seconds")
@@ -74,14 +74,14 @@ def model_card(card: CardData) -> str:
             ("exported", f"{card.date} by {', '.join(f'{name} {text}' for name, text in card.versions.items())}"),
         ],
     )
-    lines += ["", "`experiment.resolved.yml` beside this card is the whole experiment.", ""]
+    lines += ["", "`experiment.resolved.yml` next to this card contains the whole experiment.", ""]
     if card.seeds:
         lines += ["Other seeds of the same recipe:", "", *(f"- {line}" for line in card.seeds), ""]
     lines += ["## Evaluation", ""]
     for title, evaluation in card.evaluations.items():
         lines += [*_evaluation(title, evaluation), ""]
     if not card.evaluations:
-        lines += ["None was given.", ""]
+        lines += ["There is no evaluation.", ""]
     lines += ["## Files", ""]
     lines += _table(("file", "agents", "action", "largest difference from the checkpoint"), card.exported)
     for file, elements in card.observation.items():
@@ -92,7 +92,7 @@ def model_card(card: CardData) -> str:
 
 def _commit(training: Mapping[str, Any]) -> str:
     commit = str(training.get("git_commit") or "")
-    changed = ", with changes that were not committed" if commit.endswith("+") else ""
+    changed = ", with uncommitted changes" if commit.endswith("+") else ""
     return f"commit {commit.rstrip('+')[:12]}{changed}" if commit else "commit unknown"
 
 

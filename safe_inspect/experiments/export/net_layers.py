@@ -1,4 +1,4 @@
-"""`Perceptron`: a policy's net as layers, of any learner. Importing this module loads Ray and Torch."""
+"""`Perceptron`: the net of a policy of any learner, as layers. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from safe_inspect.experiments.modules.dqn_policy import BestChoices, DqnPolicy
 from safe_inspect.experiments.modules.sac_policy import SacPolicy
 from safe_inspect.types import FloatArray
 
-#: Logarithm of the standard deviation of a policy without one: a draw is its mean to all digits.
+#: Logarithm of the standard deviation of a deterministic policy; samples equal the mean to all digits.
 NO_SPREAD = -20.0
 
 
@@ -24,7 +24,7 @@ class Perceptron:
 
     Attributes:
         layers: Linear layers and activations, in order.
-        log_std: Logarithms of the standard deviations, shape (A,); None for a policy that chooses among levels.
+        log_std: Logarithms of the standard deviations, shape (A,); None for a categorical policy.
     """
 
     layers: torch.nn.Sequential
@@ -39,10 +39,12 @@ class Perceptron:
 
 
 def mode_of_sac(module: SacPolicy, title: str) -> Perceptron:
-    """Return the mode of RLlib's policy for SAC, tanh(mean); its draws are squashed, which no file tells.
+    """Return the mode of RLlib's policy for SAC, tanh(mean).
+
+    The files cannot describe the squashed Gaussian from which this policy samples its actions.
 
     Raises:
-        CheckpointError: The policy is recurrent, or no perceptron.
+        CheckpointError: The policy is recurrent, or not a multilayer perceptron.
     """
     encoder, head = _layers(module.pi_encoder, title), _layers(module.pi, title)
     last: Any = head[-1]
@@ -56,15 +58,17 @@ def mode_of_sac(module: SacPolicy, title: str) -> Perceptron:
 
 
 def best_of_dqn(module: DqnPolicy, title: str) -> Perceptron:
-    """Return the values of the choices of RLlib's policy for DQN, up to a number that all of them have in common.
+    """Return the values of the choices of RLlib's policy for DQN, up to a constant that is common to all choices.
 
-    With separate nets for value and advantage that number is the value of the state, less the mean advantage.
+    With separate nets for value and advantage this constant is the value of the state minus the mean advantage.
 
     Raises:
-        CheckpointError: The policy is recurrent, no perceptron, or has learned the distribution of returns.
+        CheckpointError: The policy is recurrent, not a multilayer perceptron, or has learned a distribution of returns.
     """
     if module.num_atoms > 1:
-        raise CheckpointError(f"{title}: the policy has learned a distribution of returns (`num_atoms`); train without")
+        raise CheckpointError(
+            f"{title}: the policy has learned a distribution of returns (`num_atoms`); train without it"
+        )
     layers = (*_layers(module.encoder, title), *_layers(module.af, title), BestChoices(module.choices))
     return Perceptron(torch.nn.Sequential(*layers).eval(), None)
 
@@ -72,12 +76,12 @@ def best_of_dqn(module: DqnPolicy, title: str) -> Perceptron:
 def _layers(part: Any, title: str) -> torch.nn.Sequential:
     layers = getattr(getattr(part, "net", None), "mlp", None)
     if not isinstance(layers, torch.nn.Sequential):
-        raise CheckpointError(f"{title}: the policy is no multilayer perceptron; only such can be exported")
+        raise CheckpointError(f"{title}: the policy is not a multilayer perceptron; only those can be exported")
     return layers
 
 
 def scaled_to(low: FloatArray, high: FloatArray) -> torch.nn.Linear:
-    """Return the layer that takes -1 to `low` and 1 to `high`, element by element; two arrays of shape (A,)."""
+    """Return the linear layer that maps -1 to `low` and 1 to `high`, element by element; both have shape (A,)."""
     least, largest = (torch.as_tensor(side, dtype=torch.float32) for side in (low, high))
     layer = torch.nn.Linear(len(least), len(least))
     with torch.no_grad():

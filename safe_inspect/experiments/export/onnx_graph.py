@@ -1,7 +1,7 @@
-"""From RLlib's module of a policy to an ONNX graph. Importing this module loads Ray and Torch; `onnx` is loaded late.
+"""Conversion of a policy's module to an ONNX graph. Importing this module loads Ray and Torch, but not `onnx`.
 
-The graph is written node by node, as the nets are small: so it holds plain layers that every runtime knows, and no
-exporter stands between the weights and the file.
+The graph is written node by node, because the nets are small. So it contains only plain layers that every runtime
+supports, and the file does not depend on an exporter.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from safe_inspect.experiments.modules.dqn_policy import BestChoices
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
 
-#: Of ONNX: what `LayerNormalization` needs, and runtimes of 2022 and later know.
+#: Versions of ONNX that `LayerNormalization` needs and that runtimes since 2022 support.
 OPSET, IR_VERSION = 17, 8
 
 _SIMPLE = {
@@ -39,7 +39,7 @@ def require_onnx() -> Any:
     """Return the module `onnx`.
 
     Raises:
-        SafeInspectError: It is not installed.
+        SafeInspectError: The package onnx is not installed.
     """
     try:
         import onnx  # type: ignore[import-untyped,import-not-found,unused-ignore]
@@ -51,35 +51,36 @@ def require_onnx() -> Any:
 
 
 def check_module(module: Any, title: str) -> None:
-    """Refuse a module whose layers are not known.
+    """Check that a module has only layers that can be exported.
 
     Raises:
-        CheckpointError: It is none of RLlib's own for PPO, or no multilayer perceptron, with an LSTM behind or without.
+        CheckpointError: It is not one of RLlib's own modules for PPO, or not a multilayer perceptron, optionally
+            followed by an LSTM.
     """
     own = DefaultPPOTorchRLModule
     names = ("_forward", "_forward_inference", "forward_inference")
     if not isinstance(module, own) or any(getattr(type(module), name) is not getattr(own, name) for name in names):
         raise CheckpointError(
-            f"{title}: the policy is a module of its own kind ({type(module).__name__}); only RLlib's own modules of "
-            "PPO can be exported"
+            f"{title}: the policy is a custom module ({type(module).__name__}); only RLlib's own modules for PPO can "
+            "be exported"
         )
     if type(module.pi) not in (TorchMLPHead, TorchFreeLogStdMLPHead) or encoder_layers(module) is None:
         raise CheckpointError(
-            f"{title}: the policy has layers other than those of a multilayer perceptron or of RLlib's LSTM; only such "
-            "can be exported"
+            f"{title}: the policy has layers other than those of a multilayer perceptron or of RLlib's LSTM; only "
+            "these can be exported"
         )
 
 
 def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
-    """Return the bytes of the ONNX file of a policy, not yet sealed.
+    """Return the bytes of the ONNX file of a policy, without its seal.
 
     Args:
-        module: RLlib's module, which `check_module` has let pass, or a `Perceptron`.
-        info: What the file says of the policy.
-        title: The checkpoint, for messages.
+        module: A module of RLlib that `check_module` accepts, or a `Perceptron`.
+        info: The description of the policy for the file.
+        title: Name of the checkpoint in messages.
 
     Raises:
-        CheckpointError: A layer is of a kind that is not known.
+        CheckpointError: A layer is of an unsupported kind.
         SafeInspectError: The package onnx is not installed.
     """
     onnx = require_onnx()
@@ -125,7 +126,7 @@ def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
 
 
 class _Graph:
-    """The nodes and constants of a graph that is being written."""
+    """Builder of the nodes and constants of a graph. Its methods return the names of outputs."""
 
     def __init__(self, onnx: Any, title: str) -> None:
         self._onnx, self._title = onnx, title
@@ -146,27 +147,31 @@ class _Graph:
         return name
 
     def normalised(self, value: str, info: PolicyInfo) -> str:
-        """(value - centre) / width, element by element."""
+        """Add (value - centre) / width, element by element."""
         centre, width = element_columns(info.observation, "centre"), element_columns(info.observation, "width")
         if np.any(centre != 0.0):
             value = self.node("Sub", [value, self.constant(centre, "centre")])
         return self.node("Div", [value, self.constant(width, "width")]) if np.any(width != 1.0) else value
 
     def net(self, layers: Any, value: str) -> str:
-        """The layers one after the other."""
+        """Add the layers one after the other."""
         for layer in layers:
             value = self._layer(layer, value)
         return value
 
     def rllib(self, module: Any, value: str) -> str:
-        """Encoder and head of RLlib's module."""
-        layers: Any = encoder_layers(module)  # `check_module` has let it pass
+        """Add the encoder and the head of RLlib's module."""
+        layers: Any = encoder_layers(module)  # not None, as `check_module` has accepted the module
         value = self.net(layers.dense, value)
         return self.distribution(module.pi, value if layers.lstm is None else self.lstm(layers.lstm, value))
 
     def lstm(self, layer: torch.nn.LSTM, value: str) -> str:
-        """One step of an LSTM from the inputs `STATE` to the outputs behind `NEXT_STATE`; it gives the first."""
-        axis = self.constant([0], "axis", np.int64)  # of time
+        """Add one step of an LSTM from the inputs `STATE` to the outputs with the prefix `NEXT_STATE`.
+
+        Returns:
+            The name of the first output, which is the output of the LSTM.
+        """
+        axis = self.constant([0], "axis", np.int64)  # axis of time
         weights = [self.constant(array, name) for name, array in lstm_weights(layer).items()]
         held = [self.node("Unsqueeze", [name, axis]) for name in STATE]
         step = [self.node("Unsqueeze", [value, axis]), *weights, "", *held]
@@ -180,7 +185,7 @@ class _Graph:
         return hidden
 
     def perceptron(self, module: Any, value: str) -> str:
-        """The layers, and the logarithms of standard deviations where there are some; see `Perceptron`."""
+        """Add the layers and any logarithms of standard deviations of a `Perceptron`."""
         value = self.net(module.layers, value)
         return value if module.log_std is None else self._with_spread(value, _array(module.log_std)[None, :])
 
@@ -189,7 +194,7 @@ class _Graph:
         return self.node("Concat", [value, spread], axis=1)
 
     def distribution(self, head: Any, value: str) -> str:
-        """The head's outputs: logits, or means and logarithms of standard deviations."""
+        """Add the outputs of the head: logits, or means and logarithms of standard deviations."""
         value = self.net(head.net.mlp, value)
         limit = float(head.log_std_clip_param_const) if head.clip_log_std else 0.0
         if isinstance(head, TorchFreeLogStdMLPHead):
@@ -205,7 +210,7 @@ class _Graph:
         return self.node("Concat", [self.part(value, 0, width), spread], axis=1)
 
     def scaled(self, inputs: str, elements: Sequence[CommandedElement], gates: bool) -> str:
-        """clip(offset + gain * mean, low, high); of a hurdle policy with mean 0 where its logit is negative."""
+        """Add clip(offset + gain * mean, low, high); in a hurdle policy the mean is 0 where its logit is negative."""
         value = self.part(inputs, int(gates), gates + len(elements))
         gain, offset, low, high = (element_columns(elements, name) for name in ("gain", "offset", "low", "high"))
         if gates:
@@ -219,17 +224,17 @@ class _Graph:
         return self.node("Min", [value, self.constant(high, "high")])
 
     def chosen(self, inputs: str, first: int, levels: Sequence[float]) -> str:
-        """levels[argmax of the logits that begin at a column]; the first of equal ones."""
+        """Add levels[argmax] of the logits that begin at column `first`; of equal logits the first counts."""
         index = self.node("ArgMax", [self.part(inputs, first, first + len(levels))], axis=1, keepdims=1)
         return self.node("Gather", [self.constant(levels, "levels"), index], axis=0)
 
     def part(self, value: str, first: int, last: int) -> str:
-        """Columns `first` to `last` - 1."""
+        """Add the slice of the columns `first` to `last` - 1."""
         ends = [self.constant([end], "column", np.int64) for end in (first, last, 1)]
         return self.node("Slice", [value, *ends])
 
     def best_choices(self, choices: Sequence[int], value: str) -> str:
-        """The values of the choices, from those of their combinations; see `BestChoices`."""
+        """Add the values of the choices, computed from those of their combinations; see `BestChoices`."""
         axes = range(1, len(choices) + 1)
         table = self.node("Reshape", [value, self.constant([-1, *choices], "choices", np.int64)])
         others = [[axis for axis in axes if axis != own] for own in axes]
@@ -260,7 +265,7 @@ class _Graph:
         known = ", ".join(sorted(["Linear", "LayerNorm", "SiLU", *(kind.__name__ for kind in _SIMPLE)]))
         raise CheckpointError(
             f"{self._title}: the policy has a layer of the kind {type(layer).__name__}, which cannot be exported; "
-            f"known: {known}"
+            f"supported: {known}"
         )
 
 

@@ -1,4 +1,4 @@
-"""`export_perceptron`: a policy of any learner as an ONNX file. Importing this module loads Ray and Torch."""
+"""`export_perceptron`: export of a policy of any learner to an ONNX file. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -31,23 +31,26 @@ def export_perceptron(
     overrides: Iterable[str] = (),
     training: Mapping[str, Any] | None = None,
 ) -> Exported:
-    """Write a policy of another learner as an ONNX file, which `safe-inspect evaluate` and others fly.
+    """Write a policy of another learner as an ONNX file, for `safe-inspect evaluate` and other commands.
 
-    The file is compared with the layers before it gets its name, as `export_policy` does.
+    The file is compared with the layers before it replaces any file `output`, as in `export_policy`.
 
     Args:
-        layers: From the task's observation to the means of its action, or to the logits of the levels of each element,
-            one element behind the other: linear layers and activations.
-        cfg: Experiment file, or id of the task, for one agent.
-        output: The file.
-        log_std: Logarithms of the standard deviations, for a policy that is drawn; its mean is flown unless given.
+        layers: Linear layers and activations, from the task's observation to the means of its action, or to the logits
+            of the levels of each element, one element after the other.
+        cfg: Experiment file or id of the task; the task must have one agent.
+        output: The file to write.
+        log_std: Logarithms of the standard deviations, for a stochastic policy; by default the policy is deterministic.
         combined: Whether the layers give a value for each combination of levels, as those of DQN on
-            `FlatDiscreteActions` do; the combination with the largest is flown.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
-        training: What is known of the training, such as `steps` and `seed`.
+            `FlatDiscreteActions` do; the policy then takes the combination with the largest value.
+        overrides: ``path.of.keys=value`` for each value of the file to override.
+        training: Data about the training, such as `steps` and `seed`.
+
+    Returns:
+        The written file, and its difference from the layers.
 
     Raises:
-        CheckpointError: The layers do not fit the task, or are of a kind that no file can hold.
+        CheckpointError: The layers do not match the task, or are of an unsupported kind.
         ConfigError: The file has mistakes.
         OutputError: The file cannot be written.
         SafeInspectError: The package onnx or onnxruntime is not installed.
@@ -56,7 +59,7 @@ def export_perceptron(
     experiment = load_experiment(cfg, overrides)
     agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     if len(agents) != 1:
-        raise CheckpointError(f"{cfg}: the task has {len(agents)} agents, and one net flies one")
+        raise CheckpointError(f"{cfg}: the task has {len(agents)} agents, but one net controls only one")
     info = replace(
         policy_info(experiment, SINGLE, agents, exportable=True),
         configuration=portable(experiment.resolved),
@@ -70,7 +73,7 @@ def export_perceptron(
     found = (linear[0].in_features, linear[-1].out_features) if linear else (0, 0)
     if found != sizes:
         raise CheckpointError(
-            f"{cfg}: the net takes {found[0]} numbers and gives {found[1]}, and the task has {sizes[0]} and "
+            f"{cfg}: the net has {found[0]} inputs and {found[1]} outputs, but the task needs {sizes[0]} and "
             f"{sizes[1]}; give the task in which it was trained"
         )
     spread = None

@@ -1,4 +1,4 @@
-"""`ship`: the folder of a trained policy for the package's data. Importing this module loads Ray and Torch."""
+"""`ship`: writing of a trained policy into the package's data. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -58,27 +58,30 @@ def ship(
     """Write the folder of a shipped policy: ONNX files, weights, experiment and model card.
 
     Args:
-        checkpoint: A checkpoint in the folder of its run, or that folder: its newest checkpoint.
+        checkpoint: A checkpoint in the folder of its run, or the folder of a run, whose newest checkpoint is used.
         name: Name of the policy.
-        root: Where the folder is made.
-        title: What the policy does, one sentence.
+        root: Folder in which the policy's folder is created.
+        title: What the policy does, in one sentence.
         command: Command of the training.
-        evaluations: `evaluation.json` of each evaluation, by a title.
-        machine: On what it was trained; this machine's kind unless given.
-        seeds: What other seeds of the recipe reached, one line each.
+        evaluations: File `evaluation.json` of each evaluation, by title.
+        machine: The machine on which it was trained; by default a description of this machine.
+        seeds: Results of other seeds of the recipe, one line each.
         limits: Limits of use of this policy.
-        replace_old: Whether a folder of that name, which this function wrote, is replaced.
+        replace_old: Whether to replace an existing folder of that name, which this function must have written.
+
+    Returns:
+        The shipped policy.
 
     Raises:
-        CheckpointError: The checkpoint is missing, damaged, or lies outside a run, or an evaluation is none.
-        OutputError: The folder is there already or cannot be written.
+        CheckpointError: The checkpoint is missing, damaged or not in a run, or a file is not an evaluation.
+        OutputError: The folder exists already or cannot be written.
     """
     source = newest_checkpoint(checkpoint)
     configuration = configuration_of(source)
     if configuration is None:
-        raise CheckpointError(f"{source}: the checkpoint lies in no folder of a training run; give one that does")
+        raise CheckpointError(f"{source}: the checkpoint is not in the folder of a training run; give one that is")
     if not name or Path(name).name != name or name.startswith("."):
-        raise OutputError(f"{name!r} is no name of a policy; give one word, such as translational-inspection")
+        raise OutputError(f"{name!r} is not a name for a policy; give one word, such as translational-inspection")
     target = Path(root) / name
     reports = {heading: _read_evaluation(path) for heading, path in (evaluations or {}).items()}
     with new_folder(target, "ship", force=replace_old, hint="give another name") as work:
@@ -112,14 +115,14 @@ def ship(
 
 
 def _copy_configuration(source: Path, target: Path) -> None:
-    """Copy the experiment without what it says of the machine: where it came from, and where its runs are written."""
+    """Copy the experiment without data about the machine: comments about its origin, and the folder of its runs."""
     lines = source.read_text(encoding="utf-8").splitlines(keepends=True)
     text = "".join(line for line in lines if not line.startswith("#"))
     target.write_text(re.sub(r"(?m)^(\s+output_path:) .*$", r"\1 output", text), encoding="utf-8")
 
 
 def _copy_weights(source: Path, target: Path) -> None:
-    """Copy of a checkpoint what `trained_policy` reads, and seal it."""
+    """Copy the files of a checkpoint that `trained_policy` reads, and seal the copy."""
     for policy in policies_in(source):
         folder = target / MODULES / policy
         folder.mkdir(parents=True)
@@ -140,7 +143,7 @@ def _read_evaluation(path: str | os.PathLike[str]) -> dict[str, Any]:
         content["episodes"], content["seed"], content["success"]["rate"], content["figures"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(
-            f"{path}: this is no evaluation ({error}); give the evaluation.json that `safe-inspect evaluate` wrote"
+            f"{path}: this is not an evaluation ({error}); give an evaluation.json that `safe-inspect evaluate` wrote"
         ) from None
     return content
 
@@ -149,4 +152,4 @@ def _card(card: CardData) -> str:
     try:
         return model_card(card)
     except (KeyError, TypeError, ValueError) as error:
-        raise CheckpointError(f"an evaluation lacks what the card tells of it ({error}); evaluate again") from None
+        raise CheckpointError(f"an evaluation lacks values that the card needs ({error}); evaluate again") from None

@@ -1,1 +1,1 @@
-"""The folder of a run and the files in it: checkpoints, weights of policies. Nothing here loads Ray or Torch."""
+"""The folder of a run and its files, such as checkpoints and weights of policies. Nothing here loads Ray or Torch."""

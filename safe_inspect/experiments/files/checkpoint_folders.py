@@ -1,4 +1,4 @@
-"""Which checkpoint a path stands for, and the run in which it lies."""
+"""Search for the checkpoint that a path denotes, and for the run that contains it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,14 @@ from safe_inspect.experiments.files.run_folder import RunFolder
 
 
 def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
-    """Return a checkpoint's folder; of a run's folder, or of one within it, the newest complete checkpoint.
+    """Return the folder of a checkpoint.
+
+    Args:
+        path: Folder of a checkpoint, or the folder of a run (or a folder inside it), whose newest complete checkpoint
+            is used.
 
     Raises:
-        CheckpointError: There is none.
+        CheckpointError: There is no such checkpoint.
     """
     folder = Path(path).expanduser()
     if not folder.is_dir():
@@ -33,7 +37,7 @@ def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
 
 
 def configuration_of(checkpoint: str | os.PathLike[str]) -> Path | None:
-    """Return the resolved configuration of the run in which a checkpoint lies; None where it lies elsewhere."""
+    """Return the file of the resolved configuration of a checkpoint's run; None if the checkpoint is not in a run."""
     path = Path(checkpoint).expanduser().absolute()
     for folder in (path, *path.parents):
         configuration = RunFolder(folder).configuration

@@ -1,8 +1,8 @@
-"""Checkpoints that can be trusted: sealed when they are complete, found again by their seal.
+"""Checkpoints with a seal, which shows that they are complete and undamaged.
 
-A process that is killed while Tune writes a checkpoint leaves a folder that looks like
-one. So each complete checkpoint gets a file with the sizes and sums of all its files, and
-one without that file, or that does not agree with it, is not loaded.
+A process that is killed while Tune writes a checkpoint leaves a folder that looks like a checkpoint. So each complete
+checkpoint gets a file with the sizes and checksums of all its files, and a checkpoint without that file, or with other
+sizes or checksums, is not loaded.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from safe_inspect.outputs import new_file
 
 SEAL = "safe_inspect.json"
 
-#: Where the policies stand in a checkpoint, one folder for each.
+#: The folder of the policies in a checkpoint, which contains one folder for each policy.
 MODULES = Path("learner_group", "learner", "rl_module")
 
-#: The weights of a policy in its folder, see `weights_file`. RLlib's own files beside it are pickles, which may run any
-#: code when they are loaded: only a run that is resumed reads them.
+#: The file of the weights in the folder of a policy, see `weights`. RLlib's own files in that folder are pickles, which
+#: may run any code when they are loaded: only a resumed run reads them.
 WEIGHTS = "policy.safetensors"
 
 
@@ -35,8 +35,8 @@ class Checkpoint:
     Attributes:
         path: Its folder.
         iteration: The iteration after which it was saved.
-        steps: Environment steps sampled until then.
-        seconds: Training time until then [s].
+        steps: Number of environment steps sampled up to that iteration.
+        seconds: Training time up to that iteration [s].
         digest: Hash of the configuration, see `learning_configuration.digest`.
     """
 
@@ -49,11 +49,11 @@ class Checkpoint:
 
 @dataclass
 class FoundCheckpoint:
-    """The newest complete checkpoint of a run, and what was passed over.
+    """The newest complete checkpoint of a run, and the newer folders that were skipped.
 
     Attributes:
-        newest: The checkpoint; None when there is none.
-        refused: One sentence for each newer folder that was not good.
+        newest: The checkpoint; None if there is none.
+        refused: One sentence for each newer folder that is not a complete checkpoint of the run.
     """
 
     newest: Checkpoint | None = None
@@ -61,7 +61,7 @@ class FoundCheckpoint:
 
 
 def seal_checkpoint(checkpoint: Checkpoint) -> None:
-    """Mark a checkpoint as complete."""
+    """Mark a checkpoint as complete by writing its seal."""
     content = {**asdict(checkpoint), "path": None, "files": _sums(checkpoint.path)}
     with new_file(checkpoint.path / SEAL) as work:
         work.write_text(json.dumps(content, indent=1), encoding="utf-8")
@@ -71,7 +71,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """Return a checkpoint after comparing all its files with its seal.
 
     Raises:
-        CheckpointError: It is missing, incomplete or damaged.
+        CheckpointError: The checkpoint is missing, incomplete or damaged.
     """
     path = Path(path)
     if not path.is_dir():
@@ -83,7 +83,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
         )
         expected: dict[str, list[int]] = seal["files"]
     except FileNotFoundError:
-        raise CheckpointError(f"{path}: the checkpoint is incomplete; its writing was interrupted") from None
+        raise CheckpointError(f"{path}: the checkpoint is incomplete, because saving it was interrupted") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{path}: the checkpoint's seal {SEAL} is damaged ({error})") from error
     found = _sums(path)
@@ -100,8 +100,8 @@ def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual
 
     Args:
         path: The checkpoint.
-        policy: Name of the policy; where it is missing, the only one, or the one with the usual name.
-        usual: See `policy`.
+        policy: Name of the policy; by default the only policy of the checkpoint, or the one named `usual`.
+        usual: Name of the policy to use if the checkpoint contains several.
 
     Raises:
         CheckpointError: The checkpoint is missing, incomplete or damaged, or has no such policy.
@@ -122,28 +122,28 @@ def weights_path(folder: Path) -> Path:
     """Return the file with the weights of a policy.
 
     Args:
-        folder: The policy's, from `policy_folder`.
+        folder: Folder of the policy, from `policy_folder`.
 
     Raises:
-        CheckpointError: The checkpoint has none.
+        CheckpointError: The checkpoint has no such file.
     """
     path = folder / WEIGHTS
     if not path.is_file():
         checkpoint = folder.parents[len(MODULES.parts)]
         raise CheckpointError(
-            f"{checkpoint}: the checkpoint holds the policy {folder.name!r} only as a pickle, which may run any code, "
-            "so it is not loaded; an earlier version wrote it, or an algorithm other than PPO, APPO, IMPALA, SAC and "
-            "DQN, or it is an RLModule of your own. Train again"
+            f"{checkpoint}: the checkpoint contains the policy {folder.name!r} only as a pickle, which may run any "
+            "code, so it is not loaded. It was written by an earlier version or by an algorithm other than PPO, APPO, "
+            "IMPALA, SAC and DQN, or it is your own RLModule. Train again"
         )
     return path
 
 
 def find_newest(folder: Path, digest: str = "") -> FoundCheckpoint:
-    """Return the complete checkpoint of the highest iteration below `folder`.
+    """Return the complete checkpoint with the highest iteration in `folder`, at any depth.
 
     Args:
-        folder: A run's `tune` folder, or a folder below it.
-        digest: Hash of the configuration that the checkpoint must have; any when empty.
+        folder: The folder of a run or of a trial, or a folder inside it.
+        digest: Hash of the configuration that the checkpoint must have; empty accepts any configuration.
 
     Raises:
         CheckpointError: The folder is that of a search with several trials.
@@ -159,7 +159,7 @@ def find_newest(folder: Path, digest: str = "") -> FoundCheckpoint:
             found.refused.append(str(error))
             continue
         if digest and checkpoint.digest != digest:
-            found.refused.append(f"{path}: the checkpoint is of another configuration")
+            found.refused.append(f"{path}: the checkpoint has another configuration")
             continue
         found.newest = checkpoint
         break
@@ -167,11 +167,11 @@ def find_newest(folder: Path, digest: str = "") -> FoundCheckpoint:
 
 
 def _check_one_trial(folder: Path) -> None:
-    """Refuse a folder with several trials, the newest checkpoint of which would be that of any of them."""
+    """Raise CheckpointError for a folder with several trials, as its newest checkpoint could be that of any trial."""
     if (folder / PARAMETERS).is_file():
         return
     trials = sorted(path.parent for path in folder.glob(f"**/{PARAMETERS}"))
-    if not trials:  # Tune's own folder, which has the first trial of each attempt where there is no search
+    if not trials:  # Tune's own folder, which contains a folder of one trial for each attempt if there is no search
         found = {path.parent.name: path.parent for path in sorted(folder.glob("**/checkpoint_*")) if path.is_dir()}
         trials = [found[name] for name in sorted(found)]
     if len(trials) < 2:
@@ -186,7 +186,7 @@ def _check_one_trial(folder: Path) -> None:
 
 
 def _order(path: Path) -> tuple[int, float, str]:
-    """Sort by iteration; a folder without a readable seal comes first, by time, as it may be the newest."""
+    """Return a sort key: the iteration; a folder without a readable seal counts as newest, as it may be the newest."""
     try:
         iteration = int(json.loads((path / SEAL).read_text(encoding="utf-8"))["iteration"])
     except (OSError, ValueError, KeyError, TypeError):

@@ -1,4 +1,4 @@
-"""What decides the result of a training, and where two of them differ."""
+"""The part of the configuration that decides the result of a training, its hash, and differences between two."""
 
 from __future__ import annotations
 
@@ -13,17 +13,23 @@ from safe_inspect.experiments.settings.policies import PolicySettings
 
 _MISSING = "nothing"
 
-#: Keys of an experiment that do not decide what is learnt, or are compared apart.
+#: Keys of an experiment that do not affect what is learnt, or that are compared separately.
 _APART = frozenset({"rllib_configs", "tune_config", "ray_config", "output_path", "TrialName"})
 
 
 def learning_configuration(
     experiment: Mapping[str, Any], rllib: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
 ) -> dict[str, Any]:
-    """Return what decides the result of a training: the experiment, the settings of the algorithm and the policies.
+    """Return the configuration that decides the result of a training.
 
-    What only says where, how fast and how long the run computes is left out: a resumed run may change it.
-    The experiment's own `rllib_configs` are left out too, as `rllib` holds them translated.
+    It contains the experiment, the settings of the algorithm and the policies. Keys that only affect where, how fast
+    and how long the run computes are omitted, so that a resumed run may change them. The experiment's own
+    `rllib_configs` are omitted too, because `rllib` contains their translation.
+
+    Args:
+        experiment: The resolved experiment.
+        rllib: The translated settings of the algorithm.
+        policies: The policies by name if there are several agents.
     """
     settings = {key: value for key, value in rllib.items() if key not in PLACE_KEYS}
     learning = {"experiment": _without(experiment, _APART), "rllib_configs": settings}
@@ -40,7 +46,7 @@ def digest(configuration: Mapping[str, Any]) -> str:
 
 
 def policy_agents(configuration: Mapping[str, Any]) -> str:
-    """Name the policies of a configuration and their agents."""
+    """Return the names of the policies of a configuration with those of their agents, as text."""
     policies = configuration.get("policies") or {}
     if not policies:
         return "default_policy (one agent)"
@@ -67,6 +73,6 @@ def _without(value: Any, names: frozenset[str]) -> Any:
 
 
 def short_text(value: Any) -> str:
-    """Return a value in at most 60 characters."""
+    """Return a value as text of at most 60 characters."""
     text = value if value == _MISSING else json.dumps(value, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."

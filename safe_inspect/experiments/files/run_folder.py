@@ -1,13 +1,13 @@
-"""The folder of a training run: what was asked, by which code, and what came of it.
+"""The folder of a training run: its configuration, the version of the code, and its results.
 
 <output>/<name>_<date>_<time>/
     experiment.resolved.yml   the whole configuration
     run.json                  version, commit, seed, command, attempts
     progress.csv              one row for each iteration
-    result.json               one line for each iteration, every value
-    tensorboard/              the same for TensorBoard
+    result.json               one line for each iteration, with all values
+    tensorboard/              the same values for TensorBoard
     tune/<attempt>/           Tune's own state and the checkpoints
-    trials/                   of a search, instead of the logs and `tune`: a folder for each trial, see `trials`
+    trials/                   only for a search, instead of the logs and `tune`: a folder for each trial, see `trials`
 """
 
 from __future__ import annotations
@@ -35,7 +35,11 @@ _HINT = "give another folder with --output"
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The places in the folder of a run."""
+    """Paths of the files in the folder of a run.
+
+    Attributes:
+        path: The folder.
+    """
 
     path: Path
 
@@ -46,7 +50,7 @@ class RunFolder:
 
     @property
     def record(self) -> Path:
-        """What the run is: version, commit, seed, attempts."""
+        """The record of the run: version, commit, seed, attempts."""
         return self.path / "run.json"
 
     @property
@@ -56,35 +60,35 @@ class RunFolder:
 
     @property
     def tune(self) -> Path:
-        """Tune's folder; one folder within it for each attempt."""
+        """Tune's folder, which contains one folder for each attempt."""
         return self.path / "tune"
 
     @property
     def trials(self) -> Path:
-        """Tune's folder of a search; one folder within it for each trial."""
+        """Tune's folder of a search, which contains one folder for each trial."""
         return self.path / "trials"
 
     @property
     def failure(self) -> Path:
-        """Where an environment leaves a user's error."""
+        """The file to which an environment writes a user's error."""
         return self.path / "failure.json"
 
     @property
     def compiling_note(self) -> Path:
-        """What exists while a process of the run compiles."""
+        """The file that exists while a process of the run compiles."""
         return self.path / ".compiling"
 
     @property
     def ray_note(self) -> Path:
-        """Where the temporary folder of the run's Ray is noted."""
+        """The file with the path of the temporary folder of the run's Ray."""
         return self.path / ".ray"
 
 
 def create_run_folder(output: str | os.PathLike[str], name: str) -> RunFolder:
-    """Make a new folder below `output`, named after the experiment and the time.
+    """Create a new folder in `output`, named after the experiment and the time.
 
     Raises:
-        OutputError: It cannot be made or written.
+        OutputError: The folder cannot be created or written.
     """
     parent = Path(output).expanduser().absolute()
     stem = f"{_file_name(name)}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
@@ -102,18 +106,18 @@ def create_run_folder(output: str | os.PathLike[str], name: str) -> RunFolder:
         raise OutputError(
             f"{parent}: the output folder cannot be written ({reason}); give another with --output"
         ) from error
-    raise OutputError(f"{parent}: there are a thousand runs called {stem}; give another folder with --output")
+    raise OutputError(f"{parent}: there are already a thousand runs named {stem}; give another folder with --output")
 
 
 def open_run_folder(path: str | os.PathLike[str]) -> RunFolder:
     """Return the folder of an earlier run.
 
     Raises:
-        CheckpointError: It is not the folder of a run.
+        CheckpointError: It is not the folder of a run, or its record is damaged.
     """
     folder = RunFolder(Path(path).expanduser().absolute())
     if not folder.record.is_file():
-        hint = "give the folder that holds run.json and experiment.resolved.yml"
+        hint = "give the folder that contains run.json and experiment.resolved.yml"
         raise CheckpointError(f"{path}: this is not the folder of a training run; {hint}")
     read_run_record(folder)
     return folder
@@ -126,7 +130,7 @@ def write_run_record(folder: RunFolder, *, text: str, seed: int, configuration: 
         folder: The new folder.
         text: The resolved configuration, as YAML.
         seed: The seed of the run.
-        configuration: What a resumed run must have again, from `learning_configuration`.
+        configuration: The configuration that a resumed run must have too, from `learning_configuration`.
     """
     with new_file(folder.configuration, _HINT) as work:
         work.write_text(text, encoding="utf-8")
@@ -145,10 +149,10 @@ def write_run_record(folder: RunFolder, *, text: str, seed: int, configuration: 
 
 
 def read_run_record(folder: RunFolder) -> dict[str, Any]:
-    """Return what `run.json` says.
+    """Return the content of `run.json`.
 
     Raises:
-        CheckpointError: It is damaged.
+        CheckpointError: The file is damaged.
     """
     try:
         record: dict[str, Any] = json.loads(folder.record.read_text(encoding="utf-8"))
@@ -159,7 +163,14 @@ def read_run_record(folder: RunFolder) -> dict[str, Any]:
 
 
 def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str = "", iteration: int = 0) -> int:
-    """Note in `run.json` that a training starts, and return the number of the attempt, from 0."""
+    """Record in `run.json` that a training starts, and return the number of the attempt, from 0.
+
+    Args:
+        folder: The run's folder.
+        command: The command line; by default that of this process.
+        continued_from: Path of the checkpoint from which the training continues; empty without one.
+        iteration: The iteration of that checkpoint.
+    """
     record = read_run_record(folder)
     record["attempts"].append(
         {
@@ -175,17 +186,22 @@ def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str =
 
 
 def copy_attempt(folder: RunFolder, own: RunFolder) -> None:
-    """Note the newest attempt of a search in `run.json` of a trial that starts."""
+    """Copy the newest attempt of a search into the `run.json` of a trial that starts.
+
+    Args:
+        folder: Folder of the search.
+        own: Folder of the trial.
+    """
     record = read_run_record(own)
     record["attempts"].append(read_run_record(folder)["attempts"][-1])
     _write_json(own.record, record)
 
 
 def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> None:
-    """Refuse to continue a run with another configuration.
+    """Check that a run to resume has the given configuration.
 
     Raises:
-        CheckpointError: The configuration differs; the message names where.
+        CheckpointError: The configuration differs; the message lists the differences.
     """
     record = read_run_record(folder)
     if record["digest"] == digest(configuration):
@@ -209,17 +225,17 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
 
 @contextmanager
 def locked(folder: RunFolder) -> Iterator[None]:
-    """Keep other processes from training in the same folder; the lock ends with the process.
+    """Prevent other processes from training in the same folder; the lock ends with the process.
 
     Raises:
-        OutputError: Another process trains in it.
+        OutputError: Another process is training in the folder.
     """
     with exclusive(folder.path, "training in"):
         yield
 
 
 def git_commit() -> str | None:
-    """Return the commit of this package's source, with ``+`` when it was changed since; None outside a repository."""
+    """Return the commit of this package's source, with ``+`` for uncommitted changes; None outside a repository."""
     here = Path(__file__).parent
 
     def git(*arguments: str) -> str | None:
@@ -229,7 +245,7 @@ def git_commit() -> str | None:
             return None
         return run.stdout.strip()
 
-    if git("ls-files", "--error-unmatch", Path(__file__).name) is None:  # installed below someone else's repository
+    if git("ls-files", "--error-unmatch", Path(__file__).name) is None:  # installed inside another project's repository
         return None
     commit = git("rev-parse", "HEAD")
     return f"{commit}+" if commit and git("status", "--porcelain", "--untracked-files=no", "--", "..") else commit

@@ -1,4 +1,4 @@
-"""The values of a trial of a search: in `params.json` of its folder, and as text."""
+"""The searched values of a trial: the file `params.json` in its folder, and the values as text."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def read_parameters(folder: Path) -> dict[str, Any]:
     """Return the searched values of a trial and its seed.
 
     Raises:
-        CheckpointError: They cannot be read.
+        CheckpointError: The values cannot be read.
     """
     try:
         return dict(json.loads((folder / PARAMETERS).read_text(encoding="utf-8")))
@@ -30,17 +30,17 @@ def read_parameters(folder: Path) -> dict[str, Any]:
 
 
 def trial_folders(folder: Path) -> list[Path]:
-    """Return the folders of the trials of a search, below the folder of its run; none of a run without a search."""
+    """Return the folders of the trials of a search, given the folder of its run; empty for a run without a search."""
     return sorted(path.parent for path in folder.glob(f"trials/*/{PARAMETERS}"))
 
 
 def parameters_text(parameters: Mapping[str, Any]) -> str:
-    """Return values in a line, such as ``lr 0.0001, seed 3``."""
+    """Return values as one line, such as ``lr 0.0001, seed 3``."""
     return ", ".join(f"{key} {value_text(value)}" for key, value in parameters.items())
 
 
 def value_text(value: Any) -> str:
-    """Return a value in a few letters; of a schedule the values that it goes through."""
+    """Return a value as short text; for a schedule only its values, such as ``0.001 to 0.0001``."""
     if isinstance(value, list) and value and all(isinstance(pair, list) and len(pair) == 2 for pair in value):
         return " to ".join(value_text(late) for _, late in value)
     if isinstance(value, float):

@@ -1,8 +1,8 @@
-"""The weights of a policy in a file that holds no code: safetensors, and what else is needed as JSON in its header.
+"""The weights of a policy in a file without code: a safetensors file with further data as JSON in its header.
 
-RLlib saves its modules as pickles. A pickle may run any code when it is loaded, so whatever flies a policy or starts
-from its weights reads this file instead. Its header holds texts: those of `PolicyInfo`, where they are known, and
-``net``, with the spaces and RLlib's `model_config`.
+RLlib saves its modules as pickles. A pickle may run any code when it is loaded, so policies that are evaluated, and
+trainings that start from a policy's weights, use this file instead. Its header contains strings: those of `PolicyInfo`,
+if they are known, and ``net``, with the spaces and RLlib's `model_config`.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from safe_inspect.experiments.files.checkpoints import policy_folder, weights_pa
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
 
-#: Key of `model_config` for the texts of `PolicyInfo`.
+#: Key of `model_config` for the metadata of `PolicyInfo`.
 INFO = "policy_info"
 
-#: How the weights of a net's first layer end; those of its bias end in "bias".
+#: Suffix of the name of the weights of a net's first layer; the name of its bias ends in "bias".
 _FIRST = ".net.mlp.0.weight"
 
-# Not the target networks of APPO and DQN, nor the Q-functions of SAC.
+# Prefixes of the saved arrays; the target networks of APPO and DQN and the Q-functions of SAC are not saved.
 _PARTS = ("encoder.", "pi_encoder.", "pi.", "af.", "vf.")
 
 
 @dataclass(frozen=True)
 class Weights:
-    """What the file of a policy holds.
+    """Content of the weights file of a policy.
 
     Attributes:
         arrays: The weights, by the names of the module's parameters and buffers.
-        observation_space: The module's.
-        action_space: The module's.
-        model: RLlib's `model_config`, with the texts of `PolicyInfo` under `INFO`.
+        observation_space: Observation space of the module.
+        action_space: Action space of the module.
+        model: RLlib's `model_config`, with the metadata of `PolicyInfo` under the key `INFO`.
     """
 
     arrays: Mapping[str, AnyArray]
@@ -57,22 +57,22 @@ class Weights:
 
     @property
     def info(self) -> PolicyInfo | None:
-        """What the policy was trained with; None where the checkpoint does not say it."""
+        """The description of the policy; None if the checkpoint does not contain it."""
         return info_of(self.model)
 
 
 def info_of(model: Mapping[str, Any]) -> PolicyInfo | None:
-    """Return what a policy was trained with, from its `model_config`; None where that does not say it."""
+    """Return the description of a policy from its `model_config`; None if that does not contain it."""
     texts = model.get(INFO) or {}
     return PolicyInfo.of(texts) if "observation" in texts else None
 
 
 def pack(module: Any, state: Mapping[str, Any]) -> bytes:
-    """Return the bytes of the file of a module.
+    """Return the bytes of the weights file of a module.
 
     Args:
         module: RLlib's module.
-        state: Its state, arrays by name.
+        state: The arrays of its state, by name.
     """
     model = dict(module.model_config)
     info = {"safe_inspect": __version__, "format": str(POLICY_FORMAT), **(model.pop(INFO, None) or {})}
@@ -86,10 +86,10 @@ def pack(module: Any, state: Mapping[str, Any]) -> bytes:
 
 
 def read_weights(folder: Path) -> Weights:
-    """Return what the file of a policy holds.
+    """Return the content of the weights file of a policy.
 
     Args:
-        folder: The policy's, from `policy_folder`.
+        folder: Folder of the policy, from `policy_folder`.
 
     Raises:
         CheckpointError: The file is missing, damaged or of another version.
@@ -102,7 +102,7 @@ def read_weights(folder: Path) -> Weights:
         missing = {"format", "safe_inspect", "net"} - set(texts)
         if missing:
             texts_missing = ", ".join(f"`{name}`" for name in sorted(missing))
-            raise CheckpointError(f"{path}: no policy of safe_inspect: its header does not say {texts_missing}")
+            raise CheckpointError(f"{path}: this is not a policy of safe_inspect: its header lacks {texts_missing}")
         if texts["format"] != str(POLICY_FORMAT):
             raise CheckpointError(
                 f"{path}: the weights were written by safe_inspect {texts['safe_inspect']}, whose format this version "
@@ -110,18 +110,18 @@ def read_weights(folder: Path) -> Weights:
             )
         net = json.loads(texts.pop("net"))
         model = {**net["model_config"], INFO: texts}
-        info_of(model)  # a mistake in these texts is found now
+        info_of(model)  # checks the metadata now and not when it is first used
         return Weights(arrays, _space(net["observation_space"]), _space(net["action_space"]), model)
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError, AssertionError) as error:
         raise CheckpointError(f"{path}: the weights are damaged ({error})") from None
 
 
 def initial_weights(source: str) -> Weights:
-    """Return the weights with which a policy begins.
+    """Return the initial weights of a policy.
 
     Args:
-        source: Folder of a checkpoint with one policy, or of a run, which stands for its newest checkpoint; or the
-            name of a policy that the package ships.
+        source: Folder of a checkpoint with one policy, or of a run, whose newest checkpoint is used; or the name of a
+            policy that the package ships.
 
     Raises:
         CheckpointError: The checkpoint is missing or damaged, or its weights cannot be read without running code.
@@ -137,17 +137,18 @@ def initial_weights(source: str) -> Weights:
 
 
 def starting_weights(source: str, model: Mapping[str, object]) -> Mapping[str, AnyArray]:
-    """Return the weights of a policy for another one, which then does at first what that one does.
+    """Return initial weights with which a new policy acts like an existing one.
 
-    Elements of the observation are told apart by their names. Where their normalisation differs, the first layers are
-    converted exactly; elements that the other policy does not see get weights of zero.
+    Elements of the observation are matched by their names. Where their normalisation differs, the first layers are
+    converted exactly; elements that the existing policy does not observe get weights of zero.
 
     Args:
         source: Folder of a checkpoint with one policy, or the name of a policy that the package ships.
-        model: RLlib's `model_config` of the new policy; as they are the weights come where it names no layout.
+        model: RLlib's `model_config` of the new policy; if it contains no layout, the weights are not converted.
 
     Raises:
-        CheckpointError: The weights cannot be read, the new policy lacks what the other one sees, or it acts otherwise.
+        CheckpointError: The weights cannot be read, the new policy does not observe an element that the existing policy
+            observes, or its actions differ.
     """
     weights = initial_weights(source)
     theirs, mine = weights.info, info_of(model)
@@ -155,7 +156,7 @@ def starting_weights(source: str, model: Mapping[str, object]) -> Mapping[str, A
         return weights.arrays
     difference = difference_of(theirs.action, mine.action)
     if difference:
-        raise CheckpointError(f"{source}: its weights do not fit this policy: of the actions, {difference}")
+        raise CheckpointError(f"{source}: its weights do not match this policy: of the actions, {difference}")
     if theirs.observation == mine.observation:
         return weights.arrays
     places, gains, shifts = _converted(source, theirs, mine)
@@ -170,15 +171,19 @@ def starting_weights(source: str, model: Mapping[str, object]) -> Mapping[str, A
 
 
 def _converted(source: str, theirs: PolicyInfo, mine: PolicyInfo) -> tuple[list[int], AnyArray, AnyArray]:
-    """Return where the elements of a policy stand in another one, and gains g and shifts s: theirs = g mine + s."""
+    """Return the conversion between the observations of two policies.
+
+    Returns:
+        For each element of `theirs` its index in `mine`, and gains g and shifts s with theirs = g mine + s.
+    """
     known = {key: place for place, key in enumerate(_keys(mine.observation))}
     places = []
     for key, element in zip(_keys(theirs.observation), theirs.observation, strict=True):
         found = known.get(key)
         if found is None or set(mine.observation[found].plugins) != set(element.plugins):
             raise CheckpointError(
-                f"{source}: its weights do not fit this policy, which does not see {element} as that one does; observe "
-                "it too, or begin with another policy"
+                f"{source}: its weights do not match this policy, which does not observe {element} as that policy "
+                "does; observe it too, or start from another policy"
             )
         places.append(found)
     seen = [mine.observation[place] for place in places]
@@ -189,7 +194,7 @@ def _converted(source: str, theirs: PolicyInfo, mine: PolicyInfo) -> tuple[list[
 
 
 def _keys(elements: Sequence[ObservedElement]) -> list[tuple[str, str, int]]:
-    """Return name, unit and number of occurrence of each element."""
+    """Return the name, the unit and the number of the occurrence of each element."""
     counts: Counter[str] = Counter()
     keys = []
     for element in elements:

@@ -1,1 +1,1 @@
-"""Policies: how they are made, saved, loaded and frozen."""
+"""Policies: building, saving, loading and freezing."""

@@ -1,4 +1,4 @@
-"""The policies of a checkpoint, for the agents of a task. Ray and Torch are loaded when a policy is."""
+"""The policies of a checkpoint, for the agents of a task. Ray and Torch are loaded only with a policy."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from safe_inspect.experiments.files.weights import read_weights
 
 
 def checkpoint_policies(path: Path, spec: EnvironmentSpec, sampled: bool | None, seed: int) -> dict[str, Policy]:
-    """Return the policy of each agent that acts from outside; agents of one policy share it.
+    """Return the policy of each controlled agent; agents with the same policy share one object.
 
     Args:
         path: The checkpoint's folder.
         spec: The task.
-        sampled: Whether actions are drawn, see `TrainedPolicy`.
-        seed: Seed of the draws.
+        sampled: Whether actions are sampled, see `TrainedPolicy`.
+        seed: Seed of the sampled actions.
 
     Raises:
         CheckpointError: The checkpoint is damaged, of another task, or has no policy for an agent.
     """
     chosen = {agent.name: _chosen(path, agent) for agent in spec.agents if agent.scripted_policy is None}
-    for agent in spec.agents:  # before Ray and Torch are loaded
+    for agent in spec.agents:  # checked before Ray and Torch are loaded
         if agent.name in chosen:
             check_layout(str(path), _info(path, chosen[agent.name]), agent)
     loaded = {name: _load(path, name, sampled, seed) for name in dict.fromkeys(chosen.values())}
@@ -36,7 +36,7 @@ def checkpoint_policies(path: Path, spec: EnvironmentSpec, sampled: bool | None,
 
 
 def checkpoint_hash(checkpoint: Path) -> str:
-    """Return the hash of a checkpoint's files, by name and content, its own seal left out."""
+    """Return the hash of a checkpoint's files, by name and content, without its seal."""
     found = hashlib.sha256()
     for path in sorted(checkpoint.rglob("*")):
         if path.is_file() and not path.name.startswith(SEAL):
@@ -46,14 +46,14 @@ def checkpoint_hash(checkpoint: Path) -> str:
 
 
 def _chosen(path: Path, agent: AgentSpec) -> str:
-    """Return the name of the checkpoint's policy that flies an agent: the agent's own, or the only one."""
+    """Return the name of the checkpoint's policy for an agent: the agent's own policy, or the only one."""
     try:
         return policy_folder(path, usual=agent.policy).name
     except CheckpointError as error:
         known = str(error).partition("; ")[0]
         raise CheckpointError(
-            f"{known}, and none is the {agent.policy!r} of the agent {agent.name!r}; "
-            "give the experiment that it was trained with"
+            f"{known}, but none is {agent.policy!r}, the policy of the agent {agent.name!r}; "
+            "give the experiment with which it was trained"
         ) from None
 
 
@@ -67,6 +67,7 @@ def _info(path: Path, name: str) -> PolicyInfo:
     info = read_weights(policy_folder(path, name)).info
     if info is None:
         raise CheckpointError(
-            f"{path}: the checkpoint does not say what its policy sees and does, so it is not flown; train again"
+            f"{path}: the checkpoint does not describe its policy's observation and action, so it cannot be used; "
+            "train again"
         )
     return info

@@ -1,4 +1,4 @@
-"""Which distribution of actions a policy has: those that the batched runner draws from and the fast learner learns."""
+"""The action distribution of a policy, among those that the batched runner and the fast learner support."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from safe_inspect.random.hurdle_draws import Hurdle
 
 
 def distribution_of(layout: Layout) -> Distribution:
-    """Return the distribution of a policy for an action."""
+    """Return the distribution of a policy whose action has the given layout."""
     if layout.choices:
         return Categorical(layout.choices)
     return Gaussian(layout.size) if layout.coast is None else Hurdle(layout.size - 1, len(layout.coast.durations))
 
 
 def distribution_of_module(module: Any) -> Distribution | None:
-    """Return the distribution of RLlib's module in sampling and in training; None when it is none of these."""
+    """Return the distribution of RLlib's module in sampling and in training; None if it is not supported."""
     if isinstance(module, DqnPolicy):
         return Greedy(module.choices)
     try:
@@ -42,7 +42,7 @@ def distribution_of_module(module: Any) -> Distribution | None:
         return Gaussian(int(np.prod(space.shape)))
     if isinstance(space, Box) and kinds == {TorchSquashedGaussian}:
         return SquashedGaussian(int(np.prod(space.shape)))
-    # RLlib derives a class of its own for each number of choices.
+    # RLlib derives a separate class for each number of choices.
     if isinstance(space, MultiDiscrete) and all(kind.__bases__ == (TorchMultiCategorical,) for kind in kinds):
         return Categorical(tuple(int(count) for count in space.nvec))
     return None

@@ -17,19 +17,19 @@ from safe_inspect.environments.facades.flat_actions import flat_space
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy
 
-#: Key of ours in the `model_config` of policies of DQN: the number of values of each element of the action.
+#: This package's key in the `model_config` of DQN policies: the number of values of each element of the action.
 CHOICES = "choices"
-#: Keys of RLlib's `model_config` that policies of DQN alone have.
+#: Keys of `model_config` that only DQN policies have.
 DQN_MODEL_KEYS = frozenset({CHOICES, "double_q", "dueling", "epsilon", "num_atoms", "std_init", "v_max", "v_min"})
 
 _MOST = 4096
 
 
 class BestChoices(torch.nn.Module):
-    """From the values of all combinations of choices to the value of each choice, with the best of the others.
+    """Layer from the values of all combinations of choices to the value of each choice, with the best other choices.
 
     V_j(k) = max of Q(a) over the combinations a with a_j = k. So the best choice of each element is that of the best
-    combination, which is what `from_flat` makes of the index with the largest Q.
+    combination, as `from_flat` computes it from the index with the largest Q.
 
     Args:
         choices: Number of values of each element, K_1 to K_A.
@@ -40,7 +40,11 @@ class BestChoices(torch.nn.Module):
         self.choices = tuple(int(count) for count in choices)
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the values of the choices, shape (..., K_1 + ... + K_A), for those of (..., K_1 ... K_A)."""
+        """Return the values of the choices, shape (..., K_1 + ... + K_A).
+
+        Args:
+            values: The values of the combinations, shape (..., K_1 ... K_A).
+        """
         table, before = values.reshape(*values.shape[:-1], *self.choices), values.dim() - 1
         axes = range(before, before + len(self.choices))
         others = [tuple(axis for axis in axes if axis != own) for own in axes]
@@ -48,9 +52,9 @@ class BestChoices(torch.nn.Module):
 
 
 class DqnPolicy(SavedPolicy, DefaultDQNTorchRLModule):  # type: ignore[misc]
-    """RLlib's policy for DQN, in a task with levels: its action is one index for a combination of them.
+    """RLlib's policy for DQN, for a task with levels: its action is the index of a combination of levels.
 
-    In inference it also gives what `BestChoices` makes of the values of the combinations, for the action of the task.
+    In inference it also returns the values of the choices, from `BestChoices`, for the action of the task.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -80,10 +84,10 @@ class DqnPolicy(SavedPolicy, DefaultDQNTorchRLModule):  # type: ignore[misc]
 
 
 def choices_of(info: Mapping[str, str]) -> list[int]:
-    """Return the number of values of each element of the action, from the texts of a `PolicyInfo`.
+    """Return the number of values of each element of the action, from the metadata of a `PolicyInfo`.
 
     Raises:
-        ConfigError: They have too many combinations.
+        ConfigError: There are too many combinations of values.
     """
     choices = [len(element["levels"]) for element in json.loads(info["action"])]
     if math.prod(choices) > _MOST:

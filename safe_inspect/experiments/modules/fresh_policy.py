@@ -1,4 +1,4 @@
-"""`FreshPolicy`: RLlib's PPO policy with initial weights of one's own. Importing this module loads Ray and Torch."""
+"""`FreshPolicy`: RLlib's PPO policy with configurable initial weights. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -29,17 +29,20 @@ _POLICY_GAIN = 0.01
 
 
 class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
-    """RLlib's policy; its `model_config` may also hold the keys of `FRESH_KEYS`.
+    """RLlib's policy for PPO, whose `model_config` may also contain the keys of `FRESH_KEYS`.
 
-    A policy that begins with thrust at every step leaves the scene at once and learns to save fuel before it has seen
-    an inspection. So ``initial_choice`` names the choice that a fresh categorical policy prefers, coasting as a rule,
-    with ``initial_probability`` (0.9 unless given), and ``initial_std`` the standard deviation of a fresh Gaussian one.
-    ``hurdle`` gives continuous thrust a hurdle distribution, which burns with ``initial_burn_probability`` (0.5 unless
-    given) in a fresh policy; decisions that last have it always.
-    ``orthogonal`` draws orthogonal weights of gain sqrt(2), of gain 0.01 in the last layer of the policy.
-    ``initial_weights`` is the folder of a checkpoint with one policy, or the name of a policy that the package ships,
-    of the same nets and actions, that learns on: a team may begin with what one deputy has learned. The policy may see
-    more than that one (see `starting_weights`).
+    A new policy that thrusts at every step leaves the vicinity of the chief at once, and learns to save fuel before it
+    has seen an inspection. The keys therefore set the initial behaviour:
+
+    - ``initial_choice``: the choice that a new categorical policy prefers, usually coasting, with the probability
+      ``initial_probability`` (default 0.9).
+    - ``initial_std``: the standard deviation of a new Gaussian policy.
+    - ``hurdle``: whether continuous thrust has a hurdle distribution, which burns with the probability
+      ``initial_burn_probability`` (default 0.5) in a new policy. Decisions that last several steps always have it.
+    - ``orthogonal``: whether to sample orthogonal weights with gain sqrt(2), and 0.01 in the last layer of the policy.
+    - ``initial_weights``: the folder of a checkpoint with one policy, or the name of a policy that the package ships,
+      with the same nets and actions, whose training is continued. So a team may start with the policy of one deputy.
+      The new policy may observe more than that policy (see `starting_weights`).
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -47,7 +50,7 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
         super().__init__(*args, **kwargs, catalog_class=catalog)  # type: ignore[no-untyped-call]
 
     def setup(self) -> None:
-        """Build the nets, and set their first weights."""
+        """Build the nets and set their initial weights."""
         super().setup()  # type: ignore[no-untyped-call]
         own: Any = self.model_config
         with torch.no_grad():
@@ -63,11 +66,11 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
             if own.get("initial_weights"):
                 if not self.inference_only:  # a runner gets its weights from the learner
                     load_arrays(self, starting_weights(own["initial_weights"], own), own["initial_weights"])
-                # A checkpoint builds the module anew with this, and the other one may be gone by then.
+                # A checkpoint builds the module again with this config, when the source may no longer exist.
                 self.model_config = {**own, "initial_weights": None}
 
     def log_deviations(self) -> slice:
-        """Return which outputs of the policy are logarithms of standard deviations."""
+        """Return the slice of the policy's outputs that are logarithms of standard deviations."""
         kind: Any = self.get_train_action_dist_cls()
         if issubclass(kind, TorchHurdle):
             return slice(1 + kind.numbers, 1 + 2 * kind.numbers)
@@ -101,20 +104,20 @@ def _last(head: torch.nn.Module) -> torch.nn.Linear:
 
 
 def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnPolicy:
-    """Return the module of the weights in a file.
+    """Return the module that a weights file describes, with its weights.
 
     Args:
-        weights: What the file holds.
-        title: The file, for messages.
+        weights: Content of the file.
+        title: Name of the file in messages.
 
     Raises:
-        CheckpointError: The file describes no module, or its weights do not fit it.
+        CheckpointError: The file does not describe a module, or its weights do not match it.
     """
     known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys()
     known |= {INFO, TWIN_Q, COASTS, *DQN_MODEL_KEYS}
     unknown = sorted(weights.model.keys() - known)
     if unknown:
-        raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}`; another version wrote it")
+        raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}` of another version")
     try:
         kind: Any = SacPolicy if TWIN_Q in weights.model else DqnPolicy if CHOICES in weights.model else FreshPolicy
         module = kind(
@@ -123,7 +126,7 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnP
             model_config={**weights.model, "initial_weights": None},
             inference_only=kind is not FreshPolicy,
         )
-    except Exception as error:  # RLlib has many for settings that make no net
+    except Exception as error:  # RLlib raises many kinds of errors for invalid settings
         raise CheckpointError(f"{title}: the policy's settings are damaged ({error})") from None
     load_arrays(module, weights.arrays, title)
     found: FreshPolicy | SacPolicy | DqnPolicy = module
@@ -131,10 +134,10 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnP
 
 
 def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
-    """Check that an action of zeros is no thrust, as a hurdle distribution wants it.
+    """Check that an action of zeros commands no thrust, as a hurdle distribution requires.
 
     Raises:
-        ConfigError: A controller commands something else.
+        ConfigError: A controller commands another value.
     """
     for element in elements:
         if element["offset"] and not element["levels"]:
@@ -143,7 +146,7 @@ def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
                     f"a hurdle policy coasts by actions of 0, for which {element['name']} gives {element['offset']:g} "
                     f"{element['unit']}",
                     "agent_config",
-                    hint="give the controller limits that are equal about 0",
+                    hint="give the controller limits that are symmetric about 0",
                 )
             )
 
@@ -151,12 +154,12 @@ def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
 def policy_spec(
     model: Mapping[str, Any], algorithm: str = "PPO", info: Mapping[str, str] | None = None
 ) -> RLModuleSpec:
-    """Return how RLlib builds a policy that learns.
+    """Return RLlib's specification of a policy that learns.
 
     Args:
         model: The keys of `model_config`.
         algorithm: Name of the algorithm.
-        info: The texts of the policy's `PolicyInfo`, for its checkpoints.
+        info: The metadata of the policy's `PolicyInfo`, for its checkpoints.
 
     Raises:
         CheckpointError: The `initial_weights` cannot be read.
@@ -173,8 +176,8 @@ def policy_spec(
     if algorithm not in FLOWN_ALGORITHMS:
         return RLModuleSpec(model_config=known)
     if own.get("initial_weights"):
-        starting_weights(own["initial_weights"], {INFO: info})  # a mistake is found now, not in RLlib's processes
-        if own["initial_weights"] not in shipped_policies():  # which work in other folders
+        starting_weights(own["initial_weights"], {INFO: info})  # raises errors here and not in RLlib's processes
+        if own["initial_weights"] not in shipped_policies():  # RLlib's processes have other working directories
             own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
     settings = {**dataclasses.asdict(known), **own, INFO: info}
     if algorithm == "SAC":

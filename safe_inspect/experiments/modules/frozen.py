@@ -1,4 +1,4 @@
-"""Policies that come from a checkpoint and are not trained. Importing this module loads Ray and Torch."""
+"""Policies that are loaded from a checkpoint and not trained. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _SOURCE = "frozen_from"
 
 
 class FrozenPolicy(FreshPolicy):
-    """RLlib's policy as it flies after its training: burns without noise, choices as they are drawn.
+    """RLlib's policy as it acts after its training: burns have no noise, and choices are sampled.
 
     ``frozen_from`` in its `model_config` is the folder of the policy in its checkpoint.
     """
 
     def setup(self) -> None:
-        """Build the nets, and load their weights."""
+        """Build the nets and load their weights."""
         super().setup()
         own: Any = self.model_config
         if own.get(_SOURCE) and not self.inference_only:  # a runner gets its weights from the learner
@@ -51,7 +51,7 @@ class FrozenPolicy(FreshPolicy):
 
 
 def frozen_spec(policy: PolicySettings) -> RLModuleSpec:
-    """Return how RLlib builds a policy that comes from a checkpoint."""
+    """Return RLlib's specification of a policy that is loaded from a checkpoint."""
     folder = _source(policy)
     weights = read_weights(folder)
     return RLModuleSpec(
@@ -63,7 +63,7 @@ def frozen_spec(policy: PolicySettings) -> RLModuleSpec:
 
 
 def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentGroup]) -> None:
-    """Check that each policy that comes from a checkpoint is there and fits its agents.
+    """Check that each policy that is loaded from a checkpoint exists and matches its agents.
 
     Raises:
         CheckpointError: A checkpoint is missing, damaged or of another task.
@@ -76,7 +76,8 @@ def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentG
         weights = read_weights(_source(policy))
         if {CHOICES, TWIN_Q} & weights.model.keys():
             raise CheckpointError(
-                f"{policy.checkpoint}: policies of SAC and DQN do not fly beside policies that learn; give one of PPO"
+                f"{policy.checkpoint}: policies of SAC and DQN cannot be combined with policies that learn; "
+                "give one of PPO"
             )
         for agent in policy.agents:
             pairs = zip(
@@ -89,8 +90,8 @@ def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentG
                 wanted = box(layout) if what == "observation" else action_space(layout)
                 if space.shape != wanted.shape or type(space) is not type(wanted):
                     raise CheckpointError(
-                        f"{policy.checkpoint}: the policy of {agent} has {space.shape[0]} elements of {what}, and the "
-                        f"agent {layout.size}; give a checkpoint of the same glues"
+                        f"{policy.checkpoint}: the policy of {agent} has {space.shape[0]} elements of {what}, but the "
+                        f"agent has {layout.size}; give a checkpoint with the same glues"
                     )
             if weights.info is not None:
                 check_layout(str(policy.checkpoint), weights.info, replace(group_of[agent].agent, name=agent))

@@ -9,12 +9,12 @@ from gymnasium.spaces import Box
 from ray.rllib.algorithms.ppo.ppo_catalog import PPOCatalog
 from ray.rllib.core.distribution.torch.torch_distribution import TorchDistribution
 
-#: Keys of `model_config`: whether continuous thrust has a hurdle distribution, and the number of durations beside it.
+#: Keys of `model_config`: whether continuous thrust has a hurdle distribution, and its number of durations.
 HURDLE, COASTS = "hurdle", "coasts"
 
 
 class HurdleCatalog(PPOCatalog):  # type: ignore[misc]
-    """RLlib's catalog of PPO's nets, which knows the hurdle distribution too."""
+    """RLlib's catalog of PPO's nets, extended by the hurdle distribution."""
 
     def get_action_dist_cls(self, framework: str) -> Any:
         """Return the class of the action distribution."""
@@ -30,7 +30,7 @@ class TorchHurdle(TorchDistribution):  # type: ignore[misc]
 
     Class attributes:
         numbers: Number of real elements of the action, A.
-        choices: Number of values of the last element, K; 0: there is none.
+        choices: Number of values of the last element, K; 0 if there is no such element.
     """
 
     numbers: int
@@ -57,7 +57,7 @@ class TorchHurdle(TorchDistribution):  # type: ignore[misc]
         return found if self._choice is None else found + self._choice.log_prob(value[..., -1])
 
     def entropy(self, **kwargs: Any) -> Any:
-        """Return the entropies, shape (R,): that of the numbers counts with the probability that there are any."""
+        """Return the entropies, shape (R,); that of the numbers is weighted with the probability of a burn."""
         found = self._burns.entropy() + self._burns.probs * self._dist.entropy().sum(dim=-1)
         return found if self._choice is None else found + self._choice.entropy()
 
@@ -69,7 +69,7 @@ class TorchHurdle(TorchDistribution):  # type: ignore[misc]
         return found if self._choice is None else found + divergence(self._choice, other._choice)
 
     def sample(self, *, sample_shape: Any = None, **kwargs: Any) -> Any:
-        """Draw actions."""
+        """Sample actions."""
         shape = torch.Size() if sample_shape is None else sample_shape
         numbers = self._dist.sample(shape) * self._burns.sample(shape)[..., None]
         if self._choice is None:
@@ -77,9 +77,9 @@ class TorchHurdle(TorchDistribution):  # type: ignore[misc]
         return torch.cat((numbers, self._choice.sample(shape)[..., None].to(numbers.dtype)), dim=-1)
 
     def rsample(self, **kwargs: Any) -> torch.Tensor:
-        """Refuse: a draw of a choice has no gradient."""
-        raise NotImplementedError("a hurdle distribution draws a choice, which has no gradient")
+        """Raise NotImplementedError, because a sampled choice has no gradient."""
+        raise NotImplementedError("a hurdle distribution samples a choice, which has no gradient")
 
     def to_deterministic(self) -> Any:
-        """Return what always gives the most likely action."""
-        raise NotImplementedError("a hurdle policy is flown by this package's own code")
+        """Raise NotImplementedError, because RLlib does not evaluate hurdle policies."""
+        raise NotImplementedError("a hurdle policy is evaluated by this package's own code")

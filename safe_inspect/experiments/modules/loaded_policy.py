@@ -1,4 +1,4 @@
-"""`load_policy`: a trained policy from any source, to fly in a loop of one's own."""
+"""`load_policy`: a trained policy from any source, for use in your own loop."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from safe_inspect.types import AnyArray
 
 
 class LoadedPolicy:
-    """A trained policy and the task in which it flies. A recurrent one keeps the state of each row from call to call.
+    """A trained policy with its task. A recurrent policy stores the state of each row between calls.
 
     Attributes:
-        spec: The task as it was trained in it, with the overrides.
-        agent: Name of the agent that it flies.
-        recurrent: Whether it keeps a state.
+        spec: The task in which it was trained, with the overrides.
+        agent: Name of the agent that it controls.
+        recurrent: Whether it has a state.
     """
 
     def __init__(self, spec: EnvironmentSpec, agent: AgentSpec, policy: Any) -> None:
@@ -42,36 +42,39 @@ class LoadedPolicy:
         episode_start: AnyArray | bool | None = None,
         **unknown: Any,
     ) -> AnyArray:
-        """Return the action: the mean of a Gaussian policy, the likeliest levels of a categorical, both of a hurdle.
+        """Return the actions for observations.
+
+        By default the action is the mean of a Gaussian policy, the most likely levels of a categorical policy, and both
+        of a hurdle policy.
 
         Args:
-            observation: Observations as `make`, `make_vec` or any environment of the task gives them, shape (O,) or
-                (N, O).
-            generator: Draws what `evaluate` draws: choices, such as whether to burn, but not the size of a burn.
+            observation: Observations from `make`, `make_vec` or any environment of the task, shape (O,) or (N, O).
+            generator: Samples the values that `evaluate` samples: choices, such as whether to burn, but not the size of
+                a burn.
             episode_start: Whether the observation is the first of an episode, one bool or one for each row, shape (N,).
-                A recurrent policy needs it, and is called once a step, with the rows of all that it flies; the others
-                ignore it.
-            **unknown: None are known.
+                A recurrent policy needs it, and must be called once per step with the rows of all its environments;
+                other policies ignore it.
+            **unknown: Not accepted.
 
         Returns:
-            Actions that the environment takes, shape (A,) or (N, A): int64 where they are levels, else float32.
+            Actions for the environment, shape (A,) or (N, A): int64 for levels, otherwise float32.
 
         Raises:
-            ArgumentError: The observations have another shape, or are no finite numbers; the policy is recurrent, and
+            ArgumentError: The observations have another shape or are not finite numbers; the policy is recurrent, and
                 `episode_start` is missing, or False in rows that the last call did not have; an argument is unknown.
         """
         for name in unknown:
             raise KeywordError(
-                f"predict() got an unexpected keyword argument {name!r}; without `generator` it returns the likeliest "
-                "action, with `generator=numpy.random.default_rng(0)` it draws one"
+                f"predict() got an unexpected keyword argument {name!r}; without `generator` it returns the most "
+                "likely action, with `generator=numpy.random.default_rng(0)` it samples one"
             )
         try:
             rows = np.asarray(observation, dtype=np.float32)
         except (TypeError, ValueError):
-            raise ArgumentError(f"the observations are no array of numbers: {observation!r:.60}") from None
+            raise ArgumentError(f"the observations are not an array of numbers: {observation!r:.60}") from None
         if rows.ndim not in (1, 2) or rows.shape[-1] != self._size:
             raise ArgumentError(
-                f"the observations have the shape {rows.shape}; ({self._size},) or (N, {self._size}) is wanted"
+                f"the observations have the shape {rows.shape}; expected ({self._size},) or (N, {self._size})"
             )
         whole = np.atleast_2d(rows)
         if self.recurrent:
@@ -87,7 +90,7 @@ class LoadedPolicy:
         return actions if rows.ndim == 2 else actions[0]
 
     def _begin(self, episode_start: AnyArray | bool | None, count: int) -> None:
-        """Let a recurrent policy forget the rows in which an episode begins."""
+        """Reset the state of a recurrent policy in the rows in which an episode begins."""
         if episode_start is None:
             raise ArgumentError(
                 "the policy is recurrent; give `episode_start`, True for each row whose observation is the first of an "
@@ -96,14 +99,14 @@ class LoadedPolicy:
         starts = np.asarray(episode_start)
         if starts.dtype != np.bool_ or starts.shape not in ((), (count,)):
             raise ArgumentError(
-                f"`episode_start` has the shape {starts.shape} and the type {starts.dtype}; one bool or ({count},) of "
-                "them is wanted"
+                f"`episode_start` has the shape {starts.shape} and the type {starts.dtype}; expected one bool or an "
+                f"array of bools of shape ({count},)"
             )
         starts = np.broadcast_to(starts, count)
         if self._rows != count and not starts.all():
             raise ArgumentError(
-                f"there are {count} observations, and {self._rows} in the last call: `episode_start` is True in all "
-                "rows when their number changes"
+                f"there are {count} observations, but there were {self._rows} in the last call; `episode_start` must "
+                "be True in all rows when their number changes"
             )
         self._policy.reset(None if starts.all() else starts)
         self._rows = count
@@ -128,12 +131,12 @@ def load_policy(
 
     Args:
         source: Name of a policy of the package, an ONNX file, a checkpoint's folder, or a run's folder.
-        cfg: Experiment file, or id of a task; the one that the policy was trained in unless given.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the task's.
-        agent: Name of the agent that it is to fly; needed where several agents have policies of their own.
+        cfg: Experiment file, or id of a task; by default the task in which the policy was trained.
+        overrides: ``path.of.keys=value`` for each value of the task to override.
+        agent: Name of the agent to control; needed if the agents have different policies.
 
     Raises:
-        CheckpointError: The policy is damaged, of another task, or there is none.
+        CheckpointError: The policy is damaged, of another task, or missing.
         ConfigError: The configuration has mistakes.
         SafeInspectError: The source is a scripted policy, or there is no such agent.
     """
@@ -141,16 +144,16 @@ def load_policy(
         raise ArgumentError(f"a policy is a name, a file or a folder, not {source!r}")
     text = os.fspath(source)
     if is_scripted(text):
-        raise SafeInspectError(f"{text}: a scripted policy flies inside the environment; give it to `rollout`")
+        raise SafeInspectError(f"{text}: a scripted policy acts inside the environment; pass it to `rollout`")
     (candidate,) = open_candidates([text], Wanted(cfg, tuple(overrides), sampled=False))
     spec, policies = candidate.experiment.spec, candidate.policies
     outside = {item.name: item for item in spec.agents if item.scripted_policy is None}
     flying = dict(policies) if isinstance(policies, dict) else dict.fromkeys(outside, policies)
     if agent is None and len(set(map(id, flying.values()))) > 1:
         raise SafeInspectError(
-            f"{text}: the agents {', '.join(flying)} have policies of their own; name one as `agent`"
+            f"{text}: the agents {', '.join(flying)} have different policies; name one of them as `agent`"
         )
     name = next(iter(flying)) if agent is None else agent
     if name not in flying:
-        raise SafeInspectError(f"{text}: it flies no agent {name!r}; {did_you_mean(name, flying)}")
+        raise SafeInspectError(f"{text}: it controls no agent {name!r}; {did_you_mean(name, flying)}")
     return LoadedPolicy(spec, outside[name], flying[name])

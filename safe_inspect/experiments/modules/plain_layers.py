@@ -1,7 +1,7 @@
-"""The layers of policies whose class declares them: RLlib's own PPO module with MLP encoders and heads.
+"""The layers of policies whose outputs are those of plain layers: RLlib's own PPO module with MLP encoders and heads.
 
-A module of one of these classes gives what its layers give, so that sampler and learner call them without RLlib's
-dictionaries, which cost as much as the layers. A class that overrides a step of the way is asked as a whole.
+The outputs of such a module are those of its layers, so sampler and learner call the layers without RLlib's
+dictionaries, which take as long as the layers. A module whose class overrides one of the methods is called as a whole.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ray.rllib.core.models.torch.encoder import TorchActorCriticEncoder, TorchML
 from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
 from ray.rllib.core.models.torch.primitives import TorchMLP
 
-#: Methods of the module on the way to a sampled action, and to the losses.
+#: Methods of the module that are involved in sampling an action, and in computing the losses.
 SAMPLING = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
 TRAINING = ("forward_train", "_forward_train", "compute_values")
 
@@ -32,16 +32,16 @@ class PlainLayers(NamedTuple):
 
     @property
     def whole(self) -> bool:
-        """Whether the layers of the head give all its outputs; else it has logarithms of deviations beside them."""
+        """Whether the layers of the head give all outputs; otherwise it also has logarithms of standard deviations."""
         return type(self.head) is TorchMLPHead
 
 
 def policy_layers(module: Any, methods: tuple[str, ...]) -> PlainLayers | None:
-    """Return the layers of a module's policy; None where its class does not declare them.
+    """Return the layers of a module's policy; None if its outputs are not those of plain layers.
 
     Args:
         module: RLlib's module.
-        methods: The methods that the layers stand for, `SAMPLING` or `TRAINING`.
+        methods: The methods that the layers replace, `SAMPLING` or `TRAINING`.
     """
     if not _is_plain(module, methods):
         return None
@@ -50,7 +50,7 @@ def policy_layers(module: Any, methods: tuple[str, ...]) -> PlainLayers | None:
 
 
 def value_layers(module: Any) -> PlainLayers | None:
-    """Return the layers of a module's value function; None where it has none of its own, or its class is another."""
+    """Return the layers of a module's value function; None if it has no separate layers or is of another class."""
     if not _is_plain(module, TRAINING) or module.encoder.config.shared:
         return None
     return _layers(module.encoder.critic_encoder, module.vf)

@@ -1,4 +1,4 @@
-"""Trained policies: from a checkpoint to a function of observations."""
+"""Trained policies of a checkpoint as functions of observations."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class TrainedPolicy:
 
     Args:
         module: RLlib's module of the policy.
-        sampled: False: the mean action of a Gaussian policy, the most likely choice of a categorical one, both of a
-            hurdle policy. True: actions are drawn from the distribution, as in training. None: in a rollout choices are
-            drawn, for a policy learns how often to burn, and no single burn need be likely; the size of a burn is its
-            mean. A draw is a function of the seed, the environment slot, the step and the agent, so that the same seed
-            gives the same episodes.
-        seed: Seed of the draws.
+        sampled: False: the action is the mean of a Gaussian policy, the most likely choice of a categorical policy, and
+            both of a hurdle policy. True: actions are sampled from the distribution, as in training. None: choices are
+            sampled in a rollout, because a policy learns how often to burn and no single burn need be likely; the size
+            of a burn is its mean. Samples are functions of the seed, the environment slot, the step and the agent, so
+            that the same seed gives the same episodes.
+        seed: Seed of the sampled actions.
 
     Raises:
         CheckpointError: The policy's actions are neither Gaussian nor categorical.
@@ -46,7 +46,7 @@ class TrainedPolicy:
         self.sampled, self.seed = sampled, seed
         distribution = distribution_of_module(module)
         if distribution is None:
-            raise CheckpointError("the policy's actions are neither Gaussian nor categorical; only such can be flown")
+            raise CheckpointError("the policy's actions are neither Gaussian nor categorical, so it cannot be used")
         self._distribution = distribution
         self._chooses = isinstance(distribution, (Categorical, Hurdle))
         self.recurrent = bool(module.is_stateful())
@@ -57,19 +57,19 @@ class TrainedPolicy:
 
     @property
     def info(self) -> PolicyInfo | None:
-        """What the policy was trained with; None where its checkpoint does not say it."""
+        """The description of the policy; None if its checkpoint does not contain it."""
         return info_of(self.module.model_config)
 
     def begin(self, flight: Flight) -> None:
-        """Take note of the slots of the rows of the next steps, for the draws; a recurrent policy forgets."""
+        """Start a rollout: set the slots of the rows, for sampled actions, and reset any recurrent state."""
         self._flight, self._steps = flight, 0
         self.reset()
 
     def reset(self, rows: BoolArray | None = None) -> None:
-        """Begin episodes: the state of a recurrent policy is its first one again.
+        """Reset the state of a recurrent policy at the start of episodes.
 
         Args:
-            rows: Rows in which they begin, shape (R,), R as in the last call; all unless given.
+            rows: Mask of the rows in which episodes start, shape (R,), with R as in the last call; by default all rows.
         """
         if rows is None:
             self._memory = None
@@ -80,7 +80,8 @@ class TrainedPolicy:
     def inputs(self, observation: NDArray[np.float32]) -> AnyArray:
         """Return the inputs of the action distributions, float32, shape (R, I), for observations (R, O).
 
-        A recurrent policy keeps the state of each row, until `begin` or `reset` is called or their number changes.
+        A recurrent policy stores the state of each row until `begin` or `reset` is called or the number of rows
+        changes.
 
         Raises:
             ArgumentError: The observations contain NaN or infinity.
@@ -99,7 +100,7 @@ class TrainedPolicy:
         return np.asarray(outputs[Columns.ACTION_DIST_INPUTS][:, 0].numpy())
 
     def draw(self, observation: NDArray[np.float32], seed: int) -> FloatArray:
-        """Return actions (R, A) for observations (R, O), with the choices drawn and the numbers at their means."""
+        """Return actions (R, A) for observations (R, O), with sampled choices and mean numbers."""
         return draw_choices(self._distribution, self.inputs(observation), seed)
 
     def __call__(self, observation: NDArray[np.float32]) -> FloatArray:
@@ -118,7 +119,7 @@ class TrainedPolicy:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let Torch compute in one thread: faster for nets of this size, and the same bits on any number of cores."""
+    """Let Torch use one thread, which is faster for small nets and bit-identical on any number of cores."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -128,7 +129,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def _for_rows(state: Any, count: int) -> Any:
-    """Return the state in which a recurrent module begins, nested as it is, once for each row."""
+    """Return the initial state of a recurrent module, repeated for each row, with the same nesting."""
     if isinstance(state, Mapping):
         return {name: _for_rows(value, count) for name, value in state.items()}
     row = torch.as_tensor(state)
@@ -136,7 +137,7 @@ def _for_rows(state: Any, count: int) -> Any:
 
 
 def _replaced(state: Any, fresh: Any, rows: torch.Tensor) -> Any:
-    """Return a state, nested as it is, with the rows of a mask, shape (R,), from another."""
+    """Return a nested state in which the rows of a mask, shape (R,), are replaced by those of another state."""
     if isinstance(state, Mapping):
         return {name: _replaced(value, fresh[name], rows) for name, value in state.items()}
     return torch.where(rows.reshape(-1, *(1,) * (state.dim() - 1)), fresh, state)
@@ -149,26 +150,26 @@ def trained_policy(
 
     Args:
         checkpoint: The checkpoint's folder.
-        policy: Name of the policy, where the checkpoint holds several.
-        sampled: Whether actions are drawn, see `TrainedPolicy`.
-        seed: Seed of the draws.
+        policy: Name of the policy; needed if the checkpoint contains several.
+        sampled: Whether actions are sampled, see `TrainedPolicy`.
+        seed: Seed of the sampled actions.
 
     Raises:
-        CheckpointError: The checkpoint is missing or damaged, has no such policy, or only as a pickle.
+        CheckpointError: The checkpoint is missing or damaged, or has the policy not at all or only as a pickle.
     """
     return TrainedPolicy(_load(checkpoint, policy), sampled, seed)
 
 
 def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0, policy: str | None = None) -> TrainedPolicy:
-    """Return a policy of the same make as a checkpoint's, with fresh random weights.
+    """Return a policy with the same settings as a checkpoint's, but with new random weights.
 
     Args:
         checkpoint: The checkpoint's folder.
         seed: Seed of the weights.
-        policy: Name of the policy, where the checkpoint holds several.
+        policy: Name of the policy; needed if the checkpoint contains several.
 
     Raises:
-        CheckpointError: The checkpoint is missing or damaged, has no such policy, or only as a pickle.
+        CheckpointError: The checkpoint is missing or damaged, or has the policy not at all or only as a pickle.
     """
     module = _load(checkpoint, policy)
     arguments, keywords = module.get_ctor_args_and_kwargs()

@@ -6,7 +6,7 @@ from ray.rllib.algorithms.sac.torch.default_sac_torch_rl_module import DefaultSA
 
 from safe_inspect.experiments.modules.saved_policy import SavedPolicy
 
-#: Key of RLlib's `model_config` that policies of SAC alone have: whether there are two Q-functions.
+#: Key of RLlib's `model_config` that only SAC policies have: whether there are two Q-functions.
 TWIN_Q = "twin_q"
 
 

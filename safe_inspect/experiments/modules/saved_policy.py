@@ -1,4 +1,4 @@
-"""`SavedPolicy`: a module of RLlib whose weights are saved without pickle too. Importing it loads Ray and Torch."""
+"""`SavedPolicy`: an RLlib module that also saves its weights without pickle. Importing it loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from safe_inspect.types import AnyArray
 
 
 class SavedPolicy(RLModule):  # type: ignore[misc]
-    """What the package's policies have in common: beside RLlib's files each checkpoint has one of `weights_file`.
+    """Base class of the package's policies, which adds a weights file (see `WEIGHTS`) to RLlib's files of a checkpoint.
 
     Attributes:
-        flown_space: The space of the actions of the task, where it is another than the module's.
+        flown_space: The action space of the task, if it differs from the module's; otherwise None.
     """
 
     flown_space: Any = None
@@ -33,12 +33,12 @@ class SavedPolicy(RLModule):  # type: ignore[misc]
         filesystem: Any = None,
         use_msgpack: bool = False,
     ) -> str:
-        """Save the module into a folder, as RLlib does it, and its weights beside it."""
+        """Save the module into a folder, as RLlib does, and its weights file too."""
         if path is not None and filesystem is None:
             filesystem, path = FileSystem.from_uri(str(path))
         more = {"state": state, "filesystem": filesystem, "use_msgpack": use_msgpack}
         saved: str = super().save_to_path(path, **more)
-        if not self.inference_only:  # a runner's copy, which lacks the value function
+        if not self.inference_only:  # a runner's copy has no value function and is not saved
             content = pack(self, state or self.get_state())
             with (filesystem or LocalFileSystem()).open_output_stream(f"{saved}/{WEIGHTS}") as file:
                 file.write(content)
@@ -46,13 +46,13 @@ class SavedPolicy(RLModule):  # type: ignore[misc]
 
 
 def load_arrays(module: Any, arrays: Mapping[str, AnyArray], title: str) -> None:
-    """Give a module the weights of a file.
+    """Load the arrays of a weights file into a module.
 
     Raises:
-        CheckpointError: They are of other nets.
+        CheckpointError: The arrays do not match the nets of the module.
     """
     try:
         module.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[-1].strip()
-        raise CheckpointError(f"{title}: its weights do not fit this policy ({reason})") from None
+        raise CheckpointError(f"{title}: its weights do not match this policy ({reason})") from None

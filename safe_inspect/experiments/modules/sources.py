@@ -1,6 +1,6 @@
-"""`open_source`, `open_candidates`: who is to fly, in which task, from what a user writes on the command line.
+"""`open_source`, `open_candidates`: policies and their tasks, from the sources that a user gives on the command line.
 
-Ray and Torch are loaded for a checkpoint only, onnxruntime for an ONNX file only.
+Ray and Torch are loaded only for a checkpoint, and onnxruntime only for an ONNX file.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
 from safe_inspect.task_ids import ALL_TASKS
 
-#: The task of a source that has none of its own, when none is given.
+#: The default task of a source that does not name a task.
 DEFAULT_TASK = "safe_inspect/TranslationalInspection-v1"
-#: Starts a source that is a policy of the package, as a user writes it.
+#: Prefix of a source that is a policy of the package, as on the command line.
 SHIPPED = "--policy "
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Who is to be evaluated.
+    """A policy, or the policies of several agents, to evaluate.
 
     Attributes:
         label: Name in tables.
-        source: What it is: ``text``, ``kind``, ``path`` and ``sha256``.
-        experiment: The experiment in whose task it flies.
-        spec: The task as it flies in it, with observations and actions as it wants them.
-        policies: Who flies the agents: one policy for all, or one for each by the agents' names.
+        source: Description of the source: ``text``, ``kind``, ``path`` and ``sha256``.
+        experiment: The experiment that defines the task.
+        spec: The task, with observations and actions in the form that the policies need.
+        policies: One policy for all agents, or one for each agent by the agents' names.
     """
 
     label: str
@@ -61,19 +61,19 @@ class Candidate:
 
     @property
     def task(self) -> dict[str, Any]:
-        """What evaluations must have in common to be compared, see `task_of`."""
+        """The part of the task that must be equal in evaluations that are compared, see `task_of`."""
         return task_of(self.experiment.spec)
 
     @property
     def price(self) -> str:
-        """A hash of what decides on rewards, see `price_of`."""
+        """A hash of the settings that determine rewards, see `price_of`."""
         return price_of(self.experiment.spec)
 
     def measured(self, metrics: Sequence[BaseMetric]) -> list[BaseMetric]:
-        """Return what is measured: some metrics, and the usual ones with other labels.
+        """Return the given metrics, and those default metrics that have other labels.
 
         Raises:
-            SafeInspectError: One names something that the task does not have.
+            SafeInspectError: A metric names something that the task does not have.
         """
         own = {metric.label for metric in metrics}
         found = [*metrics, *(metric for metric in default_metrics(self.experiment.spec) if metric.label not in own)]
@@ -81,22 +81,23 @@ class Candidate:
         return found
 
     def fly(self, episodes: int, seed: int, num_envs: int, **options: Any) -> Episodes:
-        """Fly episodes; see `rollout`."""
+        """Run episodes; see `rollout`."""
         return rollout(self.spec, self.policies, episodes, seed, num_envs, **options)
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """How candidates are to fly.
+    """Options with which candidates are opened.
 
     Attributes:
-        cfg: Experiment file, or id of a shipped task; None: that of each source.
-        overrides: ``path.of.keys=value`` for each value that is replaced.
-        compute_platform: Which of the task's `rllib_configs` is read.
-        sampled: Whether actions are drawn from the policy's distribution; None: those of categorical policies.
-        seed: Seed of the draws.
-        usual: The experiment of a source that has none of its own; None: the first of the other sources', or the
-            shipped task.
+        cfg: Experiment file, or id of a shipped task; None selects the experiment of each source.
+        overrides: ``path.of.keys=value`` for each value to override.
+        compute_platform: Name of the task's `rllib_configs` to read.
+        sampled: Whether actions are sampled from the policy's distribution; None samples only choices, see
+            `TrainedPolicy`.
+        seed: Seed of the sampled actions.
+        usual: The experiment of a source without an experiment; None selects that of the first other source, or
+            `DEFAULT_TASK`.
     """
 
     cfg: str | os.PathLike[str] | None = None
@@ -119,22 +120,22 @@ class Wanted:
 def open_source(
     text: str | os.PathLike[str], cfg: str | os.PathLike[str] | None = None, overrides: Iterable[str] = ()
 ) -> tuple[EnvironmentSpec, Policies]:
-    """Return the task and who flies its agents; see `open_candidates`."""
+    """Return the task and the policies of its agents; see `open_candidates`."""
     (candidate,) = open_candidates([os.fspath(text)], Wanted(cfg, tuple(overrides)))
     return candidate.spec, candidate.policies
 
 
 def open_candidates(texts: Iterable[str], wanted: Wanted) -> list[Candidate]:
-    """Return who is to fly, in the order in which they are named.
+    """Return the candidates of several sources, in their order.
 
     Args:
-        texts: For each a checkpoint's folder, or a run's folder, which stands for its newest checkpoint; an ONNX file;
-            the name of a baseline, of any scripted policy or of a policy of the package, the last with or without
-            `SHIPPED` before it. A folder of such a name is written ./name.
-        wanted: How they are to fly.
+        texts: The sources. Each is a checkpoint's folder; a run's folder, whose newest checkpoint is used; an ONNX
+            file; or the name of a baseline, of any scripted policy or of a policy of the package, the last with or
+            without the prefix `SHIPPED`. Write ./name for a folder with such a name.
+        wanted: Options for all sources.
 
     Raises:
-        CheckpointError: A checkpoint is damaged, of another task, or there is none.
+        CheckpointError: A checkpoint is damaged, of another task, or missing.
         ConfigError: The configuration has mistakes.
         SafeInspectError: There is no such source.
     """
@@ -154,7 +155,7 @@ def open_candidates(texts: Iterable[str], wanted: Wanted) -> list[Candidate]:
 
 
 def is_scripted(text: str) -> bool:
-    """Return whether a source is the name of a scripted policy; a folder of that name is written ./name."""
+    """Return whether a source is the name of a scripted policy; write ./name for a folder with that name."""
     known = {*BASELINES, *(registered for registered, _ in registry.items("policy"))}
     return text in known or not (os.sep in text or text.endswith(".onnx") or os.path.exists(text) or "." not in text)
 
@@ -180,20 +181,22 @@ def _open_scripted(text: str, wanted: Wanted, experiment: Experiment) -> Candida
 def _open_shipped(text: str, wanted: Wanted) -> Candidate:
     shipped = shipped_policy(text.removeprefix(SHIPPED))
     experiment = wanted.load(shipped.experiment if wanted.cfg is None else wanted.cfg)
-    if importlib.util.find_spec("onnxruntime") is None:  # the package holds the weights for Torch too
+    if importlib.util.find_spec("onnxruntime") is None:  # the package contains the weights for Torch too
         flying = checkpoint_policies(shipped.checkpoint, experiment.spec, wanted.sampled, wanted.seed)
         digest = checkpoint_hash(shipped.checkpoint)
         source = {"text": text, "kind": "shipped", "path": str(shipped.folder), "sha256": digest}
         return Candidate(shipped.name, source, experiment, experiment.spec, flying)
     policies = shipped.load(wanted.sampled, wanted.seed)
     outside = [agent.name for agent in experiment.spec.agents if agent.scripted_policy is None]
-    if len({id(policy) for policy in policies.values()}) == 1:  # it may fly agents of other names too
+    if (
+        len({id(policy) for policy in policies.values()}) == 1
+    ):  # a single policy may control agents with other names too
         policies = dict.fromkeys(outside, next(iter(policies.values())))
     missing = [agent for agent in outside if agent not in policies]
     if missing:
         raise CheckpointError(
-            f"{shipped.name}: the shipped policies fly {', '.join(policies)}, and none {missing[0]!r}; "
-            "give the experiment that they were trained with"
+            f"{shipped.name}: the shipped policies control {', '.join(policies)}, but not {missing[0]!r}; "
+            "give the experiment with which they were trained"
         )
     spec = experiment.spec
     for policy in {id(policy): policy for policy in policies.values()}.values():
@@ -210,10 +213,10 @@ def _open_trained(text: str, wanted: Wanted) -> Candidate:
     if path.suffix == ".onnx":
         return _open_onnx(text, path, wanted)
     if path.suffix in (".yml", ".yaml") or text in ALL_TASKS:
-        hint = "give it with --cfg, and name who flies, such as inspector"
+        hint = "give it with --cfg, and name a policy, such as inspector"
         raise SafeInspectError(f"{text}: this is an experiment, not a policy; {hint}")
     if os.path.exists(path):
-        raise SafeInspectError(f"{text}: this file is no policy; give the folder of a checkpoint or an ONNX file")
+        raise SafeInspectError(f"{text}: this file is not a policy; give the folder of a checkpoint or an ONNX file")
     if os.sep in text:
         raise SafeInspectError(f"{text}: there is no such checkpoint or ONNX file")
     known = {*BASELINES, *(registered for registered, _ in registry.items("policy")), *shipped_policies()}
@@ -229,8 +232,8 @@ def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
     cfg = configuration if wanted.cfg is None else wanted.cfg
     if cfg is None:
         raise CheckpointError(
-            f"{folder}: the checkpoint lies in no folder of a training run, so its task is not known; give it with "
-            "--cfg"
+            f"{folder}: the checkpoint is not in the folder of a training run, so its task is unknown; give the task "
+            "with --cfg"
         )
     experiment = wanted.load(cfg)
     policies = checkpoint_policies(folder, experiment.spec, wanted.sampled, wanted.seed)

@@ -1,9 +1,9 @@
-"""`TanhNet`: linear layers with tanh between them, forwards and backwards in arrays that are made once.
+"""`TanhNet`: linear layers with tanh between them, with forward and backward passes in preallocated arrays.
 
-With nets as small as a policy's a third of the time goes into what autograd does about the matrix products, and Torch's
-tanh takes longer than half a layer's product: a whole training at the shipped settings (nets of 256 and 256 units,
-minibatches of 500) takes 1.3 to 1.4 times the time without these passes and `FastAdam`, see
-`benchmarks/learner_ablation.py`. Every other net, GPUs included, learns by autograd and Torch's fused Adam.
+For nets as small as those of policies, a third of the time is autograd's overhead around the matrix products, and
+Torch's tanh takes longer than half a layer's product. Without these passes and `FastAdam`, a whole training at the
+shipped settings (nets of 256 and 256 units, minibatches of 500) takes 1.3 to 1.4 times as long, see
+`benchmarks/learner_ablation.py`. All other nets, including those on GPUs, use autograd and Torch's fused Adam.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import torch
 from safe_inspect.compiling import njit
 from safe_inspect.types import AnyArray
 
-#: From here on tanh rounds to 1.
+#: For inputs from this value on, tanh rounds to 1.
 _LIMIT = np.float32(9.02)
 
-# tanh(x) = x P(x^2) / Q(x^2) within the limit: fitted by least squares, reweighted until the largest relative error
-# (2.1e-8 in exact arithmetic) no longer fell.
+# tanh(x) = x P(x^2) / Q(x^2) within the limit. The coefficients were fitted by least squares, which were reweighted
+# until the largest relative error (2.1e-8 in exact arithmetic) no longer decreased.
 _P0, _P1, _P2, _P3, _P4 = map(
     np.float32,
     (0.9999999790710492, 0.13379718625014736, 0.0034940352998007167, 2.058349174824071e-05, 1.3319083850922023e-08),
@@ -30,15 +30,15 @@ _Q0, _Q1, _Q2, _Q3, _Q4 = map(
     (1.0, 0.46713033880548854, 0.025871076175641643, 0.00032830939689300917, 7.762024863258839e-07),
 )
 
-# The compiler may fuse products into sums and use many numbers at once; a division by zero cannot happen.
+# The compiler may fuse products into sums and vectorise the loop; a division by zero cannot happen.
 _vectorised = njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @_vectorised  # type: ignore[untyped-decorator]
 def tanh_in_place(x: AnyArray) -> None:
-    """Turn x, float32, shape (n,), into tanh(x) to within 4e-7.
+    """Replace x, float32, shape (n,), by tanh(x), with an error of at most 4e-7.
 
-    One array: of two that may overlap the compiler would not compute many numbers at once.
+    The function has only one array, because the compiler would not vectorise a loop over two that may overlap.
     """
     for i in range(x.shape[0]):
         v = min(max(x[i], -_LIMIT), _LIMIT)
@@ -50,12 +50,12 @@ def tanh_in_place(x: AnyArray) -> None:
 
 @_vectorised  # type: ignore[untyped-decorator]
 def tanh_gradient(y: AnyArray, gradient: AnyArray, sums: AnyArray) -> None:
-    """Turn the gradient behind a tanh that gave y into the one before it, in place, and sum it over the rows.
+    """Replace the gradient with respect to the outputs of a tanh by that with respect to its inputs, and sum it.
 
     Args:
-        y: float32, shape (B, H).
-        gradient: float32, shape (B, H).
-        sums: Receives the sums, the gradient of a bias, shape (H,).
+        y: Outputs of the tanh, float32, shape (B, H).
+        gradient: Gradient, changed in place, float32, shape (B, H).
+        sums: Receives the sums over the rows, which are the gradient of a bias, shape (H,).
     """
     sums[:] = np.float32(0.0)
     for i in range(y.shape[0]):
@@ -66,13 +66,13 @@ def tanh_gradient(y: AnyArray, gradient: AnyArray, sums: AnyArray) -> None:
 
 
 def linear_layers(body: Iterable[torch.nn.Module], head: Iterable[torch.nn.Module]) -> list[torch.nn.Linear] | None:
-    """Return the linear layers of a net that `TanhNet` serves; None for any other.
+    """Return the linear layers of a net that `TanhNet` supports; None for any other net.
 
-    It serves float32 layers with biases on the processor, of which each but the last is followed by a tanh.
+    It supports float32 layers with biases on the CPU, where each layer but the last is followed by a tanh.
 
     Args:
-        body: Linear layers and activations in turn.
-        head: The last layer.
+        body: Alternating linear layers and activations.
+        head: The remaining layers, which end with a linear layer.
     """
     modules = [*body, *head]
     layers, activations = modules[::2], modules[1::2]
@@ -86,19 +86,20 @@ def linear_layers(body: Iterable[torch.nn.Module], head: Iterable[torch.nn.Modul
 
 
 class TanhNet:
-    """A net for batches of a fixed number of rows; its parameters are those of the layers, which may change in place.
+    """A net for batches with a fixed number of rows; it shares the parameters of the layers, which may change in place.
 
     Args:
-        layers: The linear layers; the input of each is the tanh of the output of the one before.
-        rows: Rows of a batch, B.
-        limit: Largest magnitude of the second half of the outputs, the logarithms of standard deviations; None: free.
+        layers: The linear layers; the input of each is the tanh of the output of the previous one.
+        rows: Number of rows of a batch, B.
+        limit: Largest magnitude of the second half of the outputs, the logarithms of standard deviations; None for no
+            limit.
     """
 
     def __init__(self, layers: Sequence[torch.nn.Linear], rows: int, limit: float | None = None) -> None:
         self._layers = [(layer.weight.detach(), layer.bias.detach()) for layer in layers]
         self._outputs = [torch.empty((rows, len(bias))) for _, bias in self._layers]
         self._hidden: list[AnyArray] = [output.numpy() for output in self._outputs[:-1]]
-        # What a forward pass needs, in order: making these views would take a tenth of it.
+        # The views for a forward pass, in order; creating them would take a tenth of the time of the pass.
         self._steps = [
             (bias, weight.t(), output, output.numpy().reshape(-1))
             for (weight, bias), output in zip(self._layers, self._outputs, strict=True)
@@ -131,10 +132,11 @@ class TanhNet:
         """Return the gradients of the parameters, in arrays that the next call overwrites.
 
         Args:
-            gradient: Of the loss with respect to the outputs of the last `forward`, shape (B, I); it is changed.
+            gradient: Gradient of the loss with respect to the outputs of the last `forward`, shape (B, I); it is
+                changed in place.
 
         Returns:
-            Those of weight and bias of each layer, in order.
+            The gradients of the weight and the bias of each layer, in order.
         """
         if not self._slopes:
             self._slopes = [(torch.empty_like(weight), torch.empty_like(bias)) for weight, bias in self._layers]
@@ -154,7 +156,7 @@ class TanhNet:
         return [slope for pair in self._slopes for slope in pair]
 
     def _weigh(self, place: int, gradient: torch.Tensor, batch: torch.Tensor) -> None:
-        """Write the gradient of a layer's weight, from those of its outputs and from its inputs."""
+        """Compute the gradient of a layer's weight from the gradient of its outputs and from its inputs."""
         slope, turned = self._slopes[place][0], self._turned[place]
         if batch.shape[1] < gradient.shape[1]:  # the transposed product is up to four times as fast
             torch.mm(batch.t(), gradient, out=turned)

@@ -1,1 +1,1 @@
-"""Trainings: run folders, checkpoints, progress, trials."""
+"""Training runs: Ray, Tune, progress, logs and the trials of a search."""

@@ -1,4 +1,4 @@
-"""Start and stop Ray for a run: quiet, in a folder of its own, and with nothing left behind."""
+"""Start and stop of Ray for a run: without output, in a separate folder, and without leftover files or processes."""
 
 from __future__ import annotations
 
@@ -22,48 +22,49 @@ from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.interrupts import STOPPING, Interrupted, deferred, handled
 from safe_inspect.outputs import is_full
 
-#: Ray makes sockets in its folder, whose paths the system limits to 107 bytes; its own part takes up to 67.
+#: Longest path of Ray's folder [characters]. The system limits the paths of sockets in it to 107 bytes, of which Ray's
+#: own part takes up to 67.
 LONGEST_FOLDER = 40
 
 _ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
-    "RAY_CHDIR_TO_TRIAL_DIR": "0",  # relative paths of a configuration mean the same in every process
+    "RAY_CHDIR_TO_TRIAL_DIR": "0",  # so that relative paths of a configuration are the same in every process
     "RAY_AIR_NEW_OUTPUT": "0",
-    "RAY_agent_register_timeout_ms": "120000",  # of the processes that a node starts; see `patient_start`
-    "RAY_worker_niceness": "0",  # Ray's 15 leaves a training a thirtieth of a core that somebody shares
-    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes better logs, see training_log
+    "RAY_agent_register_timeout_ms": "120000",  # for the processes that a node starts, see `patient_start`
+    "RAY_worker_niceness": "0",  # with Ray's default of 15 a training gets a thirtieth of a shared core
+    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes its own logs, see training_log
     "TUNE_DISABLE_SIGINT_HANDLER": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
 }
 
-#: How the names of those logs begin that a failed training keeps.
+#: Prefixes of the names of Ray's logs that are kept after a failed training.
 _LOGS = ("worker-", "raylet", "python-core-driver")
 
-#: For how long a local Ray may start [s].
+#: Longest time that a local Ray may take to start [s].
 _LONGEST_START = 120.0
 
 _token = ""
 
 
 def set_environment() -> None:
-    """Set what Ray reads from the environment; call it before Ray is imported."""
+    """Set the environment variables that Ray reads; must be called before Ray is imported."""
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
 
 
 @contextmanager
 def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | None) -> Iterator[None]:
-    """Provide Ray for as long as the context lasts.
+    """Provide Ray within a context.
 
-    A Ray that this process has started already is used and left running; so is a cluster to
-    which `address` points. Otherwise Ray is started for this run and stopped at its end.
+    A Ray that this process has already started is used and left running, as is the cluster that `address` names.
+    Otherwise Ray is started for this run and stopped at its end.
 
     Args:
         settings: From `translate_ray`.
-        cpus: How many logical processors the run claims.
-        folder: The run's folder, in which Ray's own is noted; its logs are copied there when the run fails. None for
-            a run without one.
+        cpus: Number of logical processors that the run needs.
+        folder: The run's folder, which records the path of Ray's folder and receives Ray's logs if the run fails. None
+            for a run without a folder.
 
     Raises:
         ConfigError: The cluster cannot be reached, or is too small.
@@ -106,7 +107,7 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
             _keep_logs(temporary, folder.path / "ray_logs")
         raise
     finally:
-        with handled(lambda _: None):  # it ends already
+        with handled(lambda _: None):  # signals are ignored, because the run is already ending
             _shut_down()
             shutil.rmtree(temporary, ignore_errors=True)
             if folder is not None:
@@ -115,11 +116,11 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
 
 @contextmanager
 def patient_start() -> Iterator[None]:
-    """Let a local Ray take two minutes to start where the machine is busy; Ray itself gives up after half a minute."""
+    """Allow a local Ray two minutes to start on a busy machine; by default Ray gives up after half a minute."""
     from ray._private import services
 
     get_node: Any = getattr(services, "get_node", None)
-    if get_node is None:  # another release of Ray
+    if get_node is None:  # this release of Ray has no such function
         yield
         return
 
@@ -141,13 +142,13 @@ def patient_start() -> Iterator[None]:
 
 
 def _shut_down() -> None:
-    """Stop the local Ray and all that it has started.
+    """Stop the local Ray and all processes that it has started.
 
-    Ray sends SIGTERM, which its processes do not see (`_outliving_signals`), and waits for a second before it kills
-    each of them. Only the raylet is given that second, in which the workers of the run end; the others are idle. Agents
-    of the raylet would look for their cluster for up to a minute: those that are left are killed.
+    Ray sends SIGTERM, which is blocked in its processes (`_outliving_signals`), and waits for a second before it kills
+    each of them. Only the raylet gets this second, in which the workers of the run end; the other processes are idle.
+    The agents of the raylet would search for their cluster for up to a minute, so those that remain are killed.
     """
-    import psutil  # Ray brings it
+    import psutil  # a dependency of Ray
     import ray
 
     node: Any = getattr(ray._private.worker, "_global_node", None)
@@ -166,24 +167,24 @@ def _shut_down() -> None:
                 started += psutil.Process(process.pid).children(recursive=True)
     ray.shutdown()
     for child in started:
-        with suppress(psutil.Error):  # it has ended
+        with suppress(psutil.Error):  # the process has already ended
             child.kill()
     psutil.wait_procs(started, timeout=5.0)
 
 
 @contextmanager
 def _outliving_signals() -> Iterator[None]:
-    """Start processes that only end with this one: SIGTERM and SIGHUP are blocked in them and in what they start.
+    """Block SIGTERM and SIGHUP in the processes that are started within the context, and in their child processes.
 
-    Terminals, `timeout`, batch schedulers and systemd send the signals to all processes of the group or of the job.
-    Ray's have to live until the last checkpoint is saved. Ray itself blocks SIGINT in them, in the same way.
+    Terminals, `timeout`, batch schedulers and systemd send these signals to all processes of the group or of the job,
+    but Ray's processes must run until the last checkpoint is saved. Ray itself blocks SIGINT in them in the same way.
     """
     blocked = [number for number in STOPPING if number != signal.SIGINT] if os.name == "posix" else []
     before = signal.pthread_sigmask(signal.SIG_BLOCK, blocked) if blocked else None
     try:
-        with deferred():  # Ray cannot be interrupted while it starts, and sets a handler of its own for SIGTERM
+        with deferred():  # Ray cannot be interrupted while it starts, and installs its own handler for SIGTERM
             yield
-    except SystemExit:  # that handler's
+    except SystemExit:  # raised by that handler
         raise Interrupted(signal.SIGTERM) from None
     finally:
         if before is not None:
@@ -201,24 +202,22 @@ def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[
         cause = error.__cause__ or error
         reason = next((line for line in reversed(str(cause).splitlines()) if line.strip()), type(cause).__name__)
         message = f"no Ray cluster at `{address}` can be joined ({reason.strip()})"
-        hint = (
-            "start one with `ray start --head`, set RAY_AUTH_MODE=token where it asks for a token, or remove `address`"
-        )
+        hint = "start one with `ray start --head`, set RAY_AUTH_MODE=token if it requires a token, or remove `address`"
         raise ConfigError(Problem(message, "ray_config.address", hint=hint)) from error
     try:
         check_size(cpus, _processors())
         yield
     finally:
-        ray.shutdown()  # leaves the cluster; it is never stopped
+        ray.shutdown()  # disconnects from the cluster without stopping it
 
 
 def _started_cluster() -> str:
-    """Return the address of the cluster that RAY_ADDRESS names, or that ``ray start`` has begun on this machine.
+    """Return the address of the cluster that RAY_ADDRESS names, or that ``ray start`` has started on this machine.
 
-    Ray itself would look through the processes of the machine, among them the private Rays of other trainings.
+    Ray itself would search all processes of the machine, including the private Rays of other trainings.
 
     Raises:
-        OSError: There is none.
+        OSError: There is no such cluster.
     """
     from ray._private.utils import read_ray_address
 
@@ -227,21 +226,21 @@ def _started_cluster() -> str:
         return address
     noted: str | None = read_ray_address()
     if not noted:
-        raise OSError("RAY_ADDRESS is not set, and `ray start` has begun none on this machine")
+        raise OSError("RAY_ADDRESS is not set, and `ray start` has started none on this machine")
     return noted
 
 
 def _knock(address: str) -> None:
-    """Look whether anyone listens at an address: Ray itself would try for minutes."""
+    """Raise OSError if nothing listens at an address, because Ray itself would retry for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if host and port.isdigit():
         socket.create_connection((host, int(port)), timeout=5.0).close()
 
 
 def _for_processes(folder: RunFolder | None) -> dict[str, str]:
-    """Return what the processes of a local Ray inherit: where to import from, where to note that they compile, a token.
+    """Return the environment variables for the processes of a local Ray: import path, compiling note and token.
 
-    Ray guards its local cluster with a token that it writes into the home folder, which may not be ours to write.
+    Ray protects its local cluster with a token that it writes to the home folder, which may not be writable.
     """
     global _token
     found = {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
@@ -249,14 +248,14 @@ def _for_processes(folder: RunFolder | None) -> dict[str, str]:
         found[COMPILING_NOTE] = str(folder.compiling_note)
     own = any(name.startswith("RAY_AUTH_") for name in os.environ) or (Path.home() / ".ray" / "auth_token").exists()
     if _token or not own:
-        _token = _token or secrets.token_hex(32)  # one for the process: Ray reads it once
+        _token = _token or secrets.token_hex(32)  # one token per process, because Ray reads it only once
         found["RAY_AUTH_TOKEN"] = _token
     return found
 
 
 @contextmanager
 def _inherited(variables: Mapping[str, str]) -> Iterator[None]:
-    """Set variables of the environment for as long as the context lasts."""
+    """Set environment variables within a context, and restore the previous values afterwards."""
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:
@@ -277,9 +276,9 @@ def _processors() -> float:
 
 
 def check_size(needed: float, available: float) -> None:
-    """Refuse what would wait for ever: Tune only starts a training that fits."""
+    """Raise ConfigError if Ray has too few processors for a training, because Tune would wait for them forever."""
     if needed > available:
-        message = f"the training claims {needed:g} processors, and Ray has {available:g}"
+        message = f"the training needs {needed:g} processors, but Ray has {available:g}"
         hint = "lower `num_env_runners` or `num_cpus_per_env_runner` in rllib_configs, or raise `num_cpus`"
         raise ConfigError(Problem(message, "ray_config.num_cpus", hint=hint))
 
@@ -300,15 +299,15 @@ def _temporary_folder(parent: str | None) -> Path:
 
 
 def _remove_leftovers(folder: RunFolder) -> None:
-    """Remove the folder that a killed attempt of this run has left; its processes have ended with it."""
+    """Remove the folder of Ray that a killed attempt of this run has left; its processes ended with that attempt."""
     if folder.ray_note.is_file():
         old = Path(folder.ray_note.read_text(encoding="utf-8").strip() or "-")
-        if old.name.startswith("si-") and (old / "session_latest").is_symlink():  # Ray made it
+        if old.name.startswith("si-") and (old / "session_latest").is_symlink():  # made by Ray
             shutil.rmtree(old, ignore_errors=True)
 
 
 def _keep_logs(temporary: Path, target: Path) -> None:
-    """Copy Ray's logs; where that fails they are left out, so that the error of the training is the one to be seen."""
+    """Copy Ray's logs; if that fails they are omitted, so that the user sees the error of the training."""
     try:
         for path in (temporary / "session_latest" / "logs").glob("*"):
             if path.is_file() and path.stat().st_size and path.name.startswith(_LOGS):

@@ -1,4 +1,4 @@
-"""Missions of a rendezvous as tasks of Ray, on this machine or on a cluster."""
+"""Rendezvous missions as Ray tasks, on this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from safe_inspect.experiments.settings.translation import translate_ray
 
 @dataclass(frozen=True)
 class RayFlights:
-    """Flies missions as tasks of Ray, which claim one processor each.
+    """Runner of missions as Ray tasks, each of which uses one processor.
 
-    Only the process that started them writes files: the nodes of a cluster need no common disk, but this package.
+    Only the process that started the tasks writes files. The nodes of a cluster need this package, but no shared disk.
 
     Attributes:
-        address: ``auto`` or the address of a cluster that runs, which is joined; ``local`` starts one here.
-        workers: How many missions are flown at a time.
+        address: ``auto`` or the address of a running cluster to join; ``local`` starts Ray on this machine.
+        workers: Number of missions that run at the same time.
     """
 
     address: str
@@ -28,7 +28,12 @@ class RayFlights:
     def __call__(
         self, tree: dict[str, Any], source: str, numbers: Sequence[int]
     ) -> Generator[tuple[int, dict[str, Any]], None, None]:
-        """Fly missions and give each as it ends.
+        """Run missions and yield the number and the result of each as it ends.
+
+        Args:
+            tree: The resolved configuration of the missions.
+            source: The file from which the configuration was loaded.
+            numbers: The numbers of the missions.
 
         Raises:
             ConfigError: The cluster cannot be reached.
@@ -59,5 +64,5 @@ def _result(task: Any) -> tuple[int, dict[str, Any]]:
     try:
         flown: tuple[int, dict[str, Any]] = ray.get(task)
     except ray.exceptions.RayTaskError as error:
-        raise error.cause from None  # without the traceback of the worker
+        raise error.cause from None  # omits the traceback of the worker
     return flown

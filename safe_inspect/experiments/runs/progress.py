@@ -1,4 +1,4 @@
-"""Progress that a person can read: one line for each iteration, and a bar on a terminal."""
+"""Progress of a training as text: one line for each iteration, and a progress bar on a terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 from safe_inspect.config.keys.run_keys import COMPILING
 
-#: Column of progress.csv, and where RLlib reports it.
+#: Columns of progress.csv, each with the path of the value in RLlib's result.
 COLUMNS: dict[str, str] = {
     "iteration": "training_iteration",
     "steps": "num_env_steps_sampled_lifetime",
@@ -41,8 +41,8 @@ _AGENTS = "env_runners/agents/"
 _LEARNERS = "learners/"
 _SINGLE = "default_policy"
 _LEARNER_VALUES = ("policy_loss", "vf_loss", "entropy", "mean_kl_loss", "vf_explained_var")
-_SHOWN = 5  # agents that have a place in the line of an iteration
-_ENDLESS = 1e15  # the peer's way to say "no limit" is 9e18
+_SHOWN = 5  # largest number of agents whose values are printed one by one
+_ENDLESS = 1e15  # larger limits mean "no limit"; safe-autonomy-sims uses 9e18
 
 
 def flatten(result: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
@@ -64,7 +64,7 @@ def flatten(result: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
 
 
 def row_of(flat: Mapping[str, float]) -> dict[str, float]:
-    """Return the row of progress.csv for a flattened result; what is not known yet is NaN."""
+    """Return the row of progress.csv for a flattened result; values that are not known yet are NaN."""
     row = {column: flat.get(key, math.nan) for column, key in COLUMNS.items()}
     for key in sorted(flat):
         if key.startswith(_REWARD):
@@ -87,12 +87,12 @@ def _agents_of(flat: Mapping[str, float]) -> list[str]:
 
 
 def time_left(stop: Mapping[str, float], now: Mapping[str, float], rates: Mapping[str, float]) -> float:
-    """Return the seconds until the first of the limits is reached; infinite when none is in sight.
+    """Return the estimated time until the first limit is reached [s]; infinite if no limit will be reached.
 
     Args:
-        stop: Limits by RLlib's names.
-        now: Where the run is, by the same names.
-        rates: How much each grows in a second.
+        stop: Limits, by RLlib's names.
+        now: Current values of the run, by the same names.
+        rates: Increase of each value per second.
     """
     left = math.inf
     for key, limit in stop.items():
@@ -102,7 +102,7 @@ def time_left(stop: Mapping[str, float], now: Mapping[str, float], rates: Mappin
 
 
 def clock_text(seconds: float) -> str:
-    """Return hours, minutes and seconds; ``-`` when unknown."""
+    """Return a duration as hours, minutes and seconds, such as ``1:02:03``; ``-`` if it is not finite."""
     if not math.isfinite(seconds):
         return "-"
     minutes, rest = divmod(round(seconds), 60)
@@ -110,38 +110,38 @@ def clock_text(seconds: float) -> str:
 
 
 class Messages:
-    """A stream of text that may fail: a training goes on when its terminal is closed, or the disk of its log is full.
+    """Text stream that ignores errors, so that a training continues after its terminal is closed or its disk is full.
 
     Args:
-        stream: Where the text goes.
+        stream: The stream that receives the text.
     """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """Write text."""
-        with suppress(OSError, RuntimeError):  # the latter when a signal interrupts a call of this method
+        """Write text and return its length."""
+        with suppress(OSError, RuntimeError):  # RuntimeError if a signal interrupts a call of this method
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        """Write what is held back."""
+        """Write the buffered text."""
         with suppress(OSError, RuntimeError):
             self._stream.flush()
 
     def isatty(self) -> bool:
-        """Return whether it is a terminal."""
+        """Return whether the stream is a terminal."""
         return self._stream.isatty()
 
 
 class Heartbeat:
-    """Prints what a training does while it prints nothing else: that it compiles, and a line every half a minute.
+    """Printer of status lines while a training prints nothing else: when it compiles, and every half minute.
 
-    On a terminal it is silent once there is a bar.
+    On a terminal it prints nothing once there is a progress bar.
 
     Args:
-        stream: Where to print.
+        stream: The stream to print to.
         note: The file that exists while a process of the training compiles.
     """
 
@@ -165,16 +165,16 @@ class Heartbeat:
         self._note.unlink(missing_ok=True)
 
     def iteration(self) -> None:
-        """Take note of an iteration, which prints a line."""
+        """Record that an iteration has ended and printed its line."""
         self._began = self._last = time.monotonic()
         self._iterated = True
 
     def beat(self) -> None:
-        """Print a line where one is due."""
+        """Print a status line if one is due."""
         if self._iterated and self._stream.isatty():
             return
         now, compiles = time.monotonic(), not self._iterated and self._note.exists()
-        self._seen = self._seen + 1 if compiles else 0  # what is short is not worth a line
+        self._seen = self._seen + 1 if compiles else 0  # short compilations are not reported
         what = "the next iteration" if self._iterated else "the first iteration"
         if self._seen >= 2 and not self._announced:
             text = "compiling, once for each installation: up to some minutes on a busy machine ..."
@@ -192,12 +192,12 @@ class Heartbeat:
 
 
 class TrainingProgress:
-    """Prints the iterations of a training.
+    """Printer of the iterations of a training.
 
     Args:
-        stop: When the training ends, by RLlib's names.
-        stream: Where to print; a bar is added when it is a terminal.
-        label: Printed before each line, to tell trials apart.
+        stop: Limits at which the training ends, by RLlib's names.
+        stream: The stream to print to; on a terminal a progress bar is added.
+        label: Printed before each line, to distinguish trials.
     """
 
     _TIMED = (
@@ -238,7 +238,7 @@ class TrainingProgress:
         agents = _agents_of(flat)
         points = (
             "env_runners/success_rate" not in flat or "env_runners/inspected_fraction" in flat
-        )  # a task may have none to inspect
+        )  # some tasks have no points to inspect
         line = self._label + "  ".join(
             (
                 f"iteration {flat.get('training_iteration', 0):>4.0f}{total}",
@@ -254,14 +254,14 @@ class TrainingProgress:
         return f"{line}\n{_of_agents(flat, agents)}" if agents else line
 
     def bar(self, flat: Mapping[str, float], width: int = 40) -> str:
-        """Return the bar: the share of the way to the nearest limit."""
+        """Return the progress bar, which shows the fraction of the time to the nearest limit."""
         left, passed = self._left(flat), flat.get("time_total_s", 0.0) - flat.get(COMPILING, 0.0)
         share = passed / (passed + left) if math.isfinite(left) and passed + left > 0.0 else 0.0
         full = round(width * share)
         return f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {clock_text(left)}"
 
     def close(self) -> None:
-        """Remove the bar."""
+        """Remove the progress bar."""
         self._clear()
 
     def _clear(self) -> None:
@@ -270,7 +270,7 @@ class TrainingProgress:
             self._bar = False
 
     def _rate(self, key: str) -> float:
-        """Return the growth in a second over the last ten iterations, without the time of the compiler."""
+        """Return the increase per second over the last ten iterations, excluding the time spent compiling."""
         first, last = self._recent[0], self._recent[-1]
         if len(self._recent) == 1:
             first = dict.fromkeys(self._TIMED, 0.0)
@@ -294,7 +294,7 @@ def _percent(flat: Mapping[str, float], name: str) -> str:
 
 
 def _of_agents(flat: Mapping[str, float], agents: Sequence[str]) -> str:
-    """Return the return of each agent and what it inspected; of many the range only."""
+    """Return a line with the return and inspected points of each agent; only the ranges if there are many agents."""
 
     def values(name: str) -> list[float]:
         return [flat.get(f"{_AGENTS}{agent}/{name}", math.nan) for agent in agents]

@@ -1,4 +1,4 @@
-"""`recipes_of`: which training runs, or trials of a search, differ in their seed alone."""
+"""`recipes_of`: groups of training runs, or trials of a search, that differ only in their seed."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from safe_inspect.experiments.settings.translation import current_name
 
 _DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
 _OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
-_TOLD = 3  # keys in a label
+_TOLD = 3  # largest number of keys in a label
 
 
 def _progress_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the ``progress.csv`` of a run, or those of its trials where it is a search.
+    """Return the ``progress.csv`` of a run, or those of its trials if the run is a search.
 
     Raises:
-        SafeInspectError: There is none.
+        SafeInspectError: There is no ``progress.csv``.
     """
     path = Path(folder).expanduser()
     if path.is_file():
@@ -31,16 +31,16 @@ def _progress_files(folder: str | os.PathLike[str]) -> list[Path]:
     own = RunFolder(path).progress
     found = [own] if own.is_file() else sorted(path.glob("trials/*/progress.csv"))
     if not found:
-        what = "there is no such folder" if not path.exists() else "no progress.csv is in this folder"
+        what = "there is no such folder" if not path.exists() else "there is no progress.csv in this folder"
         raise SafeInspectError(f"{os.fspath(folder)}: {what}; give the folder of a training run")
     return found
 
 
 def one_recipe(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the learning curves of a run, or of a search whose trials differ in their seed alone.
+    """Return the files of the learning curves of a run, or of a search whose trials differ only in their seed.
 
     Raises:
-        SafeInspectError: There is none, or the trials of the search differ in more than their seed.
+        SafeInspectError: There is no learning curve, or the trials of the search differ in more than their seed.
     """
     files = _progress_files(folder)
     recipes = {"": files} if len(files) == 1 else recipes_of([folder])
@@ -53,18 +53,18 @@ def one_recipe(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def recipes_of(folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] = ()) -> dict[str, list[Path]]:
-    """Return the learning curves of runs by recipe: runs that differ in nothing but their seed are one recipe.
+    """Return the files of the learning curves of runs by recipe; runs that differ only in their seed form one recipe.
 
     The trials of a search count as runs, each with the values that it used.
 
     Args:
         folders: The runs' folders.
-        labels: A label for each run (equal labels make one recipe), or one for each recipe in the order in which they
-            are first met. Unless given, a recipe is named by the values in which it differs from the others.
+        labels: A label for each run (equal labels form one recipe), or one for each recipe in the order of their first
+            runs. By default a recipe is named by the values in which it differs from the others.
 
     Raises:
-        SafeInspectError: A folder is no run's, there are neither as many labels as runs nor as recipes, or one label
-            is given for a search whose trials differ in more than their seed.
+        SafeInspectError: A folder is not that of a run, the number of labels is neither that of the runs nor that of
+            the recipes, or one label is given for a search whose trials differ in more than their seed.
     """
     if labels and len(labels) == len(folders):
         files = [one_recipe(folder) for folder in folders]
@@ -91,7 +91,7 @@ def _together(pairs: Iterable[tuple[str, Path]]) -> dict[str, list[Path]]:
 
 
 def _configuration(progress: Path) -> Mapping[str, Any]:
-    """Return what decides a run's result, its seed left out; without a record, the folder's name without its date."""
+    """Return the learning configuration of a run without its seed; if it has no record, the folder's name undated."""
     run = RunFolder(progress.parent)
     if not run.record.is_file():
         return {"name": _stem(progress)}
@@ -100,13 +100,13 @@ def _configuration(progress: Path) -> Mapping[str, Any]:
 
 
 def _name(progress: Path) -> str:
-    """Return the name of a run's folder, or of a search's with that of the trial."""
+    """Return the name of a run's folder; for a trial the names of the search's folder and of the trial."""
     folder = progress.resolve().parent
     return f"{folder.parents[1].name} {folder.name}" if folder.parent.name == "trials" else folder.name
 
 
 def _stem(progress: Path) -> str:
-    """Return the name without the date of the run."""
+    """Return the name of a run's folder (see `_name`) without the date of the run."""
     run, *trial = _name(progress).split(" trial_")
     return " trial_".join([_DATE.sub("", run), *trial])
 
@@ -118,10 +118,12 @@ def _without_seed(value: Any) -> Any:
 
 
 def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -> list[str]:
-    """Return the values in which each recipe differs from the others; of many differences, the folders' names."""
+    """Return a name for each recipe: the values in which it differs, or the folder's name if there are many."""
     flat = [dict(_leaves(configuration)) for configuration in configurations]
     paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
-    differing: dict[tuple[str, ...], None] = {}  # name and the text of each recipe; agents often have the same
+    differing: dict[
+        tuple[str, ...], None
+    ] = {}  # key and the text of each recipe; used as an ordered set, as agents often have the same
     for path in paths:
         values = [leaves.get(path) for leaves in flat]
         if any(value != values[0] for value in values) and _among_rllib_keys(path) not in paths:
@@ -139,7 +141,7 @@ def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -
 
 
 def _among_rllib_keys(path: str) -> str:
-    """Return where the record repeats, translated, a key that an agent's policy gives; of another path nothing."""
+    """Return the path at which the record repeats, translated, a key that an agent's policy gives."""
     key = _OF_POLICY.match(path)
     head, dot, tail = path[key.end() :].partition(".") if key else ("", "", "")
     return f"rllib_configs.{current_name(head)}{dot}{tail}"

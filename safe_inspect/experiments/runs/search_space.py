@@ -1,7 +1,7 @@
-"""The trials of a search as Tune takes them: all listed, or suggested by a searcher. Importing this module loads Ray.
+"""The trials of a search for Tune: all listed, or suggested by a searcher. Importing this module loads Ray.
 
-Tune pickles its searcher, so `Suggestions` holds the searcher and a count alone; what makes a trial of suggested values
-belongs to the process, and is set by `making`.
+Tune pickles its searcher, so `Suggestions` contains only the searcher and a count. The function that makes a trial from
+suggested values is a global variable of the process, which `making` sets.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ray.tune.search import Searcher
 
 from safe_inspect.experiments.settings.values import DRAWN, GRID
 
-#: Key of the environment's configuration that holds the number of the trial.
+#: Key of the environment's configuration for the number of the trial.
 TRIAL_KEY = "trial"
 
 
 class OfTrial:
-    """Tune's function from the configuration of a trial to one of its values.
+    """Function for Tune that returns one value of a trial, given the trial's configuration.
 
     Args:
         values: The value of each trial.
@@ -37,9 +37,9 @@ class OfTrial:
 
 
 def search_space(configs: Sequence[AlgorithmConfig]) -> dict[str, Any]:
-    """Return a space in which Tune finds each configuration once, in their order.
+    """Return a search space from which Tune takes each configuration once, in the given order.
 
-    The only thing that Tune searches is the number of the trial; every other value is a function of it.
+    Tune searches only the number of the trial; every other value is a function of this number.
     """
     trees = [config.to_dict() for config in configs]
     environments = [tree.pop("env_config") for tree in trees]
@@ -56,35 +56,37 @@ _maker: Callable[[int, Mapping[str, Any]], dict[str, Any]] | None = None
 
 
 class Suggestions(Searcher):
-    """Makes a trial of the values that a searcher suggests.
+    """Searcher for Tune that makes a trial from the values that another searcher suggests.
 
     Args:
-        searcher: The searcher.
+        searcher: The searcher that suggests values.
         searched: The keys that it searches, such as ``{"lr": {"loguniform": [1e-5, 1e-3]}}``.
-        metric: The figure that it is told of each trial.
+        metric: The metric that is reported to it for each trial.
         mode: ``max`` or ``min``.
 
     Raises:
-        ValueError: The searcher takes no search space, as one that has been given a space of its own.
+        ValueError: The searcher accepts no search space, for example because it already has one.
     """
 
     def __init__(self, searcher: Searcher, searched: Mapping[str, Any], metric: str, mode: str) -> None:
         super().__init__(metric=metric, mode=mode)
-        self.searcher = searcher  # by this name Tune finds what it saves
+        self.searcher = searcher  # the attribute by which Tune finds the searcher to save
         self._count = 0
         if not searcher.set_search_properties(metric, mode, tune_space(searched)):
-            raise ValueError("it takes no search space; remove its own, the ranges of `rllib_configs` are searched")
+            raise ValueError(
+                "it accepts no search space; remove its own, because the ranges of `rllib_configs` are searched"
+            )
 
     def set_search_properties(self, metric: str | None, mode: str | None, config: Any, **spec: Any) -> bool:
-        """Return whether the search is accepted; its properties are set already."""
+        """Return True; the properties of the search were set on construction."""
         return True
 
     def set_max_concurrency(self, max_concurrent: int) -> bool:
-        """Return whether the searcher limits by itself how many trials train at a time."""
+        """Return whether the searcher itself limits how many trials train at the same time."""
         return bool(self.searcher.set_max_concurrency(max_concurrent))
 
     def suggest(self, trial_id: str) -> Any:
-        """Return the configuration of a new trial; None or `Searcher.FINISHED` where there is none."""
+        """Return the configuration of a new trial; None or `Searcher.FINISHED` if the searcher suggests none."""
         values: Any = self.searcher.suggest(trial_id)
         if values is None or values == Searcher.FINISHED:
             return values
@@ -95,21 +97,21 @@ class Suggestions(Searcher):
         return {**made, "env_config": {**made["env_config"], TRIAL_KEY: number}}
 
     def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
-        """Tell the searcher of an iteration, unless its figure is missing, as before the first episode has ended."""
+        """Report an iteration to the searcher, unless the metric is missing, as it is before the first episode ends."""
         if isfinite(result.get(self.metric, float("nan"))):
             self.searcher.on_trial_result(trial_id, result)
 
     def on_trial_complete(self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False) -> None:
-        """Tell the searcher what came of a trial."""
+        """Report the result of a trial to the searcher."""
         known = result is not None and isfinite(result.get(self.metric, float("nan")))
         self.searcher.on_trial_complete(trial_id, result=result if known else None, error=error)
 
     def get_state(self) -> dict[str, Any]:
-        """Return what Tune keeps for a run that goes on."""
+        """Return the state that Tune saves for a resumed run."""
         return {"count": self._count}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what Tune has kept."""
+        """Restore the state that Tune has saved."""
         self._count = state["count"]
 
     def save(self, checkpoint_path: str) -> None:
@@ -122,7 +124,7 @@ class Suggestions(Searcher):
 
 
 def tune_space(searched: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a search space of Tune."""
+    """Return Tune's search space for the searched keys."""
     makers: dict[str, Callable[..., Any]] = dict(
         zip(DRAWN, (lambda *values: tune.choice(values), tune.uniform, tune.loguniform, tune.randint), strict=True)
     )
@@ -131,7 +133,7 @@ def tune_space(searched: Mapping[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def making(maker: Callable[[int, Mapping[str, Any]], dict[str, Any]]) -> Iterator[None]:
-    """Make trials of suggested values by a function of their number and values, which returns their configuration."""
+    """Set within a context the function that returns the configuration of a trial, given its number and values."""
     global _maker
     _maker = maker
     try:

@@ -1,4 +1,4 @@
-"""Train a policy with RLlib: `train` takes what a command has read and returns what came of it."""
+"""`train`: training of policies with RLlib."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ from safe_inspect.outputs import check_parent, is_full
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """What came of a training.
+    """Result of a training.
 
     Attributes:
         folder: The run's folder.
-        checkpoint: The newest complete checkpoint; None of a search.
-        iteration: Iterations of the run, earlier attempts included; of a search, of its longest trial.
-        steps: Environment steps of the run; of a search, of all its trials.
-        seconds: Duration of this attempt, Ray's start included [s].
-        metrics: The last iteration, as paths such as ``env_runners/episode_return_mean``.
+        checkpoint: The newest complete checkpoint; None for a search.
+        iteration: Number of iterations of the run, including earlier attempts; for a search, of its longest trial.
+        steps: Number of environment steps of the run; for a search, of all its trials.
+        seconds: Duration of this attempt, including the start of Ray [s].
+        metrics: Values of the last iteration, by paths such as ``env_runners/episode_return_mean``.
         interrupted: Whether the user ended the training.
-        notes: What was translated in the configuration, a sentence each.
-        trials: What came of each trial of a search; empty without a search.
-        best: The checkpoint of this attempt with the best `checkpoint_score_attribute`, None without; of a search the
-            folder of the best trial by what trials are ranked by.
+        notes: One sentence for each key of the configuration that was translated or dropped.
+        trials: Results of the trials of a search; empty without a search.
+        best: The checkpoint of this attempt with the best `checkpoint_score_attribute`, or None if that is not set; for
+            a search, the folder of the best trial by the metric that ranks trials.
     """
 
     folder: Path
@@ -57,17 +57,20 @@ class TrainingResult:
 
 
 def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
-    """Train, or go on with an earlier training.
+    """Train, or resume an earlier training.
 
     Args:
         run: What to train.
-        stream: Where progress goes; standard error unless given.
+        stream: Stream for the progress; standard error by default.
+
+    Returns:
+        The result of the training.
 
     Raises:
-        ConfigError: A key or a value that RLlib, Tune or Ray does not take.
-        CheckpointError: The run to resume is of another configuration, or has no complete checkpoint.
+        ConfigError: RLlib, Tune or Ray does not accept a key or a value.
+        CheckpointError: The run to resume has another configuration, or has no complete checkpoint.
         OutputError: The run folder cannot be written.
-        SafeInspectError: A user's error in an environment or a plugin.
+        SafeInspectError: An environment or a plugin reported an error of the user.
     """
     stream = cast(TextIO, Messages(stream or sys.stderr))
     settings = read_settings(run.rllib, run.tune, run.ray, run.policies)
@@ -82,35 +85,37 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
     cluster.set_environment()
     from safe_inspect.experiments.runs import tune_run  # loads Ray and Torch
 
-    tune_run.check(run, settings)  # names of keys that only the loaded Ray knows, before anything is written
+    tune_run.check(run, settings)  # keys that only the loaded Ray knows are checked before anything is written
     with ExitStack() as stack:
         folder, start = _open(run, settings, learning, stack, stream)
         if start is not None and _is_over(start, settings.tune.settings["stop"]):
-            print(f"the run has reached its limits at iteration {start.iteration}; raise `stop` to go on", file=stream)
+            print(
+                f"the run has reached its limits at iteration {start.iteration}; raise `stop` to continue", file=stream
+            )
             return TrainingResult(folder.path, start.path, start.iteration, start.steps, 0.0, {}, False, settings.notes)
         try:
             monitor = tune_run.run_tune(run, settings, folder, digest(learning), start, stream)
         except ConfigError:
-            if run.resume is None:  # nothing has been trained, so nothing is left
+            if run.resume is None:  # nothing has been trained, so the folder is removed
                 shutil.rmtree(folder.path, ignore_errors=True)
             raise
         except KeyboardInterrupt as stop:
             if _has_checkpoint(folder):
-                stop.add_note(f"the checkpoints are whole; go on with --resume {folder.path}")
+                stop.add_note(f"the checkpoints are complete; continue with --resume {folder.path}")
             elif not folder.progress.exists() and run.resume is None:
                 shutil.rmtree(folder.path, ignore_errors=True)
             raise
         except SafeInspectError:
             raise
-        except Exception as error:  # of Ray, Tune and PyArrow, which name a full disk by many errors or by none
-            hint = f"go on with --resume {folder.path}"
-            hint = hint if _has_checkpoint(folder) else "start again, as there is no checkpoint yet"
+        except Exception as error:  # Ray, Tune and PyArrow report a full disk by many different errors or not at all
+            hint = f"continue with --resume {folder.path}"
+            hint = hint if _has_checkpoint(folder) else "start again, because there is no checkpoint yet"
             if not is_full(folder.path):
                 if tune_run.process_died(error):
                     what = f"{folder.path}: a process of the training was killed, or the machine ran out of memory"
                     raise SafeInspectError(f"{what}; {hint}") from None
                 if _has_checkpoint(folder):
-                    error.add_note(f"the checkpoints are whole; {hint}")
+                    error.add_note(f"the checkpoints are complete; {hint}")
                 raise
             what = f"{folder.path}: the disk is full ({os.strerror(errno.ENOSPC)})"
             raise OutputError(f"{what}; free some space and {hint}") from None
@@ -133,14 +138,14 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
 
 
 def _has_checkpoint(folder: RunFolder) -> bool:
-    """Return whether a run has a complete checkpoint, of any of its trials."""
+    """Return whether a run has a complete checkpoint of any of its trials."""
     return any(folder.path.glob(f"**/checkpoint_*/{SEAL}"))
 
 
 def _open(
     run: TrainingRun, settings: Settings, learning: Mapping[str, Any], stack: ExitStack, stream: TextIO
 ) -> tuple[RunFolder, Checkpoint | None]:
-    """Make the run's folder, or find the one to resume and the checkpoint to go on from."""
+    """Create and lock the run's folder; for a resumed run, open it and find the checkpoint to continue from."""
     if run.resume is None:
         folder = run_folder.create_run_folder(run.output, run.name)
         stack.enter_context(run_folder.locked(folder))
@@ -160,7 +165,7 @@ def _open(
         return folder, None
     found = find_newest(folder.path, digest(learning))
     for sentence in found.refused:
-        print(f"passed over {sentence}", file=stream)
+        print(f"skipped {sentence}", file=stream)
     if found.newest is None:
         if found.refused:
             raise CheckpointError(f"{folder.path}: the run has no complete checkpoint of this configuration")
@@ -169,7 +174,7 @@ def _open(
 
 
 def _is_over(start: Checkpoint, stop: Mapping[str, float]) -> bool:
-    """Return whether a checkpoint is past the limits; else a finished run would grow by one iteration each time."""
+    """Return whether a checkpoint has reached a limit, as resuming a finished run would otherwise add an iteration."""
     reached = {
         "training_iteration": start.iteration,
         "num_env_steps_sampled_lifetime": start.steps,

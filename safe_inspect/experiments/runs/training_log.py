@@ -1,9 +1,8 @@
-"""The files that a training writes as it goes: progress.csv, result.json and the TensorBoard log.
+"""The files that a training writes after each iteration: progress.csv, result.json and the TensorBoard log.
 
-They continue over a resumed run: what an earlier attempt logged after the checkpoint from
-which the run goes on is taken out. (Tune's own logs begin anew with each attempt, count
-TensorBoard's steps in iterations, drop columns that appear late, and repeat the whole
-configuration in each line.)
+A resumed run continues these files: the entries that an earlier attempt logged after the checkpoint from which the run
+continues are removed. (Tune's own logs start again with each attempt, count TensorBoard's steps in iterations, drop
+columns that appear late, and repeat the whole configuration in each line.)
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ _HIDDEN = ("timestamp", "pid", "seed", "iterations_since_restore", "time_since_r
 
 
 class TrainingLog:
-    """Writes the log of one training.
+    """Writer of the logs of one training.
 
     Args:
-        folder: Where the files are.
-        iteration: The iteration from which the training goes on; later rows are removed.
-        steps: Environment steps at that iteration.
+        folder: Folder of the files.
+        iteration: The iteration from which the training continues; later rows are removed.
+        steps: Number of environment steps at that iteration.
     """
 
     def __init__(self, folder: Path, iteration: int = 0, steps: int = 0) -> None:
@@ -42,12 +41,12 @@ class TrainingLog:
         self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=purge, flush_secs=10)
 
     def add(self, flat: Mapping[str, float]) -> None:
-        """Write an iteration, given its flattened result."""
+        """Write the entries of an iteration, given its flattened result."""
         row = row_of(flat)
         self._rows.append(row)
         new = [column for column in row if column not in self._columns]
         self._columns += new
-        if new:  # such as the reward terms, which are known when the first episode has ended
+        if new:  # such as the reward terms, which are only known once the first episode has ended
             self._write_rows()
         else:
             with self._csv.open("a", newline="", encoding="utf-8") as file:
@@ -75,7 +74,7 @@ class TrainingLog:
 
 
 def read_progress(path: Path) -> list[dict[str, float]]:
-    """Return the rows of a progress.csv; an empty cell is NaN, and a row cut short by a kill is left out."""
+    """Return the rows of a progress.csv; an empty cell is NaN, and a row that a kill has truncated is omitted."""
     if not path.is_file():
         return []
     with path.open(newline="", encoding="utf-8") as file:
@@ -96,6 +95,6 @@ def _keep_lines(path: Path, iteration: int) -> None:
             if json.loads(line)["training_iteration"] <= iteration:
                 kept.append(line + "\n")
         except (ValueError, KeyError):
-            continue  # cut short by a kill
+            continue  # truncated by a kill
     with new_file(path) as work:
         work.write_text("".join(kept), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What a training is given: `TrainingRun`, and its `Settings` as they are translated."""
+"""The inputs of a training: `TrainingRun`, and its translated `Settings`."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from safe_inspect.experiments.settings.values import is_searched
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """What to train.
+    """Description of a training.
 
     Attributes:
         experiment: The resolved configuration from which the environment is built, as plain data.
-        rllib: The mapping `rllib_configs`, merged.
-        tune: The mapping `tune_config`, merged.
-        ray: The mapping `ray_config`, merged.
+        rllib: The merged mapping `rllib_configs`.
+        tune: The merged mapping `tune_config`.
+        ray: The merged mapping `ray_config`.
         text: The resolved configuration as YAML, for the run folder.
-        name: Name of the experiment, with which the run folder begins.
-        output: Where run folders are made.
-        resume: The folder of an earlier run that is to go on.
+        name: Name of the experiment, with which the name of the run folder begins.
+        output: Folder in which run folders are created.
+        resume: The folder of an earlier run to resume.
         command: The command line, for the record.
-        maker: ``module:function`` that builds the environments, see `EnvironmentMaker`; the package's own unless given.
-        policies: The policies of the agents that act from outside; needed for several agents only.
+        maker: ``module:function`` that builds the environments, see `EnvironmentMaker`; by default the package's own.
+        policies: The policies of the controlled agents; needed only for several agents.
     """
 
     experiment: Mapping[str, Any]
@@ -57,17 +57,17 @@ class TrainingRun:
 
 @dataclass(frozen=True)
 class Settings:
-    """The three mappings of an experiment that concern the training, translated.
+    """Translated settings of a training, from three mappings of an experiment.
 
     Attributes:
         rllib: Settings of the algorithm.
         tune: Settings of Tune.
         ray: Settings of Ray.
-        policies: The policies by name where there are several agents.
-        policy_notes: What was translated in the policies' own keys.
-        policy_problems: The mistakes in them.
-        trials: What Tune trains, one or several; none where there are mistakes in `rllib`.
-        trial_problems: The mistakes of single combinations of values that are searched.
+        policies: The policies by name if there are several agents.
+        policy_notes: Notes on translated or dropped keys of the policies.
+        policy_problems: Problems of the policies' keys.
+        trials: The trials that Tune trains, one or several; empty if there are problems in `rllib` or `tune`.
+        trial_problems: Problems of single combinations of searched values.
     """
 
     rllib: TranslatedSettings
@@ -81,18 +81,18 @@ class Settings:
 
     @property
     def problems(self) -> tuple[errors.Problem, ...]:
-        """All mistakes."""
+        """All problems."""
         own = self.rllib.problems + self.trial_problems
         return own + self.policy_problems + self.tune.problems + self.ray.problems
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """All that was translated or dropped."""
+        """All notes on translated or dropped keys."""
         return self.rllib.notes + self.policy_notes + self.tune.notes + self.ray.notes
 
     @property
     def single(self) -> bool:
-        """Whether the run is no search, which has several trials or asks for several values."""
+        """Whether the run is not a search, that is, has one sample and no searched values."""
         searched = any(is_searched(value) for value in self.rllib.settings.values())
         return self.tune.settings["num_samples"] == 1 and not searched
 
@@ -105,7 +105,14 @@ class Settings:
 def read_settings(
     rllib: Mapping[str, Any], tune: Mapping[str, Any], ray: Mapping[str, Any], policies: Sequence[PolicySpec] = ()
 ) -> Settings:
-    """Translate and check the three mappings and what several policies have of their own, without loading Ray."""
+    """Translate and check the three mappings and the policies' own keys, without loading Ray.
+
+    Args:
+        rllib: The merged mapping `rllib_configs`.
+        tune: The merged mapping `tune_config`.
+        ray: The merged mapping `ray_config`.
+        policies: The policies of the controlled agents; needed only for several agents.
+    """
     tuned = translate_tune(tune)
     algorithm = tuned.settings.get("algorithm")
     translated = translate_rllib(rllib, algorithm)
@@ -122,7 +129,7 @@ def read_settings(
 
 
 def _unreadable_weights(path: str, settings: Mapping[str, Any]) -> list[errors.Problem]:
-    """Return what is wrong with the weights with which a policy is to begin."""
+    """Return a problem if the initial weights of a policy cannot be read."""
     source = settings.get("model_config", {}).get("initial_weights")
     try:
         if source is not None:
@@ -133,7 +140,7 @@ def _unreadable_weights(path: str, settings: Mapping[str, Any]) -> list[errors.P
 
 
 def unfit_weights(experiment: Experiment, settings: Settings) -> list[errors.Problem]:
-    """Return what is wrong with the weights with which the policies are to begin.
+    """Return a problem for each policy whose initial weights do not match the experiment.
 
     Args:
         experiment: The experiment.

@@ -1,8 +1,8 @@
-"""The folders of the trials of a search, ``trials/NAME`` in the folder of the run, and what came of each.
+"""The folders of the trials of a search, ``trials/NAME`` in the folder of the run, and the results of the trials.
 
 trials/<trial>/
     params.json               the searched values and the seed
-    experiment.resolved.yml   the whole configuration of the trial, with which it can be repeated alone
+    experiment.resolved.yml   the whole configuration of the trial, with which it can be repeated by itself
     run.json, progress.csv, result.json, tensorboard/      as in the folder of a run
     checkpoint_<number>/      the newest checkpoints
 """
@@ -38,16 +38,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrialResult:
-    """What came of a trial of a search.
+    """Result of a trial of a search.
 
     Attributes:
-        folder: Its folder, which `evaluate`, `export` and `curves` take like that of a run.
-        parameters: The searched values, and the seed.
+        folder: Its folder, which `evaluate`, `export` and `curves` accept like the folder of a run.
+        parameters: The searched values and the seed.
         iteration: Its last iteration; 0 before the first.
-        steps: Environment steps.
-        return_mean: Mean return of the last iteration; NaN where no episode has ended.
-        success_rate: Share of successful episodes of the last iteration; NaN where no episode has ended.
-        checkpoint: The newest complete checkpoint.
+        steps: Number of environment steps.
+        return_mean: Mean return of the last iteration; NaN if no episode has ended.
+        success_rate: Fraction of successful episodes in the last iteration; NaN if no episode has ended.
+        checkpoint: The newest complete checkpoint; None if there is none.
     """
 
     folder: Path
@@ -60,10 +60,10 @@ class TrialResult:
 
 
 def write_trial(folder: RunFolder, run: TrainingRun, settings: Settings, trial: Trial) -> None:
-    """Write what a trial of a search is, before it trains.
+    """Write the values, the configuration and the record of a trial before it trains.
 
     Raises:
-        OutputError: Its folder cannot be written.
+        OutputError: The folder of the trial cannot be written.
     """
     head = run.text.partition("\n")[0]
     own = RunFolder(folder.trials / trial.name)
@@ -75,7 +75,9 @@ def write_trial(folder: RunFolder, run: TrainingRun, settings: Settings, trial: 
     ]
     learning = learning_configuration(experiment, trial.rllib.settings, settings.policies)
     try:
-        own.path.mkdir(parents=True, exist_ok=True)  # of one that was suggested and had not begun when a run was killed
+        own.path.mkdir(
+            parents=True, exist_ok=True
+        )  # it exists if a run was killed before this suggested trial had started
         write_parameters(own.path, trial.values, trial.seed)
     except OSError as error:
         raise OutputError(f"{own.path}: the folder of the trial cannot be written ({error.strerror})") from error
@@ -83,7 +85,7 @@ def write_trial(folder: RunFolder, run: TrainingRun, settings: Settings, trial: 
 
 
 def check_trials(folder: RunFolder, settings: Settings) -> None:
-    """Refuse to resume a search of other trials.
+    """Check that a search to resume has the expected number of trials.
 
     Raises:
         CheckpointError: The run has another number of trials.
@@ -91,13 +93,13 @@ def check_trials(folder: RunFolder, settings: Settings) -> None:
     found = len(trial_folders(folder.path))
     if found != len(settings.trials) and not (settings.suggested and found < len(settings.trials)):
         raise CheckpointError(
-            f"{folder.path}: the search has {found} trials, and this experiment asks for {len(settings.trials)}; "
+            f"{folder.path}: the search has {found} trials, but this experiment requires {len(settings.trials)}; "
             "resume it with the same `num_samples`, or start a new run"
         )
 
 
 def read_trials(folder: RunFolder) -> tuple[TrialResult, ...]:
-    """Return what came of each trial of a search."""
+    """Return the results of the trials of a search."""
     return tuple(_read(path) for path in trial_folders(folder.path))
 
 
@@ -116,7 +118,7 @@ def _read(folder: Path) -> TrialResult:
 
 
 def trial_table(trials: Sequence[TrialResult]) -> list[str]:
-    """Return the lines of a table: the values, the seed and the result of each trial."""
+    """Return the lines of a table with the values, the seed and the result of each trial."""
     names = list(dict.fromkeys(name for trial in trials for name in trial.parameters))
     rows = [("trial", *names, "iterations", "return", "success", "checkpoint")]
     for trial in trials:

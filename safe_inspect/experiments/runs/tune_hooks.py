@@ -1,7 +1,6 @@
-"""What Tune calls while it trains: log, seal checkpoints, stop.
+"""Callback and stopper for Tune, which log iterations, seal checkpoints and stop the training.
 
-Tune pickles its callbacks and its stopper, so these hold nothing: they speak to the
-monitor of the process, which `train` sets.
+Tune pickles them, so they have no state: they use the monitor of the process, which `monitored` sets.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ _monitor: Monitor | None = None
 
 
 class Monitor:
-    """Follows the trials of a training in the process that asked for it.
+    """Monitor of the trials of a training, in the process that started the training.
 
     Args:
         folder: The run's folder.
-        stop: When the training ends, by RLlib's names.
-        stream: Where progress goes.
+        stop: Limits at which the training ends, by RLlib's names.
+        stream: Stream for the progress.
         digest: Hash of the configuration, for the seals.
-        start: The checkpoint from which the training goes on.
-        single: Whether there is one trial, whose log stands in the run's folder itself.
+        start: The checkpoint from which the training continues.
+        single: Whether there is only one trial, whose logs are in the run's folder itself.
     """
 
     def __init__(
@@ -60,7 +59,7 @@ class Monitor:
         self.heartbeat = Heartbeat(stream, RunFolder(folder).compiling_note)
 
     def on_start(self, trial: str) -> None:
-        """Note and print that a trial of a search starts."""
+        """Record and print that a trial of a search starts."""
         if self.single:
             return
         own = RunFolder(RunFolder(self.folder).trials / trial)
@@ -71,7 +70,7 @@ class Monitor:
         """Log and print an iteration of a trial."""
         flat = flatten(result)
         if not self.single:
-            flat["seed"] = float(result["config"]["env_config"]["seed"])  # that of a resumed algorithm differs
+            flat["seed"] = float(result["config"]["env_config"]["seed"])  # the seed of a resumed algorithm differs
         self.iterations += 1
         self.last = flat
         if trial not in self._logs:
@@ -101,12 +100,18 @@ class Monitor:
         )
 
     def reached(self, result: Mapping[str, Any]) -> bool:
-        """Return whether a trial has reached a limit, or the user wants an end."""
+        """Return whether a trial has reached a limit, or the user has interrupted the training."""
         flat = flatten(result)
         return self.interrupted or any(flat.get(key, float("-inf")) >= limit for key, limit in self.stop.items())
 
     def interrupt(self, number: int) -> None:
-        """End after this iteration with a checkpoint; at once when asked again, which a closed terminal does not."""
+        """End after this iteration with a checkpoint, or immediately at a second SIGINT or SIGTERM.
+
+        A second signal of another kind, such as that of a closed terminal, is ignored.
+
+        Raises:
+            Interrupted: It is the second interruption.
+        """
         if self.interrupted:
             if number in (signal.SIGINT, signal.SIGTERM):
                 raise Interrupted(number)
@@ -115,7 +120,9 @@ class Monitor:
         for line in self._lines.values():
             line.close()
         print(
-            "stopping after this iteration, with a checkpoint; ask again to stop at once", file=self.stream, flush=True
+            "stopping after this iteration, with a checkpoint; interrupt again to stop immediately",
+            file=self.stream,
+            flush=True,
         )
 
     def close(self) -> None:
@@ -128,7 +135,7 @@ class Monitor:
 
 @contextmanager
 def monitored(monitor: Monitor) -> Iterator[None]:
-    """Make a monitor the one to which Tune's hooks speak, and let signals end the training in order."""
+    """Set the monitor that Tune's callback and stopper use, and let it handle signals, within a context."""
     global _monitor
     _monitor = monitor
     try:
@@ -140,54 +147,54 @@ def monitored(monitor: Monitor) -> Iterator[None]:
 
 
 class RunCallback(tune.Callback):
-    """Passes Tune's news to the monitor."""
+    """Callback that passes Tune's events to the monitor."""
 
     def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **_: Any) -> None:
-        """Pass on that a trial starts."""
+        """Pass the start of a trial to the monitor."""
         if _monitor is not None:
             _monitor.on_start(_trial_name(trial))
 
     def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
-        """Pass on an iteration."""
+        """Pass the result of an iteration to the monitor."""
         if _monitor is not None:
             _monitor.on_result(_trial_name(trial), result)
 
     def on_checkpoint(self, iteration: int, trials: list[Any], trial: Any, checkpoint: Any, **_: Any) -> None:
-        """Pass on a checkpoint that is complete."""
+        """Pass a complete checkpoint to the monitor."""
         if _monitor is not None:
             _monitor.on_checkpoint(Path(checkpoint.path), trial.last_result)
 
 
 class RunStopper(tune.Stopper):
-    """Ends a trial when the monitor says so."""
+    """Stopper that ends a trial according to the monitor."""
 
     def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
-        """Return whether the trial ends."""
+        """Return whether the trial must end."""
         return _monitor is not None and _monitor.reached(result)
 
     def stop_all(self) -> bool:
-        """Return whether every trial ends; each ends by itself, with a checkpoint."""
+        """Return False, because each trial ends separately, with a checkpoint."""
         return False
 
 
 def folder_name(trial: Any) -> str:
-    """Return the name of the folder of a new trial: its number in the experiment."""
+    """Return the name of the folder of a new trial, which contains its number in the experiment."""
     number = (trial.config.get("env_config") or {}).get(TRIAL_KEY)
     return f"trial_{str(trial.trial_id).rpartition('_')[2]}" if number is None else trial_folder_name(number)
 
 
 def _trial_name(trial: Any) -> str:
-    """Return the name of a trial, which it keeps when a scheduler gives it the configuration of another one."""
+    """Return the name of a trial; it does not change when a scheduler gives the trial another one's configuration."""
     return trial.storage.trial_dir_name or folder_name(trial)
 
 
 def read_failure(path: Path) -> dict[str, str]:
-    """Return the user's error that an environment has left, or nothing."""
+    """Return the user's error that an environment has written to a file; empty if there is none."""
     deadline = time.monotonic() + 1.0
     while path.is_file() and time.monotonic() < deadline:
         try:
             found: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
             return found
-        except ValueError:  # still being written
+        except ValueError:  # the file is still being written
             time.sleep(0.05)
     return {}

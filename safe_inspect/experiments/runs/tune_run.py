@@ -53,13 +53,13 @@ if TYPE_CHECKING:
 
 
 def check(run: TrainingRun, settings: Settings) -> None:
-    """Check what only the loaded RLlib knows: the keys of another algorithm than PPO, and values together.
+    """Check what can only be checked once RLlib is loaded: keys of other algorithms than PPO, and value combinations.
 
-    With several agents also that their policies fit them.
+    With several agents, also check that the policies match their agents.
 
     Raises:
-        ConfigError: Something that RLlib does not take.
-        CheckpointError: A policy's checkpoint that cannot be read or does not fit.
+        ConfigError: RLlib does not accept a key or a value, or a policy does not match its agents.
+        CheckpointError: A policy's checkpoint cannot be read or does not match its agents.
     """
     _quiet()
     environments = environment_settings(run.experiment, settings.trials[0].rllib.settings, maker=run.maker)
@@ -77,7 +77,7 @@ def check(run: TrainingRun, settings: Settings) -> None:
 
 
 def _bare_configs(run: TrainingRun, settings: Settings) -> list[AlgorithmConfig]:
-    """Return the configuration of each trial, without what it needs of the folder of the run."""
+    """Return the configuration of each trial, without the values that depend on the run's folder."""
     environments = environment_settings(run.experiment, settings.trials[0].rllib.settings, maker=run.maker)
     return [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
 
@@ -90,7 +90,21 @@ def run_tune(
     start: Checkpoint | None,
     stream: TextIO,
 ) -> Monitor:
-    """Train until a limit is reached, and return the monitor, which knows the last iteration."""
+    """Train until a limit is reached, and return the monitor, which contains the last iteration.
+
+    Args:
+        run: What to train.
+        settings: The translated settings of `run`.
+        folder: The run's folder.
+        digest: Hash of the learning configuration.
+        start: The checkpoint from which the training continues; None for a new training or a search.
+        stream: Stream for the progress.
+
+    Raises:
+        ConfigError: A key or a value is not accepted.
+        CheckpointError: The training cannot continue from its checkpoint or from Tune's state.
+        SafeInspectError: A suggested trial cannot train, or an environment reported an error of the user.
+    """
     number = run_folder.add_attempt(
         folder, run.command, str(start.path) if start else "", start.iteration if start else 0
     )
@@ -113,13 +127,15 @@ def run_tune(
     configs = [] if settings.suggested else [made(trial) for trial in settings.trials]
     monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
-    where = f"goes on after iteration {start.iteration}" if start else "starts"
+    where = f"continues after iteration {start.iteration}" if start else "starts"
     if run.resume is not None and not settings.single:
-        where = "goes on with the trials that have not ended"
-    anew = "; its episodes begin anew, and the first rows hold those that end early, as crashes do" if start else ""
-    compiles = "what this installation has not compiled yet is compiled first, for up to some minutes"
+        where = "continues with the trials that have not ended"
+    anew = (
+        "; all episodes start again, so the first rows contain those that end early, such as crashes" if start else ""
+    )
+    compiles = "code that is not compiled yet on this installation is compiled first, which can take some minutes"
     print(
-        f"{folder.path}: the training {where}{anew}; {compiles}; Ray takes some seconds to begin",
+        f"{folder.path}: the training {where}{anew}; {compiles}; Ray takes some seconds to start",
         file=stream,
         flush=True,
     )
@@ -130,7 +146,7 @@ def run_tune(
         monitored(monitor),
         making(suggested),
     ):
-        _quiet()  # starting Ray sets its logs anew
+        _quiet()  # starting Ray resets its log levels
         register_environments(run.maker)
         tuner = _tuner(configs, settings, folder, number, run.resume is not None)
         results = tuner.fit()
@@ -139,7 +155,7 @@ def run_tune(
             _raise_failure(read_failure(folder.failure), failed)
     monitor.best = (_best if settings.single else _best_trial)(results, settings.tune.settings)
     if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
-        raise CheckpointError(f"{start.path}: the training did not go on from the checkpoint")
+        raise CheckpointError(f"{start.path}: the training did not continue from the checkpoint")
     return monitor
 
 
@@ -154,7 +170,9 @@ def _config(
     experiment = run.experiment
     if not settings.single:
         experiment = experiment_of(experiment, trial)
-        number = len(run_folder.read_run_record(RunFolder(folder.trials / trial.name))["attempts"])  # its own attempts
+        number = len(
+            run_folder.read_run_record(RunFolder(folder.trials / trial.name))["attempts"]
+        )  # attempts of this trial
     more: dict[str, Any] = {"attempt": number, "maker": run.maker, "failure_file": str(folder.failure)}
     if start is not None:
         more["continue_from"] = {
@@ -165,31 +183,36 @@ def _config(
     environments = environment_settings(experiment, trial.rllib.settings, **more)
     config = build_config(trial.rllib, environments, settings.policies)
     if number and isinstance(config.seed, int):
-        config.seed += 10_000 * number  # the noise of the actions is not to repeat either
+        config.seed += 10_000 * number  # the noise of the actions must not repeat either
     return config
 
 
 def _tuner(
     configs: list[AlgorithmConfig], settings: Settings, folder: RunFolder, number: int, resumed: bool
 ) -> tune.Tuner:
-    """Return a new Tuner that trains on from the checkpoint, or Tune's own restored one for several trials.
+    """Return a new Tuner; for a resumed search over several trials, return the restored Tuner instead.
 
-    Tune's restored state may name a checkpoint that is gone; a new Tuner only needs the one that was
-    found good. Only a search over several trials needs Tune's state.
+    Tune's restored state may name a checkpoint that no longer exists, while a new Tuner only needs the checkpoint that
+    was found to be complete. Only a search over several trials needs Tune's state.
+
+    Raises:
+        CheckpointError: A search is resumed and Tune's state is missing.
     """
-    os.environ["TUNE_DISABLE_STRICT_METRIC_CHECKING"] = "1"  # before the first episode ends there is no mean return
+    os.environ["TUNE_DISABLE_STRICT_METRIC_CHECKING"] = "1"  # there is no mean return before the first episode ends
     chosen = settings.tune.settings
     suggestions = suggestions_of(chosen, searches_of(settings.rllib.settings))
     space: Any = {} if suggestions else configs[0] if settings.single else search_space(configs)
     algorithm = settings.rllib.settings["algorithm"]
     if resumed and not settings.single:
         if not (folder.trials / "tuner.pkl").is_file():
-            raise CheckpointError(f"{folder.path}: Tune has left no state to resume {len(configs)} trials from")
+            raise CheckpointError(
+                f"{folder.path}: there is no state of Tune from which {len(configs)} trials can be resumed"
+            )
         return tune.Tuner.restore(
             str(folder.trials), trainable=algorithm, resume_unfinished=True, resume_errored=True, param_space=space
         )
     if not settings.single:
-        os.environ.setdefault("TUNE_GLOBAL_CHECKPOINT_S", "0.2")  # else its state may name deleted checkpoints
+        os.environ.setdefault("TUNE_GLOBAL_CHECKPOINT_S", "0.2")  # otherwise its state may name deleted checkpoints
     return tune.Tuner(
         algorithm,
         param_space=space,
@@ -200,7 +223,7 @@ def _tuner(
             search_alg=suggestions,
             num_samples=chosen["num_samples"] if suggestions else 1,
             **ranking(chosen),
-            reuse_actors=False,  # saves a second between trials, and carries state from one to the next
+            reuse_actors=False,  # reuse saves a second between trials, but carries state from one trial to the next
             trial_dirname_creator=folder_name,
         ),
         run_config=tune.RunConfig(
@@ -222,7 +245,7 @@ def _tuner(
 
 
 def _best_trial(results: Any, chosen: Mapping[str, Any]) -> Path | None:
-    """Return the folder of the best trial of a search; None where no trial has the figure that ranks them."""
+    """Return the folder of the best trial of a search; None if no trial has the metric that ranks trials."""
     try:
         return Path(results.get_best_result(figure_of(chosen), mode_of(chosen)).path)
     except RuntimeError:
@@ -230,7 +253,7 @@ def _best_trial(results: Any, chosen: Mapping[str, Any]) -> Path | None:
 
 
 def _best(results: Any, chosen: Mapping[str, Any]) -> Path | None:
-    """Return the best of the checkpoints that a training has kept; None where nothing says which that is."""
+    """Return the kept checkpoint with the best score; None if no checkpoint has a score."""
     score = str(chosen.get("checkpoint_score_attribute"))
     kept = [(flatten(metrics).get(score), checkpoint.path) for checkpoint, metrics in results[0].best_checkpoints or ()]
     scored = [(value, path) for value, path in kept if value is not None and math.isfinite(value)]
@@ -241,7 +264,7 @@ def _best(results: Any, chosen: Mapping[str, Any]) -> Path | None:
 
 
 def process_died(error: BaseException | None) -> bool:
-    """Return whether a training ended because one of Ray's processes did: it was killed, or memory ran out."""
+    """Return whether a training failed because one of Ray's processes died (was killed, or memory ran out)."""
     while error is not None:
         if isinstance(error, RayActorError) and not error.actor_init_failed:
             return True
@@ -254,12 +277,12 @@ def _quiet() -> None:
 
     for name in ("ray", "ray.rllib", "ray.train", "ray.air"):
         logging.getLogger(name).setLevel(logging.ERROR)
-    logging.getLogger("ray.tune").setLevel(logging.CRITICAL)  # it prints the error that is raised again here
+    logging.getLogger("ray.tune").setLevel(logging.CRITICAL)  # it would print the error that is raised again here
     warnings.filterwarnings("ignore", module=r"(ray|gymnasium|tensorboardX)\b")
 
 
 def _raise_failure(failure: Mapping[str, str], error: BaseException | None) -> None:
-    """Raise the error of a training: the user's own when an environment has left one."""
+    """Raise the error of a training: the user's error if an environment has written one to a file."""
     kind = getattr(errors, failure.get("error", ""), SafeInspectError)
     if failure:
         raise kind(failure["message"])

@@ -15,16 +15,16 @@ from safe_inspect.experiments.sampling.callbacks import RunCallbacks
 from safe_inspect.experiments.settings.capabilities import Capabilities, capabilities_by_keys
 
 _HOOKS = ("on_episode_created", "on_episode_start", "on_episode_step", "on_episode_end")
-#: Keys that are methods of `AlgorithmConfig`, or whose attribute begins with an underscore.
+#: Keys whose attribute in `AlgorithmConfig` begins with an underscore, or which are methods there.
 _PRIVATE = ("env_to_module_connector", "module_to_env_connector", "learner_connector")
 
 
 def capabilities(config: Any, module: Any = None) -> Capabilities:
-    """Return why a training needs RLlib's stock runner or learner; empty texts where this package's own serve it.
+    """Return why a training needs RLlib's stock runner or learner; reasons are empty if this package's own can be used.
 
     Args:
         config: RLlib's configuration.
-        module: RLlib's module of a policy; None: only the configuration is looked at.
+        module: RLlib's module of a policy; None to check only the configuration.
     """
     found = capabilities_by_keys(partial(_value, config))
     return Capabilities(
@@ -34,12 +34,12 @@ def capabilities(config: Any, module: Any = None) -> Capabilities:
 
 
 def _value(config: Any, key: str) -> Any:
-    """Return what a configuration says for a key of `rllib_configs`."""
+    """Return the value in RLlib's configuration of a key of `rllib_configs`."""
     if key == "algorithm":
         return getattr(config.algo_class, "__name__", "")
     if key in _PRIVATE:
         return getattr(config, f"_{key}")
-    return None if key == "rl_module" else getattr(config, key, None)  # the module itself is looked at
+    return None if key == "rl_module" else getattr(config, key, None)  # the module itself is checked
 
 
 def _why_stock_runner(config: Any) -> str:
@@ -50,13 +50,13 @@ def _why_stock_runner(config: Any) -> str:
             if isinstance(kind, type) and not issubclass(RunCallbacks, kind)
         )
         if own or getattr(config, f"callbacks_{hook}"):
-            return f"a callback waits for `{hook}`"
+            return f"a callback implements `{hook}`"
     return "steps are counted as agent steps" if config.count_steps_by != "env_steps" else ""
 
 
 def _why_stock_learner(config: Any) -> str:
     if not config.add_default_connectors_to_learner_pipeline:
-        return "a connector stands between episodes and learner"
+        return "there is a connector between episodes and learner"
     if config._torch_grad_scaler_class or config._torch_lr_scheduler_classes:
         return "Torch scales gradients or schedules learning rates"
     return ""
@@ -70,7 +70,7 @@ def _why_not_sampled(module: Any) -> str:
 
 def _why_not_learned(module: Any) -> str:
     if isinstance(module, SelfSupervisedLossAPI):
-        return "the policy has a loss of its own"
+        return "the policy defines its own loss"
     if not isinstance(module, ValueFunctionAPI):
         return "the policy has no value function"
     return _why_not_sampled(module)

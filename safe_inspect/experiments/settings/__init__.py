@@ -1,1 +1,1 @@
-"""From RLlib's, Tune's and Ray's keys of an experiment to settings. Loads neither Ray nor Torch."""
+"""Translation of an experiment's RLlib, Tune and Ray keys into settings. Imports neither Ray nor Torch."""

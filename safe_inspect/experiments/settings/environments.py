@@ -1,4 +1,4 @@
-"""What RLlib hands to the environments of its runners: the resolved experiment, the seed, and the run's own."""
+"""The environment configuration that RLlib passes to its runners: experiment, seed and values of the run."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-#: Names the maker of this package's own environments.
+#: The value of `maker` that selects this package's own environments.
 DEFAULT_MAKER = ""
 
 
 def environment_settings(experiment: Mapping[str, Any], rllib: Mapping[str, Any], **more: Any) -> dict[str, Any]:
-    """Return what RLlib hands to the environments: the resolved configuration, the seed, and the run's own.
+    """Return the environment configuration for RLlib.
 
-    The configuration is JSON text, as Tune would resolve a `grid_search` within a mapping once more.
+    The resolved experiment is stored as JSON text, because Tune would resolve any `grid_search` inside a mapping again.
+
+    Args:
+        experiment: The resolved experiment.
+        rllib: Settings of the algorithm, from which the seed and the number of Torch threads are taken.
+        **more: Further values of the run.
     """
     return {
         "experiment": json.dumps(experiment),
@@ -24,6 +29,6 @@ def environment_settings(experiment: Mapping[str, Any], rllib: Mapping[str, Any]
 
 
 def experiment_in(config: Mapping[str, Any]) -> Any:
-    """Return the resolved experiment of RLlib's environment configuration, which holds it as text."""
+    """Return the resolved experiment from RLlib's environment configuration, which contains it as JSON text."""
     experiment = config["experiment"]
     return json.loads(experiment) if isinstance(experiment, str) else experiment

@@ -1,4 +1,4 @@
-"""What is known about the keys of a mapping, and what the mapping means by them."""
+"""Tables of the known keys of a mapping, and the translation of a mapping with them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from safe_inspect.experiments.settings.values import check_value, is_searched
 
 @dataclass(frozen=True)
 class TranslatedSettings:
-    """What a mapping of an experiment means.
+    """Settings translated from a mapping of an experiment.
 
     Attributes:
-        settings: Current names and their values; `model_config` is a mapping of its own.
+        settings: Values by current name; `model_config` is a nested mapping.
         notes: One sentence for each key that was translated or dropped.
-        problems: The mistakes; their paths begin with the name of the mapping.
-        unchecked: Names of another algorithm than PPO, which only the loaded Ray can check.
-        given: The current names that the experiment gives; the other settings are defaults.
+        problems: The problems found; their paths begin with the name of the mapping.
+        unchecked: Keys of an algorithm other than PPO, which can only be checked once Ray is loaded.
+        given: The current names of the keys that the experiment gives; the other settings are defaults.
     """
 
     settings: dict[str, Any] = field(default_factory=dict)
@@ -33,19 +33,19 @@ class TranslatedSettings:
 
 @dataclass(frozen=True)
 class KeyTables:
-    """What is known about the keys of one mapping.
+    """Tables of the keys of one mapping.
 
     Attributes:
         known: The keys whose values are checked here.
-        renamed: Old names.
+        renamed: Old names with the current ones.
         dropped: Names without effect, with the reason.
-        only_at: Names that are harmless at some values only, with these and the reason.
+        only_at: Names that are accepted only with certain values, with these values and the reason.
         reserved: Names that cannot be set, with the reason.
-        prefixes: The same by how names begin.
-        parts: The same by a part of the name.
-        spellings: Other spellings.
-        open: Whether there are more keys, whose values only the loaded Ray can check.
-        names: Names of these; None: every name, where only the loaded Ray knows them.
+        prefixes: Prefixes of names that cannot be set, with the reason.
+        parts: Substrings of names that cannot be set, with the reason.
+        spellings: Alternative spellings with the usual ones.
+        open: Whether further keys exist, whose values can only be checked once Ray is loaded.
+        names: Names of these further keys; None accepts every name, where only the loaded Ray knows the names.
         searchable: Whether values may be searched.
     """
 
@@ -63,12 +63,12 @@ class KeyTables:
 
 
 def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> TranslatedSettings:
-    """Return what a mapping means.
+    """Return the settings translated from a mapping.
 
     Args:
-        mapping: Names, current or old, and their values.
-        path: Name of the mapping, for the places of mistakes.
-        tables: What is known about its keys.
+        mapping: Values by name, current or old.
+        path: Name of the mapping, with which the paths of problems begin.
+        tables: The tables of its keys.
     """
     settings: dict[str, Any] = {}
     notes: list[str] = []
@@ -102,18 +102,18 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
                 problems.append(Problem(f"there is no key `{given}`", where, hint=key_hint(str(given), names)))
             continue
         if name in source:
-            problems.append(Problem(f"`{given}` and `{source[name]}` are one key, given twice", where))
+            problems.append(Problem(f"`{given}` and `{source[name]}` are the same key, given twice", where))
             continue
         source[name] = str(given)
         if value is None and not tables.known[target].optional:
-            notes.append(f"`{given}` is null, so its default holds")
+            notes.append(f"`{given}` is null, so its default is used")
             continue
         if "." in name:
             settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
             continue
         if is_searched(value) and not tables.searchable:
             word = next(iter(value))
-            problems.append(Problem(f"`{word}` is possible for the keys of `rllib_configs` themselves only", where))
+            problems.append(Problem(f"`{word}` is only supported for the keys of `rllib_configs` themselves", where))
             continue
         value, mistake = check_value(tables.known[name], value)
         if mistake:

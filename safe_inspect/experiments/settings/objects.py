@@ -10,10 +10,14 @@ from safe_inspect.plugins.registry import import_user_module
 
 
 def built(value: Any, where: str) -> Any:
-    """Return a value of a configuration with an object in the place of every `{functor: ..., config: {...}}`.
+    """Return a configuration value in which every `{functor: ..., config: {...}}` is replaced by the object it names.
+
+    Args:
+        value: The value; mappings and lists are searched at any depth.
+        where: Path of the key, for error messages.
 
     Raises:
-        ConfigError: There is no such class, or it refuses its `config`.
+        ConfigError: A class does not exist, or it rejects its `config`.
     """
     if isinstance(value, list):
         return [built(item, where) for item in value]
@@ -25,12 +29,12 @@ def built(value: Any, where: str) -> Any:
     config = built(value.get("config") or {}, where)
     try:
         return maker(**config)
-    except Exception as error:  # the maker is the user's or Ray's, and says in its own way what it does not take
-        raise mistake(f"{value['functor']} refuses its `config`: {error}", where) from error
+    except Exception as error:  # code of the user or of Ray, which may raise any error
+        raise mistake(f"{value['functor']} rejects its `config`: {error}", where) from error
 
 
 def named(path: str, where: str) -> Callable[..., Any]:
-    """Return what a dotted path names.
+    """Return the class or function that a dotted path names.
 
     Raises:
         ConfigError: There is no such class or function.
@@ -46,5 +50,5 @@ def named(path: str, where: str) -> Callable[..., Any]:
 
 
 def mistake(message: str, where: str) -> ConfigError:
-    """Return the error of an object that a key names."""
+    """Return the error for an object that is named at a key."""
     return ConfigError(Problem(message, where))

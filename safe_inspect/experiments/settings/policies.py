@@ -1,4 +1,4 @@
-"""Several policies that learn or fly together: what each has of its own, checked before Ray is loaded."""
+"""Settings of several policies that learn or act together, checked before Ray is loaded."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from safe_inspect.environments.layout import Layout
 from safe_inspect.errors import Problem
 from safe_inspect.experiments.settings.translation import translate_policy
 
-#: What RLlib calls the policy of a single agent.
+#: RLlib's name of the policy of a single agent.
 SINGLE = "default_policy"
 
 
 @dataclass(frozen=True)
 class PolicySettings:
-    """One of several policies.
+    """Settings of one of several policies.
 
     Attributes:
-        name: Its name, which is that of RLlib's module too.
-        agents: The agents that it flies.
-        settings: Its own RLlib settings, over those of all; `model_config` is a mapping of its own.
-        checkpoint: Folder of the checkpoint from which it comes; None when it learns.
-        source_policy: Its name in that checkpoint; None where it is the only one.
+        name: Its name, which is also the name of its RLlib module.
+        agents: The agents that it controls.
+        settings: Its own RLlib settings, which override those of all policies; `model_config` is a nested mapping.
+        checkpoint: Folder of the checkpoint from which it is loaded; None if it learns.
+        source_policy: Its name in that checkpoint; None if the checkpoint contains only one policy.
     """
 
     name: str
@@ -45,15 +45,15 @@ class PolicySettings:
 def read_policies(
     policies: Iterable[PolicySpec], algorithm: str
 ) -> tuple[dict[str, PolicySettings], list[str], list[Problem]]:
-    """Translate what each policy has of its own.
+    """Translate the settings of each policy.
 
     Args:
         policies: The policies, in agent order.
-        algorithm: Name of the algorithm with which all learn.
+        algorithm: Name of the algorithm with which all policies learn.
 
     Returns:
-        The policies by name, and the notes and problems of the translation. One agent alone needs none of this: its
-        settings are those of the whole training, and nothing is returned.
+        The policies by name, and the notes and problems of the translation. All three are empty for a single agent,
+        whose settings are those of the whole training.
     """
     policies = list(policies)
     found: dict[str, PolicySettings] = {}
@@ -72,7 +72,7 @@ def read_policies(
 
 
 def layouts_of(groups: Sequence[AgentGroup]) -> dict[str, tuple[Layout, Layout]]:
-    """Return the layouts of observation and action of each agent that acts from outside."""
+    """Return the layouts of the observation and the action of each controlled agent (not scripted)."""
     return {
         agent: (group.observation_layout, group.action_layout)
         for group in groups
@@ -82,7 +82,7 @@ def layouts_of(groups: Sequence[AgentGroup]) -> dict[str, tuple[Layout, Layout]]
 
 
 def check_layouts(policies: Mapping[str, PolicySettings], groups: Sequence[AgentGroup]) -> list[Problem]:
-    """Return the policies whose agents do not see or do the same."""
+    """Return a problem for each agent whose layouts differ from those of the first agent of the same policy."""
     layouts = layouts_of(groups)
     problems = []
     for policy in policies.values():
@@ -94,7 +94,7 @@ def check_layouts(policies: Mapping[str, PolicySettings], groups: Sequence[Agent
                         f"{first} and {agent} share the policy {policy.name}, but their {what}s differ: "
                         f"{mine.size} and {its.size} elements{_difference(mine, its)}"
                     )
-                    hint = "give them the same glues, or a policy each"
+                    hint = "give them the same glues, or give each its own policy"
                     problems.append(Problem(message, f"policies.{policy.name}", hint=hint))
     return problems
 

@@ -1,4 +1,4 @@
-"""`policy_info`: what a policy is trained with, which its checkpoints and files say."""
+"""`policy_info`: the description of a policy that its checkpoints and policy files contain."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from safe_inspect.experiments.settings.policies import SINGLE, PolicySettings
 def policy_info(
     experiment: Experiment, policy: str, agents: Sequence[AgentSpec], *, exportable: bool = False
 ) -> PolicyInfo:
-    """Return what a policy is trained with; without the configuration and what is known of the training.
+    """Return the description of a policy, without the configuration and without data about its training.
 
     Args:
         experiment: The experiment.
         policy: Name of the policy.
-        agents: The agents that it flies.
+        agents: The agents that it controls.
         exportable: See `observed_elements`.
 
     Raises:
-        ConfigError: The elements cannot be exported, and are to be.
+        ConfigError: `exportable` is true and the elements cannot be exported.
     """
     layout = action_layout(agents[0])
     return PolicyInfo(
@@ -45,11 +45,14 @@ def policy_info(
 def policy_texts(
     environments: Mapping[str, Any], policies: Mapping[str, PolicySettings]
 ) -> dict[str, Mapping[str, str]]:
-    """Return for each policy the texts of its `PolicyInfo`; nothing for environments of another maker.
+    """Return the metadata of each policy's `PolicyInfo`, by the policy's name.
 
     Args:
         environments: RLlib's environment configuration, see `environment_settings`.
-        policies: The policies by name where there are several agents.
+        policies: The policies by name if there are several agents; empty for a single agent.
+
+    Returns:
+        The metadata; empty if the environments are not this package's own.
     """
     if environments.get("maker", DEFAULT_MAKER) != DEFAULT_MAKER:
         return {}
@@ -60,7 +63,7 @@ def policy_texts(
 
 
 def _merged(layouts: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
-    """Return the elements of the first of several agents, with the plugins of all."""
+    """Return the elements of the first agent, each with the plugins of all agents."""
     return tuple(
         replace(first, plugins=tuple(sorted({text for element in (first, *others) for text in element.plugins})))
         for first, *others in zip(*layouts, strict=True)

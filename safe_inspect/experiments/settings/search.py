@@ -1,8 +1,9 @@
 """The trials of a search: every combination of the `grid_search` values, `num_samples` times, each sample with a seed.
 
-They are listed here, and not by Tune, so that each trial is checked like a run of its own before Ray starts, and its
-configuration states the values and the seed that it uses. So are values that are drawn, such as those of `uniform`.
-The trials of a `search_alg` are checked with drawn values, and train with those that it suggests.
+The trials are listed here and not by Tune, so that each trial is checked like a separate run before Ray starts, and its
+configuration contains the values and the seed that it uses. Random values, such as those of `uniform`, are sampled here
+for the same reason. The trials of a `search_alg` are checked with sampled values, and train with the values that it
+suggests.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.translation import current_name, translate_rllib
 from safe_inspect.experiments.settings.values import CHOICE, GRID, LOGUNIFORM, RANDINT, is_searched
 
-#: Tells the numbers by which values are drawn from others of the same seed.
+#: Part of the seed of the random values, which separates them from other random numbers of the same seed.
 _DRAWS = 0x5EA7C
 
 
@@ -28,10 +29,10 @@ class Trial:
     """One training of a run; a run without a search has one.
 
     Attributes:
-        name: Its name, and that of its folder.
+        name: Its name, which is also the name of its folder.
         rllib: Settings of the algorithm.
         seed: Its seed.
-        values: The value of each key that is searched, by RLlib's names.
+        values: The value of each searched key, by RLlib's name of the key.
     """
 
     name: str
@@ -41,9 +42,9 @@ class Trial:
 
 
 def sample_seed(seed: int | None, sample: int) -> int | None:
-    """Return the seed of a sample, 0 to 2**31 - 1: the experiment's own for sample 0, a hash of both for the others.
+    """Return the seed of a sample: the experiment's seed for sample 0, otherwise a hash of both in 0 to 2**31 - 1.
 
-    It does not depend on the searched values, so trials of one sample differ in these alone.
+    The seed does not depend on the searched values, so the trials of one sample differ only in these values.
     """
     if sample == 0:
         return seed
@@ -53,12 +54,12 @@ def sample_seed(seed: int | None, sample: int) -> int | None:
 def trials_of(
     mapping: Mapping[str, Any], found: TranslatedSettings, algorithm: str | None, num_samples: int
 ) -> tuple[tuple[Trial, ...], list[Problem]]:
-    """Return the trials in the order in which they train, and the mistakes of single combinations of values.
+    """Return the trials in the order in which they train, and the problems of single combinations of values.
 
     Args:
-        mapping: What the experiment gives under `rllib_configs`, merged.
+        mapping: The merged `rllib_configs` of the experiment.
         found: Its translation, without problems.
-        algorithm: The name that `tune_config` gives, if it does.
+        algorithm: The name of the algorithm in `tune_config`; None if it gives none.
         num_samples: How often each combination of values is trained.
     """
     searched = searches_of(found.settings)
@@ -83,21 +84,21 @@ def trials_of(
 
 
 def searches_of(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is searched, by RLlib's names."""
+    """Return the searched keys with their searches, by RLlib's names of the keys."""
     return {name: value for name, value in settings.items() if is_searched(value)}
 
 
 def search_problems(searched: Mapping[str, Any], suggested: bool) -> list[Problem]:
-    """Return what a `search_alg` cannot search.
+    """Return the problems of the searched keys with a `search_alg`.
 
     Args:
         searched: See `searches_of`.
-        suggested: Whether there is one.
+        suggested: Whether there is a `search_alg`.
     """
     if suggested and not searched:
         hint = "give one as `lr: {loguniform: [1e-5, 1e-3]}`"
         return [Problem("there is no key to search", "tune_config.search_alg", hint=hint)]
-    message = f"a `search_alg` suggests values, and does not list them; use `{CHOICE}` in the place of `{GRID}`"
+    message = f"a `search_alg` suggests values and does not list them; use `{CHOICE}` instead of `{GRID}`"
     return [
         Problem(message, f"rllib_configs.{name}") for name, value in searched.items() if suggested and GRID in value
     ]
@@ -111,15 +112,15 @@ def trial_of(
     sample: int,
     seed: int | None,
 ) -> Trial:
-    """Return a trial of a search; its mistakes are those of its `rllib`.
+    """Return a trial of a search; its problems are those of its `rllib`.
 
     Args:
-        mapping: What the experiment gives under `rllib_configs`, merged.
-        algorithm: The name that `tune_config` gives, if it does.
-        number: Its number.
-        values: The value of each key that is searched, by RLlib's names.
-        sample: Its sample, see `sample_seed`.
-        seed: The experiment's seed; one among the values counts instead.
+        mapping: The merged `rllib_configs` of the experiment.
+        algorithm: The name of the algorithm in `tune_config`; None if it gives none.
+        number: Number of the trial.
+        values: The value of each searched key, by RLlib's name of the key.
+        sample: Number of its sample, see `sample_seed`.
+        seed: The experiment's seed; a seed among the values takes precedence.
     """
     values = dict(values)
     seed = sample_seed(values.pop("seed", seed), sample)
@@ -129,12 +130,12 @@ def trial_of(
 
 
 def trial_folder_name(number: int) -> str:
-    """Return the name of a trial."""
+    """Return the name of a trial, which is also the name of its folder."""
     return f"trial_{number:05d}"
 
 
 def _drawn(value: Mapping[str, Any], generator: np.random.Generator) -> Any:
-    """Return one of the values that a search may draw."""
+    """Sample one of the values of a search."""
     ((word, given),) = value.items()
     if word == CHOICE:
         return given[int(generator.integers(len(given)))]
@@ -146,7 +147,12 @@ def _drawn(value: Mapping[str, Any], generator: np.random.Generator) -> Any:
 
 
 def chosen(tree: Any, values: Mapping[str, Any]) -> Any:
-    """Return a configuration in which each search over a key, by any of its names, is the value of one trial."""
+    """Return a configuration in which each search is replaced by the value of one trial.
+
+    Args:
+        tree: The configuration, in which keys may have their current or their old names.
+        values: The value of each searched key, by RLlib's name of the key.
+    """
     if isinstance(tree, Mapping):
         return {
             key: values[current_name(str(key))]
@@ -158,7 +164,7 @@ def chosen(tree: Any, values: Mapping[str, Any]) -> Any:
 
 
 def experiment_of(experiment: Mapping[str, Any], trial: Trial) -> dict[str, Any]:
-    """Return the resolved configuration of a trial of a search, with which it can be repeated alone."""
+    """Return the resolved configuration of one trial of a search, with which the trial can be repeated by itself."""
     tree: dict[str, Any] = chosen(experiment, trial.values)
     task = tree.get("config", {}).get("config")
     if isinstance(task, dict):

@@ -1,6 +1,6 @@
-"""Check what an experiment says to RLlib, Tune and Ray, and translate old names.
+"""Checks of an experiment's keys for RLlib, Tune and Ray, and translation of old names.
 
-Nothing here imports Ray: `safe-inspect validate` answers in a fraction of a second.
+Nothing here imports Ray, so that `safe-inspect validate` takes a fraction of a second.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
     """Return the settings of the RLlib algorithm, with this package's defaults filled in.
 
     Args:
-        mapping: What the experiment gives under `rllib_configs`, merged.
-        algorithm: The name that `tune_config` gives, if it does.
+        mapping: The merged `rllib_configs` of the experiment.
+        algorithm: The name of the algorithm in `tune_config`; None if it gives none.
     """
     name, problems = _algorithm(mapping, algorithm)
     found = _rllib(mapping, "rllib_configs", name)
@@ -46,20 +46,22 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
 
 
 def current_name(given: str) -> str:
-    """Return RLlib's current name of a key of the algorithm, which may be given by an old one."""
+    """Return RLlib's current name of a key of the algorithm, given its current name or an old one."""
     name = old_keys.SPELLINGS.get(given, given)
     return old_keys.RENAMED.get(name, name)
 
 
 def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
-    """Return the settings of `tune.Tuner`; `algorithm` is among them when the mapping names one."""
+    """Return the settings of `tune.Tuner`, with `algorithm` among them if the mapping names one."""
     found = translate_keys(mapping, "tune_config", _TUNE)
     settings = {**run_keys.TUNE_DEFAULTS, **found.settings}
     problems, notes = list(found.problems), list(found.notes)
     stop = settings.get("stop")
     settings["stop"] = {}
     if not stop and settings.get("time_budget_s") is None:
-        notes.append("nothing but an interruption ends the training; give `stop`, such as `training_iteration=100`")
+        notes.append(
+            "the training runs until it is interrupted; to limit it, give `stop`, such as `training_iteration=100`"
+        )
     if isinstance(stop, Mapping):
         stop_settings, stop_notes, stop_problems = _translate_stop(stop)
         settings["stop"] = stop_settings
@@ -74,13 +76,15 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
         settings["metric"] = run_keys.STOP_RENAMED.get(settings["metric"], settings["metric"])
     for key in ("checkpoint_score_attribute", "metric"):
         figure = settings.get(key)
-        if figure and figure not in run_keys.STOP_KEYS and "/" not in figure:  # callbacks may log others
+        if (
+            figure and figure not in run_keys.STOP_KEYS and "/" not in figure
+        ):  # callbacks may log values with other names
             known = [*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED]
             message = f"`{figure}` is never reported"
             problems.append(Problem(message, f"tune_config.{key}", hint=did_you_mean(figure, known)))
     if settings.get("scheduler") is None and settings.get("search_alg") is None:
         notes += [
-            f"`{key}` ranks trials for a `scheduler` or a `search_alg`, and there is none"
+            f"`{key}` has no effect: it ranks trials for a `scheduler` or a `search_alg`, and neither is given"
             for key in ("metric", "mode")
             if key in found.given
         ]
@@ -88,7 +92,7 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
 
 
 def translate_ray(mapping: Mapping[str, Any]) -> TranslatedSettings:
-    """Return the arguments of `ray.init`; without an address they start a Ray of the run's own."""
+    """Return the arguments of `ray.init`; without an address they start a separate Ray for the run."""
     found = translate_keys(mapping, "ray_config", _RAY)
     settings, problems = {**run_keys.RAY_DEFAULTS, **found.settings}, list(found.problems)
     address = settings["address"]
@@ -99,10 +103,10 @@ def translate_ray(mapping: Mapping[str, Any]) -> TranslatedSettings:
 
 
 def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> TranslatedSettings:
-    """Return what one of several policies that learn together has of its own.
+    """Return the settings of one of several policies that learn together.
 
     Args:
-        mapping: RLlib keys of the policy, without those that all policies have alike.
+        mapping: RLlib keys of the policy, without those that are the same for all policies.
         name: Name of the policy.
         algorithm: Name of the algorithm.
     """
@@ -111,11 +115,11 @@ def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> T
     problems = list(found.problems)
     for key in found.settings:
         if key not in keys.POLICY_KEYS:
-            message = f"`{key}` concerns all policies, so {name} cannot have a value of its own"
-            hint = f"give all policies the same; each may have {', '.join(keys.POLICY_KEYS)} of its own"
+            message = f"`{key}` applies to all policies, so {name} cannot have a separate value"
+            hint = f"give all policies the same value; only {', '.join(keys.POLICY_KEYS)} may differ between them"
             problems.append(Problem(message, f"{path}.{key}", hint=hint))
         elif is_searched(found.settings[key]):
-            message = "a search is possible for what all policies have alike only"
+            message = "only keys that are the same for all policies can be searched"
             problems.append(Problem(message, f"{path}.{key}"))
     return TranslatedSettings(found.settings, found.notes, tuple(problems), found.unchecked, found.given)
 
@@ -124,7 +128,7 @@ def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, 
     name = mapping.get("algorithm", mapping.get("run", from_tune or "PPO"))
     if name in keys.ALGORITHMS:
         if from_tune and from_tune != name:
-            message = f"rllib_configs asks for {name}, and tune_config for {from_tune}; remove one"
+            message = f"rllib_configs names {name}, and tune_config names {from_tune}; remove one"
             return name, [Problem(message, "rllib_configs.algorithm")]
         return name, []
     path = "rllib_configs.algorithm" if "algorithm" in mapping else "tune_config.algorithm"
@@ -134,7 +138,7 @@ def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, 
 
 
 def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool = False) -> TranslatedSettings:
-    """Translate RLlib's keys, and within them the nets and the settings of the evaluation."""
+    """Translate RLlib's keys, including those nested in `model_config` and `evaluation_config`."""
     own = keys.ALGORITHM_KEYS.get(algorithm)
     of_model = dict.fromkeys((*keys.MODEL_KEYS, *keys.FRESH_KEYS), "it is a key of `model_config`")
     tables = KeyTables(
@@ -171,8 +175,8 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
             message = "RLlib's SAC has no recurrent policies"
             problems.append(Problem(message, f"{model_path}.use_lstm", hint="remove it, or use PPO"))
         elif model.settings.get("use_lstm") and model.settings.get("free_log_std"):
-            message = "RLlib's recurrent policies take no `free_log_std`"
-            problems.append(Problem(message, f"{model_path}.free_log_std", hint="remove one of it and `use_lstm`"))
+            message = "RLlib's recurrent policies do not support `free_log_std`"
+            problems.append(Problem(message, f"{model_path}.free_log_std", hint="remove it or `use_lstm`"))
     if isinstance(settings.get("evaluation_config"), Mapping):
         evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm, True)
         settings["evaluation_config"] = evaluation.settings
@@ -182,29 +186,32 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
 
 
 def _instead(algorithm: str) -> str:
-    """Return how to take the whole of another algorithm's policy file, where there is one."""
+    """Return a hint how to use another algorithm's policy file; empty if there is none."""
     file = f"configs/learners/{algorithm.lower()}.yml"
-    return f", or take the whole policy: 'policy=!include {file}'" if algorithm in ("APPO", "SAC", "DQN") else ""
+    return f", or replace the whole policy: 'policy=!include {file}'" if algorithm in ("APPO", "SAC", "DQN") else ""
 
 
 def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
-    """Return the values within which Tune would resolve something: it looks into every mapping and list."""
+    """Return a problem for each value inside which Tune would resolve a search: it searches every mapping and list."""
     problems = []
     for given, value in mapping.items():
         if current_name(str(given)) in ("model_config", "evaluation_config"):
-            continue  # these have keys of their own
+            continue  # the keys of these mappings are checked separately
         word = next(filter(None, map(resolved_by_tune, named_values(value))), "")
         if word == EVAL:
-            message = "`eval` is code, which Tune would run; give the value"
+            message = "`eval` contains code, which Tune would run; give the value itself"
             problems.append(Problem(message, f"{path}.{given}"))
         elif word:
-            message = f"`{word}` is possible for the keys of `rllib_configs` themselves only"
+            message = f"`{word}` is only supported for the keys of `rllib_configs` themselves"
             problems.append(Problem(message, f"{path}.{given}"))
     return problems
 
 
 def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str], list[Problem]]:
-    """Translate the criteria: Tune ignores one that is never reported, and so would train for ever."""
+    """Translate the stopping criteria.
+
+    Criteria that are never reported are problems, because Tune ignores them and the training would never end.
+    """
     settings: dict[str, float] = {}
     notes: list[str] = []
     problems: list[Problem] = []
@@ -228,7 +235,7 @@ def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str
 
 
 def _fit_batch(settings: dict[str, Any], given: frozenset[str]) -> list[Problem]:
-    """Fit the default minibatch to the batch, and check that fragments of the batch add up to it."""
+    """Limit the default minibatch size to the batch size, and check that fragments add up to the batch."""
     batch, minibatch = settings.get("train_batch_size_per_learner"), settings.get("minibatch_size")
     problems: list[Problem] = []
     if isinstance(batch, int) and isinstance(minibatch, int) and minibatch > batch:
@@ -247,5 +254,5 @@ def _fit_batch(settings: dict[str, Any], given: frozenset[str]) -> list[Problem]
             f"a batch of {total} cannot be made of fragments of {fragment} steps from "
             f"{max(runners, 1)} x {envs} environments"
         )
-        problems.append(Problem(message, "rllib_configs.rollout_fragment_length", hint="remove it, or say `auto`"))
+        problems.append(Problem(message, "rllib_configs.rollout_fragment_length", hint="remove it, or use `auto`"))
     return problems

@@ -1,4 +1,4 @@
-"""Check the value of one key against its entry in the tables."""
+"""Checks of the value of one key against its entry in the tables."""
 
 from __future__ import annotations
 
@@ -9,42 +9,41 @@ from typing import Any
 from safe_inspect.config.keys.rllib_keys import Key
 
 GRID = "grid_search"
-#: What draws a value, by Tune's names: of a list, or between two numbers (`randint` below the second).
+#: Tune's names of the random searches: from a list, or between two numbers (`randint` excludes the second).
 CHOICE, UNIFORM, LOGUNIFORM, RANDINT = DRAWN = ("choice", "uniform", "loguniform", "randint")
-#: What a key without a limit of its own may be: less than what C's integers and floats take.
+#: Largest value of a key without an upper limit, within the range of C's integers and floats.
 _GREATEST = {"integer": 2**31 - 1, "integers": 2**31 - 1, "number": 1e300, "schedule": 1e300}
 EVAL = "eval"
 
 
 def check_value(key: Key, value: Any) -> tuple[Any, str]:
-    """Return the value in the key's own type, and what is wrong with it (empty when nothing is).
+    """Return the value converted to the key's type, and a message about what is wrong with it (empty if it is valid).
 
-    A text that reads as a number is one: YAML takes ``5e-5`` for a text. A mapping
-    ``{grid_search: [...]}``, ``{choice: [...]}`` or ``{uniform: [low, high]}`` stands for its values; those that it
-    names are checked.
+    A string that can be read as a number is converted, because YAML reads ``5e-5`` as a string. In a search, such as
+    ``{grid_search: [...]}``, ``{choice: [...]}`` or ``{uniform: [low, high]}``, each listed value is checked.
     """
     if is_searched(value) and key.kind != "mapping":
         return _check_searched(key, *next(iter(value.items())))
     if value is None:
-        return None, "" if key.optional else "a value is needed"
+        return None, "" if key.optional else "a value is required"
     if isinstance(value, str) and value in key.choices:
         return value, ""
     return _CHECKS[key.kind](key, value)
 
 
 def is_searched(value: Any) -> bool:
-    """Return whether the value asks to try several."""
+    """Return whether the value is a search over several values."""
     return isinstance(value, Mapping) and len(value) == 1 and next(iter(value)) in (GRID, *DRAWN)
 
 
 def named_values(value: Any) -> list[Any]:
-    """Return the values that a search names, the ends of a range among them; of another value itself."""
+    """Return the values listed in a search, including the ends of a range; a list of the value itself if it is none."""
     given = next(iter(value.values())) if is_searched(value) else [value]
     return list(given) if isinstance(given, list | tuple) else [given]
 
 
 def resolved_by_tune(value: Any) -> str:
-    """Return the word by which something would be searched or run at any depth of a value; empty where nothing is."""
+    """Return the first keyword that Tune would resolve at any depth of a value (a search or `eval`); empty if none."""
     if isinstance(value, Mapping):
         if is_searched(value) or set(value) == {EVAL}:
             return str(next(iter(value)))
@@ -68,13 +67,13 @@ def _check_searched(key: Key, word: str, values: Any) -> tuple[Any, str]:
 
 def _check_range(key: Key, word: str, low: Any, high: Any) -> str:
     if key.kind not in ("number", "integer", "schedule") or not all(isinstance(x, int | float) for x in (low, high)):
-        return f"`{word}` draws numbers; use `{CHOICE}`"
+        return f"`{word}` samples numbers; use `{CHOICE}`"
     if (key.kind == "integer") != (word == RANDINT):
-        wanted = f"whole numbers are wanted; use `{RANDINT}`" if key.kind == "integer" else f"use `{UNIFORM}`"
-        return f"`{word}` does not fit: {wanted} or `{CHOICE}`"
+        wanted = f"whole numbers are required; use `{RANDINT}`" if key.kind == "integer" else f"use `{UNIFORM}`"
+        return f"`{word}` is not possible here: {wanted} or `{CHOICE}`"
     if not low < high:
-        return f"`{word}` goes from {low} to {high}; the second number is to be larger"
-    return "`loguniform` is for numbers above 0" if word == LOGUNIFORM and low <= 0 else ""
+        return f"`{word}` goes from {low} to {high}; the second number must be larger"
+    return "`loguniform` requires numbers above 0" if word == LOGUNIFORM and low <= 0 else ""
 
 
 def _number(key: Key, value: Any) -> tuple[Any, str]:
@@ -138,7 +137,7 @@ def _schedule(key: Key, value: Any) -> tuple[Any, str]:
             return value, late or wrong
         pairs.append([step, number])
     if not pairs or pairs[0][0] != 0:
-        return value, "a schedule begins with step 0"
+        return value, "a schedule must begin with step 0"
     return pairs, ""
 
 
