@@ -325,7 +325,7 @@ def test_the_share_of_states_that_weak_thrusters_keep():
     ("values", "message"),
     [
         ({"constraints": ("chief_colision",)}, "cannot keep 'chief_colision'.*chief_collision"),
-        ({"constraints": ("sun", "sun")}, "stands twice"),
+        ({"constraints": ("sun", "sun")}, "is given twice"),
         ({"step_size": 600.0}, "too long a part of the orbit"),
         ({"r_max": 9.0}, "does not exceed collision_radius"),
         ({"deputy_radius": 900.0}, "leaves no room within r_max"),
