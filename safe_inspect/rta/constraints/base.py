@@ -15,7 +15,7 @@ from safe_inspect.rta.constraints.rows import RowKernels
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import FloatArray
 
-#: Row kernel of a half-space: takes parameters, a state (6,) and an array (6,) for the direction; returns the offset.
+#: Row kernel of a half-space: takes parameters, a state (6,) and an array (6,) for the direction; returns the need.
 HalfSpace = Callable[[Any, Any, Any], float]
 
 
@@ -98,10 +98,10 @@ class Constraint(Plugin):
             return -p[3]
 
     It writes a direction into d, which is filled with zeros beforehand, in the space of states y = (position [m],
-    velocity [m/s]), Hill frame, and returns an offset such that
+    velocity [m/s]), Hill frame, and returns a threshold, the need, such that
 
-    - every state y with d.y >= offset is safe, and
-    - the state x itself is safe if and only if d.x >= offset.
+    - every state y with d.y >= need is safe, and
+    - the state x itself is safe if and only if d.x >= need.
 
     `p` contains `half_space_parameters`. A bound that is linear in the state has the same half-space at every x. For a
     convex obstacle, it is the half-space beyond the tangent plane at the obstacle's point nearest to x. A region that

@@ -143,7 +143,7 @@ class RowKernels:
             axes [m/s]?
         slack: (p, node): distance from a violation [m]; a speed counts as the range of a motion with that speed.
         support: (p, node, margins, d): writes a direction d of states, which is filled with zeros beforehand, and
-            returns the offset: safe where d.state >= offset, as far as the constraint is linear.
+            returns the need: safe where d.state >= need, as far as the constraint is linear.
         gap: (p, node): how far inside the constraint a backup plan returns [m]; None where the plan considers the
             speeds at its end instead.
         turn: (p, sun, d): replaces the part of a direction d of velocities that rotates with the sun; None where no
