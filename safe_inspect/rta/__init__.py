@@ -1,4 +1,4 @@
-"""Run-time assurance: constraints, what applies them, the rejection sampler. Importing registers them."""
+"""Run-time assurance: constraints, filters that enforce them, and the rejection sampler. Importing registers them."""
 
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.docking import RTAGlueCWHDocking3d

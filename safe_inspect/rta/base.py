@@ -1,4 +1,4 @@
-"""Base of the glues that keep a deputy safe."""
+"""Base class of the glues that keep a deputy safe."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """What a safety glue does to the thrust of a step.
+    """Effect of a safety glue on the thrust of a step.
 
     Attributes:
-        result: The filter's result for the R rows.
+        result: Result of the filter for the R rows.
         memory: New values of the arrays that the glue has declared, each of shape (R, ...).
     """
 
@@ -32,17 +32,17 @@ class Filtered:
 
 
 class SafetyGlue(ActionGlue):
-    """Wraps the glues of the controllers, knows which states are safe and keeps the deputy in them.
+    """Base class of the safety glues: they wrap the glues of the controllers and filter the thrust that these command.
 
     Class attributes:
         tests: Names of the states that `refusals` reads.
 
     Attributes:
-        enabled: True: the thrust is filtered. False: the glue costs nothing.
-        invalid_actions: What an action that is NaN or infinite does where the filter is enabled: ``error`` stops the
-            run, ``backup`` flies the filter's `backup` in that row; infos and evaluations tell of it.
-        undeclared: What components and dynamics that declare no `disturbance_bounds` do where the filter is enabled:
-            ``error`` refuses the experiment, ``warn`` flies it with a warning that names them, without a promise.
+        enabled: Whether the thrust is filtered. If False, the glue costs nothing.
+        invalid_actions: What happens if an action is NaN or infinite while the filter is enabled: ``error`` stops the
+            run, ``backup`` applies the filter's `backup` in that row; infos and evaluations report it.
+        undeclared: What happens if components or dynamics declare no `disturbance_bounds` while the filter is enabled:
+            ``error`` rejects the experiment, ``warn`` runs it without a guarantee, with a warning that names them.
         wrapped: The glues of the controllers.
     """
 
@@ -68,7 +68,7 @@ class SafetyGlue(ActionGlue):
         return low, high
 
     def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
-        """Return the thrust that the wrapped glues ask for [N], Hill frame, shape (R, 3)."""
+        """Return the thrust that the wrapped glues command [N], Hill frame, shape (R, 3)."""
         thrust = np.zeros((len(action), 3))
         first = 0
         for glue in self.wrapped:
@@ -79,12 +79,12 @@ class SafetyGlue(ActionGlue):
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Unit of what `safety` returns for each constraint; dimensionless where none is given."""
+        """Unit of what `safety` returns for each constraint; dimensionless for constraints that are not listed."""
         return {}
 
     @abstractmethod
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return for each constraint the rows of initial states that it refuses, shape (R,).
+        """Return, for each constraint, the mask of the initial states that it rejects, shape (R,).
 
         Args:
             states: Named states, such as ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3), ``sun_angle`` [rad] (R,).
@@ -92,7 +92,7 @@ class SafetyGlue(ActionGlue):
 
     @abstractmethod
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return for each constraint its plain safety quantity, at least 0 where the state is safe, shape (R,).
+        """Return, for each constraint, its safety quantity phi, >= 0 where the state is safe, shape (R,).
 
         Args:
             states: As in `refusals`.
@@ -100,28 +100,28 @@ class SafetyGlue(ActionGlue):
 
     @abstractmethod
     def filter(self, desired: FloatArray, view: View) -> Filtered:
-        """Return the thrust to hold in the next step.
+        """Return the thrust to hold during the next step.
 
         Args:
             desired: Desired thrust [N], Hill frame, shape (R, 3).
-            view: The state at the beginning of the step.
+            view: The state at the start of the step.
         """
 
     def backup(self, view: View) -> FloatArray:
-        """Return the thrust to ask for where an action is invalid [N], Hill frame, shape (R, 3); zero by default."""
+        """Return the thrust to use where an action is invalid [N], Hill frame, shape (R, 3); zero by default."""
         return np.zeros((view.num_rows, 3))
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the arrays that the filter remembers, each with its shape for one agent. None by default."""
+        """Declare the arrays that the filter stores between steps, with the shape for one agent; by default, none."""
         return {}
 
     def for_starts(self) -> SafetyGlue:
-        """Return the glue that tests initial states when this one is enabled."""
+        """Return the glue that tests initial states if this one is enabled."""
         return self
 
 
 def seen_motion(view: View) -> tuple[FloatArray, FloatArray]:
-    """Return the positions [m] and velocities [m/s] that deputies take for theirs, Hill frame, shape (R, 3) each."""
+    """Return the positions [m] and velocities [m/s], or their estimates if there are any, Hill frame, (R, 3) each."""
     if "estimated_position" in view.world.offers.view:
         return view.estimated_position, view.estimated_velocity
     return view.position, view.velocity

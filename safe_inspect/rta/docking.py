@@ -1,4 +1,4 @@
-"""The safety glue of docking: the speed limit about the chief."""
+"""Safety glue of docking, which enforces the speed limit near the chief."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from safe_inspect.units import PositiveDuration, PositiveLength, PositiveSpeed
 
 
 class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
-    """Run-time assurance of one deputy that docks with a chief at the origin of Hill's frame.
+    """Run-time assurance for one deputy that docks with a chief at the origin of Hill's frame.
 
     It keeps the speed below the limit of docking, and the speed along each axis below `vel_limit`, at every moment; see
     `SpeedLimitFilter`. `collision_radius`, `fov` and `psm_horizon` are not used.
@@ -25,9 +25,10 @@ class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
     Attributes:
         step_size: Time for which a control is held [s].
         v0_distance: Range up to which the limit is `v0` [m].
-        vel_limit: Largest speed, and so the largest along each axis [m/s].
-        r_max: Range up to which the promise holds [m].
-        disturbance: Bounds of the disturbances under which the limit is kept; None: the motion is that of the model.
+        vel_limit: Largest speed, and therefore the largest speed along each axis [m/s].
+        r_max: Range up to which the guarantee is valid [m].
+        disturbance: Bounds of the disturbances under which the limit is enforced; None: the motion is that of the
+            model.
     """
 
     step_size: PositiveDuration = 1.0
@@ -39,7 +40,7 @@ class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
     @model_validator(mode="after")
     def _check(self) -> RTAGlueCWHDocking3d:
         if self.enabled:
-            assert self._filter is not None  # wrong parameters are found now, not at the first step
+            assert self._filter is not None  # Reports wrong parameters now, not at the first step.
         return self
 
     @cached_property
@@ -52,13 +53,13 @@ class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
         return {"speed_limit": "m/s"}
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return the rows that are not below the limit by the filter's margin, NaN included, shape (R,)."""
+        """Return the mask of the states that are not below the limit by the filter's margin, NaN included, (R,)."""
         return {"speed_limit": ~self._filter.is_safe(states["position"], states["velocity"])}
 
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return the limit less the speed [m/s], shape (R,)."""
+        """Return the limit minus the speed [m/s], shape (R,)."""
         return {"speed_limit": self._filter.phi(states["position"], states["velocity"])}
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
-        """Return the thrust to hold in the next step."""
+        """Return the thrust to hold during the next step."""
         return Filtered(self._filter(*seen_motion(view), desired))

@@ -1,4 +1,4 @@
-"""The safety glue of inspection by one deputy, which may keep clear of others."""
+"""Safety glue of inspection by one deputy, which can also avoid other deputies."""
 
 from __future__ import annotations
 
@@ -40,27 +40,31 @@ from safe_inspect.units import (
 
 
 class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
-    """Run-time assurance of one deputy that inspects a chief at the origin of Hill's frame.
+    """Run-time assurance for one deputy that inspects a chief at the origin of Hill's frame.
 
-    With several deputies each filters its own thrust: it keeps clear of the others if `constraints` says so, assuming
-    that they coast. That does not keep two deputies apart that both thrust; `RTACWHInspectionTeam` does.
+    If there are several deputies, each filters its own thrust: it avoids the others if `constraints` says so, assuming
+    that they coast. This does not separate two deputies that both apply thrust; `RTACWHInspectionTeam` does.
 
     Attributes:
-        state_observation_names: Observations that the peer's filter reads; here the state itself is read.
-        constraints: Names of constraints, or mappings ``{functor: NAME, config: {...}}``. ``deputy_collision`` keeps
-            the distance from every other deputy, and ``deputy_PSM`` keeps it for `psm_horizon` of coasting; only with
-            the method ``backup``.
-        deputy_radius: Two deputies collide when their centres are closer than twice this [m].
-        method: ``backup`` keeps every constraint over the whole hold; ``continuous`` is the peer's condition on the
-            derivative at the beginning of the hold, which does not; ``simplex`` switches to a backup controller.
-        infeasible: What the method ``continuous`` does where no thrust meets all conditions: ``least_violating``, or
-            ``pass`` the desired thrust as the peer does.
-        intervention: What the method ``backup`` flies where the desired thrust is refused: ``nearest``, a safe thrust
-            near to it, or ``backup``, the backup plan, which leads onto a closed motion within the constraints.
-        delta_v_limit: Delta-v that an episode keeps with the method ``simplex`` [m/s], if the plan of its initial state
-            does: when it leaves no room for more than a plan, the plan is flown, and the deputy coasts. None: no limit.
-        recoverable: Whether `refusals` also refuses states without a backup plan.
-        disturbance: Bounds of the disturbances under which the method ``backup`` keeps the constraints, for one deputy
+        state_observation_names: Observations that the filter of safe-autonomy-sims reads; this filter reads the state
+            itself.
+        constraints: Names of constraints, or mappings ``{functor: NAME, config: {...}}``. ``deputy_collision`` enforces
+            the distance from every other deputy, and ``deputy_PSM`` the distance during `psm_horizon` of coasting; both
+            require the method ``backup``.
+        deputy_radius: Two deputies collide when their centres are closer than twice this distance [m].
+        method: ``backup`` enforces every constraint over the whole hold; ``continuous`` is the condition of
+            safe-autonomy-sims on the derivative at the start of the hold, which does not; ``simplex`` switches to a
+            backup controller.
+        infeasible: What the method ``continuous`` applies if no thrust satisfies all conditions: ``least_violating``,
+            or ``pass`` for the desired thrust, as safe-autonomy-sims does.
+        intervention: What the method ``backup`` applies if the desired thrust is rejected: ``nearest``, a safe thrust
+            near to it, or ``backup``, the backup plan, which leads to a closed motion within the constraints.
+        delta_v_limit: Delta-v limit of an episode with the method ``simplex`` [m/s], guaranteed if the plan of its
+            initial state satisfies it: when the rest is only enough for a plan, the plan is applied, and then the
+            deputy coasts. None: no limit.
+        recoverable: Whether `refusals` also rejects states without a backup plan.
+        disturbance: Bounds of the disturbances under which the method ``backup`` enforces the constraints, for a single
+            deputy; see `TubeFilter`. None: the motion is exactly that of the model.
             by itself; see `TubeFilter`. None: the motion is exactly that of the model.
     """
 
@@ -76,21 +80,21 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     @model_validator(mode="after")
     def _check_constraints(self) -> RTAGlueCWHInspection1v1:
-        assert self._constraints is not None  # wrong parameters are found now, not at the first step
+        assert self._constraints is not None  # Reports wrong parameters now, not at the first step.
         pairs = tuple(map(name_of, self._pairs))
         if self.enabled and not self.constraints:
-            raise ValueError("`constraints` is empty, so the filter keeps nothing; name some, or switch it off")
+            raise ValueError("`constraints` is empty, so the filter enforces nothing; name some, or disable it")
         if len(pairs) != len(set(pairs)):
             raise ValueError(f"the constraints {list(map(name_of, self.constraints))} name one twice; remove it")
         if pairs and self.method != "backup":
             raise ValueError(
-                f"the method {self.method!r} does not keep {pairs[0]!r}; use the method 'backup', or leave it out"
+                f"the method {self.method!r} does not enforce {pairs[0]!r}; use the method 'backup', or remove it"
             )
         what = f"the constraint {pairs[0]!r}" if pairs else f"the method {self.method!r}"
         if self.disturbance is not None and (pairs or self.method != "backup"):
-            raise ValueError(f"{what} withstands no `disturbance`; remove one of them")
+            raise ValueError(f"{what} does not support `disturbance`; remove one of them")
         if self.intervention != "nearest" and (pairs or self.method != "backup"):
-            raise ValueError(f"{what} has no `intervention` {self.intervention!r}; remove one of them")
+            raise ValueError(f"{what} does not support `intervention` {self.intervention!r}; remove one of them")
         if self._pairs and self.enabled:
             assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
@@ -109,7 +113,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     @property
     def kept(self) -> dict[str, Constraint]:
-        """The constraints that the filter guarantees, by name: none with the method ``continuous``."""
+        """The constraints that the filter guarantees, by name; none with the method ``continuous``."""
         if self.method == "continuous":
             return {}
         return {**self._constraints, **constraint_set(self._given, self._pairs, self.deputy_radius)}
@@ -124,10 +128,10 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     @cached_property
     def backup_filter(self) -> BackupFilter:
-        """The filter of the method `backup`, with these parameters and constraints."""
+        """Filter of the method `backup`, with these parameters and constraints."""
         if self.disturbance is not None:
             return TubeFilter(self._given, self._names, self.disturbance, self.intervention)
-        several = self.method != "simplex"  # its reserve is for plans of one hold
+        several = self.method != "simplex"  # The delta-v reserve of that method assumes plans of one hold.
         return BackupFilter(self._given, self._names, self.intervention, several)
 
     @cached_property
@@ -144,9 +148,9 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return SimplexFilter(self._given, self._names, limit)
 
     def recoverable_share(self) -> tuple[int, float] | None:
-        """Return how many safe states were sampled, and the share of them from which the filter keeps the constraints.
+        """Return the number of sampled safe states, and the share from which the filter guarantees the constraints.
 
-        None where the thrusters can brake against the tide wherever `r_max` lets them be, or nothing is guaranteed.
+        Return None if the thrusters can brake against the tide everywhere within `r_max`, or nothing is guaranteed.
         """
         if self.method == "continuous" or self._given.net_acceleration > 0.0:
             return None
@@ -154,7 +158,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return len(safe), float(self.backup_filter.recoverable(safe).mean()) if len(safe) else 0.0
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return for each constraint the rows that it refuses: not (h >= 0 and phi >= 0), NaN included, shape (R,)."""
+        """Return, for each constraint, the mask of rejected rows: not (h >= 0 and phi >= 0), NaN included, (R,)."""
         state = self._state(states["position"], states["velocity"], states.get("sun_angle"))
         evaluations = {name: constraint.evaluate(state) for name, constraint in self._constraints.items()}
         refused = {name: ~((value.h >= 0.0) & (value.phi >= 0.0)) for name, value in evaluations.items()}
@@ -166,19 +170,19 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return refused
 
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return for each constraint phi, at least 0 where the state is safe, shape (R,)."""
+        """Return, for each constraint, phi, >= 0 where the state is safe, shape (R,)."""
         state = self._state(states["position"], states["velocity"], states.get("sun_angle"))
         return {name: constraint.phi(state) for name, constraint in self._constraints.items()}
 
     def _state(self, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray | None) -> RelativeState:
-        """Return a state; in a task without a sun its angle is 0, which no constraint then looks at.
+        """Return a relative state; in a task without a sun, its angle is 0, which no constraint then uses.
 
         Raises:
-            PluginValueError: The constraint `sun` is to be kept in a task without a sun.
+            PluginValueError: The constraint `sun` is given in a task without a sun.
         """
         if sun_angle is None:
             if "sun" in self._constraints:
-                raise PluginValueError(f"{self.registered_name} keeps `sun`, but the task has no sun; remove it")
+                raise PluginValueError(f"{self.registered_name} enforces `sun`, but the task has no sun; remove it")
             sun_angle = np.zeros(len(position))
         return RelativeState(position, velocity, sun_angle)
 
@@ -188,7 +192,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return {name: constraint.unit for name, constraint in self._constraints.items()}
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
-        """Return the thrust to hold in the next step."""
+        """Return the thrust to hold during the next step."""
         state = self._seen(view)
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
@@ -204,11 +208,11 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return Filtered(switched, {"latched": after.latched})
 
     def _seen(self, view: View) -> RelativeState:
-        """Return the states that the deputies take for theirs."""
+        """Return the relative states of the deputies, estimated if there are estimates."""
         return self._state(*seen_motion(view), view.sun_angle if "sun_angle" in view.world.offers.view else None)
 
     def backup(self, view: View) -> FloatArray:
-        """Return the thrust of the backup plan [N], Hill frame, shape (R, 3); zero without one."""
+        """Return the thrust of the backup plan [N], Hill frame, shape (R, 3); zero if there is none."""
         if self.method == "continuous":
             return super().backup(view)
         run, state = self.backup_filter, self._seen(view)
@@ -223,5 +227,5 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return {"latched": ArraySpec((), np.bool_)} if self.method == "simplex" else {}
 
     def for_starts(self) -> RTAGlueCWHInspection1v1:
-        """Return the glue that also refuses initial states from which the filter would know no way to stay safe."""
+        """Return the glue that also rejects initial states from which the filter could not guarantee safety."""
         return self if self.method == "continuous" else self.model_copy(update={"recoverable": True})

@@ -1,4 +1,4 @@
-"""`RejectionSampler`: draw initial states until a safe one is found, for all rows at once."""
+"""`RejectionSampler`: samples initial states until safe ones are found, for all rows at once."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from safe_inspect.simulators.resets.initializers import Initializer
 from safe_inspect.simulators.resets.parameters import Draw, Parameter, Value
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-#: Under this name and a slash stand the statistics of a sampler beside its states.
+#: The statistics of a sampler are returned with its states, under this name followed by a slash.
 REJECTIONS = "rejections"
 
 
 class SafetyTest(BaseModel):
-    """Which initial states count as safe.
+    """Test of which initial states count as safe.
 
     Attributes:
         functor: A safety glue; its constraints are the test.
         states: Names of the states that it tests.
-        args: Values to choose from.
-        arg_map: Field of the glue to the name of its value in `args`.
+        args: Values, by key.
+        arg_map: Fields of the glue, each with its key in `args`.
         config: Fields of the glue that are given directly.
     """
 
@@ -46,7 +46,7 @@ class SafetyTest(BaseModel):
         """Build the glue.
 
         Raises:
-            PydanticCustomError: A value is missing, or the glue refuses one.
+            PydanticCustomError: A value is missing, or the glue rejects one.
         """
         problems: list[dict[str, Any]] = []
         fields = dict(self.config)
@@ -66,10 +66,10 @@ class SafetyTest(BaseModel):
                     self._glue = glue
                     missing = ", ".join(f"`{name}`" for name in glue.tests if name not in self.states)
                     if missing:
-                        message = f"{glue.registered_name} tests {missing} too; add what is missing"
+                        message = f"{glue.registered_name} also tests {missing}; add what is missing"
                         problems.append({"type": "functor_key", "loc": ("states",), "msg": message})
                 else:
-                    message = f"{glue.registered_name} is no safety glue; use one such as RTAGlueCWHInspection1v1"
+                    message = f"{glue.registered_name} is not a safety glue; use one such as RTAGlueCWHInspection1v1"
                     problems.append({"type": "functor_key", "loc": ("functor",), "msg": message})
         if problems:
             raise PydanticCustomError("functor", "the safety test is wrong", {"errors": problems})
@@ -82,19 +82,19 @@ class SafetyTest(BaseModel):
         return problem
 
     def for_filtered(self, safety_filter: SafetyGlue) -> SafetyTest:
-        """Return the test for a deputy that `safety_filter` acts on: the filter must know a way to stay safe, too."""
+        """Return the test for a deputy that `safety_filter` acts on: the filter must also be able to keep it safe."""
         test = self.model_copy()
         test._glue, test._filter_glue = self._glue, safety_filter.for_starts()
         return test
 
     def with_glue(self, glue: SafetyGlue) -> SafetyTest:
-        """Return the test by another safety glue."""
+        """Return a copy of the test that uses another safety glue."""
         test = self.model_copy()
         test._glue, test._filter_glue = glue, self._filter_glue
         return test
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return for each constraint the rows of named states that it refuses, shape (R,)."""
+        """Return, for each constraint, the mask of the rows of named states that it rejects, shape (R,)."""
         tested = {name: states[name] for name in self.states}
         refused = self._glue.refusals(tested)
         for name, rows in ({} if self._filter_glue is None else self._filter_glue.refusals(tested)).items():
@@ -108,13 +108,13 @@ class SafetyTest(BaseModel):
 
 
 class RejectionSampler(Parameter):
-    """Draw states and keep the first safe draw of every row.
+    """Parameter that samples states until every row has a safe one.
 
     Attributes:
-        initializer: Turns the drawn parameters into states.
-        rta: The safety test; None accepts every draw.
+        initializer: Converts the sampled parameters to states.
+        rta: The safety test; None accepts every sample.
         wrapped: The parameters that the initialiser takes, by name.
-        max_rejections: Draws that a row may refuse before the run stops with an error.
+        max_rejections: Number of rejected samples of a row after which the run stops with an error.
     """
 
     initializer: functor_field("initializer")  # type: ignore[valid-type]
@@ -130,13 +130,13 @@ class RejectionSampler(Parameter):
         return self
 
     def __call__(self, draw: Draw) -> dict[str, FloatArray]:
-        """Return the first safe states of every row, each with R rows.
+        """Return the first safe state of every row, each array with R rows.
 
-        Beside the states stand ``rejections/draws`` and ``rejections/NAME`` for every constraint: how many draws the
-        row took, and how many of them the constraint refused.
+        The result also contains ``rejections/draws``, the number of samples of each row, and ``rejections/NAME`` for
+        every constraint, the number of samples that it rejected.
 
         Raises:
-            InitialStateError: A row refused `max_rejections` draws.
+            InitialStateError: `max_rejections` samples of a row were rejected.
         """
         rows = np.arange(len(draw.streams))
         accepted: dict[str, FloatArray] = {}
@@ -165,15 +165,15 @@ class RejectionSampler(Parameter):
     def candidates(
         self, draw: Draw, rows: IntArray | None = None, attempt: int = 0
     ) -> tuple[dict[str, FloatArray], dict[str, BoolArray]]:
-        """Draw states without accepting or refusing them.
+        """Sample states without accepting or rejecting them.
 
         Args:
             draw: The draw.
-            rows: Indices of the rows to draw, shape (R,); all of them unless given.
-            attempt: Number of the try.
+            rows: Indices of the rows to sample, shape (R,); by default, all of them.
+            attempt: Number of the attempt.
 
         Returns:
-            The states, each with R rows, and for each constraint the rows that it refuses, shape (R,).
+            The states, each with R rows, and for each constraint the mask of the rows that it rejects, shape (R,).
         """
         rows = np.arange(len(draw.streams)) if rows is None else rows
         states = self._draw(draw, rows, attempt)
@@ -213,10 +213,10 @@ def check_states(states: tuple[str, ...], given: Mapping[str, int], giver: str, 
 
 
 def check_parameters(initializer: Initializer, parameters: Mapping[str, Parameter], field: str) -> None:
-    """Check that an initialiser gets the parameters that it takes, in units of the right dimension.
+    """Check that an initialiser is given the parameters that it takes, in units of the right dimension.
 
     Raises:
-        PydanticCustomError: It does not; every mistake is listed, each under `field`.
+        PydanticCustomError: It is not; every mistake is listed under `field`.
     """
     wanted = initializer.parameters
     problems = []

@@ -1,4 +1,4 @@
-"""Base of the safety filters that act on all deputies of an environment together."""
+"""Base class of the safety filters that act on all deputies of an environment together."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class TeamFiltered:
-    """What a team's safety filter does to the thrusts of a step.
+    """Effect of a team's safety filter on the thrusts of a step.
 
     Attributes:
         control: Thrust to hold [N], Hill frame, shape (N, D, 3).
         intervening: Deputies whose thrust was changed by more than 0.01 N, shape (N, D).
-        infeasible: Environments in which the filter can promise nothing, shape (N,).
-        backup: Environments in which a backup plan was flown, shape (N,).
+        infeasible: Environments in which the filter can guarantee nothing, shape (N,).
+        backup: Environments in which a backup plan was applied, shape (N,).
         memory: New values of the arrays that the filter has declared, each of shape (N, ...).
     """
 
@@ -34,14 +34,16 @@ class TeamFiltered:
 
 
 class TeamSafety(Plugin):
-    """Keeps all deputies of an environment safe, from the chief and from each other. ``rta`` in environment.yml.
+    """Base class of the filters that keep the deputies of a team safe: from the chief, and from each other.
+
+    The key ``rta`` of environment.yml configures one.
 
     Attributes:
-        enabled: True: the thrusts are filtered. False: the filter costs nothing.
-        invalid_actions: What an action that is NaN or infinite does where the filter is enabled: ``error`` stops the
-            run, ``backup`` asks for no thrust of that deputy; infos and evaluations tell of it.
-        undeclared: What components and dynamics that declare no `disturbance_bounds` do where the filter is enabled:
-            ``error`` refuses the experiment, ``warn`` flies it with a warning that names them, without a promise.
+        enabled: Whether the thrusts are filtered. If False, the filter costs nothing.
+        invalid_actions: What happens if an action is NaN or infinite while the filter is enabled: ``error`` stops the
+            run, ``backup`` sets the desired thrust of that deputy to zero; infos and evaluations report it.
+        undeclared: What happens if components or dynamics declare no `disturbance_bounds` while the filter is enabled:
+            ``error`` rejects the experiment, ``warn`` runs it without a guarantee, with a warning that names them.
     """
 
     kind: ClassVar[str] = "rta"
@@ -52,27 +54,27 @@ class TeamSafety(Plugin):
 
     @abstractmethod
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:
-        """Return the thrusts to hold in the next step.
+        """Return the thrusts to hold during the next step.
 
         Args:
             desired: Desired thrust of each deputy [N], Hill frame, shape (N, D, 3).
-            team: The state at the beginning of the step. What is desired for finished deputies has no meaning; what is
-                returned for them is flown, so return zeros where they are to coast.
+            team: The state at the start of the step. The desired thrusts of finished deputies have no meaning, but the
+                returned ones are applied: return zeros if they should coast.
         """
 
     @abstractmethod
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return for each constraint the environments whose initial state it refuses, shape (R,).
+        """Return, for each constraint, the mask of the environments whose initial state it rejects, shape (R,).
 
         Args:
             states: ``position`` [m] (R, D, 3), ``velocity`` [m/s] (R, D, 3), ``sun_angle`` [rad] (R,). D may be smaller
-                than the number of deputies while a team is drawn one by one.
+                than the number of deputies while the deputies of a team are sampled one by one.
         """
 
     @abstractmethod
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return for each constraint its smallest plain safety quantity over the team, at least 0 where safe, (R,)."""
+        """Return, for each constraint, the least safety quantity phi of the team, >= 0 where it is safe, shape (R,)."""
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the arrays that the filter remembers, each with its shape for one environment. None by default."""
+        """Declare the arrays that the filter stores between steps, with their shapes for one environment."""
         return {}

@@ -1,4 +1,4 @@
-"""The safety filter of inspection by a team: one decision over the thrusts of all deputies."""
+"""Safety filter of inspection by a team: one decision about the thrusts of all deputies."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from safe_inspect.units import (
 
 
 class RTACWHInspectionTeam(TaskParameters, TeamSafety):
-    """Run-time assurance of a team that inspects a chief at the origin of Hill's frame; see `TeamFilter`.
+    """Run-time assurance for a team that inspects a chief at the origin of Hill's frame; see `TeamFilter`.
 
-    From initial states that `refusals` accepts, every constraint of every deputy and the distance of every two are kept
-    at every moment, whatever is desired, for an exact model. A finished deputy flies the hold of its part of the joint
-    plan and coasts from then on, on a closed motion, as the plans of the others count on.
+    From initial states that `refusals` accepts, every constraint of every deputy and the distance between every two are
+    enforced at every moment, whatever the desired thrusts, if the model is exact. A finished deputy applies the hold of
+    its part of the joint plan and coasts from then on, on a closed motion, as the plans of the others assume.
 
     Attributes:
-        deputy_radius: Two deputies collide when their centres are closer than twice this [m].
-        constraints: Names of the constraints, those of the single filter and ``deputy_collision``, ``deputy_PSM``.
-        disturbance: Bounds of the disturbances of each deputy under which all of it is kept; None: an exact model.
+        deputy_radius: Two deputies collide when their centres are closer than twice this distance [m].
+        constraints: Names of the constraints: those of the single filter, ``deputy_collision`` and ``deputy_PSM``.
+        disturbance: Bounds of each deputy's disturbances under which all of this is enforced; None: an exact model.
     """
 
     deputy_radius: PositiveLength = 5.0
@@ -49,8 +49,8 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
     def _check(self) -> RTACWHInspectionTeam:
         if self.enabled:
             if not self.constraints:
-                raise ValueError("`constraints` is empty, so the filter keeps nothing; name some, or switch it off")
-            assert self._filter is not None  # wrong parameters are found now, not at the first step
+                raise ValueError("`constraints` is empty, so the filter enforces nothing; name some, or disable it")
+            assert self._filter is not None  # Reports wrong parameters now, not at the first step.
         return self
 
     @cached_property
@@ -64,9 +64,9 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         return {**self._filter.alone.constraints, **self._filter.pair_constraints}
 
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:
-        """Return the thrusts to hold in the next step; finished deputies fly out their plan and coast.
+        """Return the thrusts to hold during the next step; finished deputies complete their plan and coast.
 
-        A deputy counts as changed where the filter moved its thrust by more than 0.01 N, never when it is finished.
+        A deputy counts as changed if the filter changed its thrust by more than 0.01 N, but never if it is finished.
         """
         finished = np.asarray(team.finished != 0)
         estimated = "estimated_position" in team.world.offers.team
@@ -89,7 +89,7 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         )
 
     def recoverable_share(self) -> tuple[int, float] | None:
-        """Return how many safe states of a deputy were sampled, and the share of them with a plan; None as for one."""
+        """Return the number of sampled safe states of a deputy, and the share with a plan; None as for one deputy."""
         alone = self._filter.alone
         if alone.parameters.net_acceleration > 0.0:
             return None
@@ -98,9 +98,10 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         return len(safe), float(self._filter.recoverable(state).mean()) if len(safe) else 0.0
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return for each constraint the environments that it refuses: not (h >= 0 and phi >= 0), NaN included, (R,).
+        """Return, for each constraint, the mask of the rejected environments, shape (R,).
 
-        ``recoverable`` refuses those from which no joint backup plan is found.
+        An environment is rejected if not (h >= 0 and phi >= 0), NaN included. ``recoverable`` rejects those for which
+        no joint backup plan is found.
         """
         state = TeamState(states["position"], states["velocity"], states["sun_angle"])
         refused = {name: np.zeros(len(state), np.bool_) for name in self._filter.names}
@@ -112,19 +113,19 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         return refused
 
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return each constraint's least phi over the team, (R,); those of pairs only where there is a pair."""
+        """Return, for each constraint, the least phi of the team, (R,); for those of pairs only if there is a pair."""
         return self._filter.phi(TeamState(states["position"], states["velocity"], states["sun_angle"]))
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the joint plan of the state to come: each deputy's plan, counted from 1; 0 for none.
+        """Declare the joint plan of the next state: for each deputy the number of its plan, from 1, or 0 for none.
 
-        Under a disturbance also the plans that are tracked.
+        Under a disturbance, also declare the plans that are tracked.
         """
         tracks = {} if self.disturbance is None else {"tracks": ArraySpec((world.num_deputies, MEMORY))}
         return {"plan": ArraySpec((world.num_deputies,), np.int8), **tracks}
 
     def _looks(self, state: TeamState) -> list[tuple[str, Constraint, RelativeState]]:
-        """Return what each constraint looks at: each deputy about the chief, or about each other one."""
+        """Return each constraint's name, the constraint, and a state to test: for each deputy and each pair."""
         deputies = state.position.shape[1]
         alone: dict[str, Any] = self._filter.alone.constraints
         looks = [(name, constraint, state.alone(i)) for i in range(deputies) for name, constraint in alone.items()]

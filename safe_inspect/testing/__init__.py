@@ -1,10 +1,10 @@
-"""The public test kit: `check_plugin` holds a plugin against the contract that every plugin keeps.
+"""Public test kit: `check_plugin` checks a plugin against the contract of all plugins.
 
 It needs no test framework::
 
     from safe_inspect.testing import check_plugin
 
-    def test_my_reward_keeps_the_contract():
+    def test_my_reward_satisfies_the_contract():
         check_plugin(MyReward)
 """
 

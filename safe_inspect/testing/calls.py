@@ -1,4 +1,4 @@
-"""Calls of a plugin with many choices of rows: what they must return, and what they must leave alone."""
+"""Calls of a plugin with many selections of rows, with checks of the results and of unchanged inputs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _RAISED = object()
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a plugin is called with for some rows, freshly made.
+    """Inputs of a call for some rows, newly created.
 
     Attributes:
         arguments: The arguments.
-        arrays: The arrays that the plugin must leave as they are, by name.
+        arrays: Arrays that the plugin must not change, by name.
     """
 
     arguments: Sequence[Any]
@@ -30,12 +30,12 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Shape:
-    """What a result is to be.
+    """Expected shape and type of a result.
 
     Attributes:
         of: Shape of a row; None: any.
         kind: Kind of its elements: ``f`` for float, ``b`` for bool, ``i`` for integers; empty for any.
-        text: The whole shape as a message writes it.
+        text: The whole shape as shown in a message.
     """
 
     of: tuple[int, ...] | None = ()
@@ -45,17 +45,17 @@ class Shape:
 
 @dataclass(frozen=True)
 class Call:
-    """A function of a plugin, and how its inputs are made.
+    """Function of a plugin, with a way to create its inputs.
 
     Attributes:
-        what: How a message names the call.
+        what: Name of the call in messages.
         function: The function.
-        make: Gives the inputs of some rows, from their indices.
-        rows: Number of rows that `make` chooses from: environments, N, where the function sees several agents of each.
+        make: Creates the inputs for some rows from their indices.
+        rows: Number of rows that `make` can select: environments, N, if the function sees several agents of each.
         agents: Rows of the result for each of these rows: the agents of the group, G.
-        alone: Gives the inputs of all rows with one agent of the group by itself, from its index.
-        shape: What the result, or each array of a mapping of results, is to be.
-        shapes: The same for single arrays of a mapping.
+        alone: Creates the inputs of all rows with a single agent of the group, from its index.
+        shape: Expected shape of the result, or of each array of a mapping of results.
+        shapes: Expected shapes of individual arrays of a mapping.
     """
 
     what: str
@@ -68,15 +68,15 @@ class Call:
     alone: Callable[[int], Inputs] | None = None
 
     def results_of(self, rows: AnyArray) -> AnyArray:
-        """Return the rows of the result that belong to some rows."""
+        """Return the rows of the result that belong to the given rows."""
         return np.asarray((rows[:, None] * self.agents + np.arange(self.agents)).reshape(-1))
 
 
 def check_call(call: Call, report: Report) -> Any:
-    """Check a call by every rule for arrays of rows.
+    """Check a call against every rule for arrays of rows.
 
     Returns:
-        The result for all rows; None when the call failed or has another shape.
+        The result for all rows; None if the call failed or its result has another shape.
     """
     everything = np.arange(call.rows)
     inputs = call.make(everything)
@@ -112,7 +112,7 @@ def check_call(call: Call, report: Report) -> Any:
 
 
 def _check_rows(call: Call, kept: dict[str, AnyArray], report: Report) -> bool:
-    """Check that a row's result depends on the row alone; return whether it does."""
+    """Check that the result of a row depends only on that row; return whether it does."""
     generator = np.random.default_rng(7)
     everything = np.arange(call.rows)
     choices = {
@@ -138,7 +138,7 @@ def _check_rows(call: Call, kept: dict[str, AnyArray], report: Report) -> bool:
 
 
 def _check_agents(call: Call, kept: dict[str, AnyArray], report: Report) -> None:
-    """Check that each agent of a group gets what it gets when it is a group by itself."""
+    """Check that each agent of a group gets the same result as in a group of one."""
     for agent in range(call.agents if call.alone is not None else 0):
         assert call.alone is not None
         result = _result(call, call.alone(agent), report, "with one agent of several")
@@ -162,7 +162,7 @@ def _check_shape(call: Call, result: Any, report: Report) -> bool:
         wanted = {"f": "float", "b": "bool", "i": "int", "": "numbers"}[shape.kind]
         remedy = f"return a NumPy array of {wanted}, shape {shape.text}"
         if not isinstance(array, np.ndarray):
-            report.add("shape", f"{what} gave {type(array).__name__}, no array", remedy)
+            report.add("shape", f"{what} gave {type(array).__name__}, not an array", remedy)
             sound = False
             continue
         rows = call.rows * call.agents
@@ -195,7 +195,7 @@ def _equal(these: Mapping[str, AnyArray], those: Mapping[str, Any]) -> bool:
 
 
 def _same(this: AnyArray, that: Any) -> bool:
-    """Return whether two arrays are equal to the bit."""
+    """Return whether two arrays are bit-identical."""
     if not isinstance(that, np.ndarray) or this.shape != that.shape or this.dtype != that.dtype:
         return False
     return this.tobytes() == that.tobytes()

@@ -16,17 +16,17 @@ from safe_inspect.testing.samples import sample_steps
 from safe_inspect.testing.values import ROWS
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
-#: Steps of the difference quotients, as a share of range and speed.
+#: Steps of the difference quotients, as a fraction of range and speed.
 _STEP = 1e-5
-#: A gradient may differ by this share from the difference quotient; where the quotients to both sides differ by the
-#: second share, h has a kink, and the state says nothing.
+#: Tolerance of the gradient as a fraction of the difference quotient. Where the quotients to both sides differ by the
+#: second fraction, h has a kink and the state is not compared.
 _TOLERANCE, _KINK = 1e-3, 1e-2
-#: h may have a kink along one axis at this share of the states.
+#: Largest fraction of the states at which h may have a kink along one axis.
 _KINKS = 0.5
 
 
 def check_constraint(plugin: Constraint, parts: Sequence[Part], report: Report) -> None:
-    """Check a constraint: phi, h and rate (R,), gradient (R, 6), which is the derivative of h and depends on thrust."""
+    """Check a constraint: phi, h and rate (R,); gradient (R, 6), the derivative of h, which must depend on thrust."""
     view = sample_steps(None, ROWS).after
 
     def make(rows: AnyArray) -> Inputs:
@@ -43,7 +43,7 @@ def check_constraint(plugin: Constraint, parts: Sequence[Part], report: Report) 
         report.expect(
             np.array_equal(phi, every["phi"]),
             "phi",
-            "the call gives another phi than `evaluate`",
+            "the call returns another phi than `evaluate`",
             "let both give the same",
         )
     if every is not None:
@@ -62,7 +62,7 @@ def check_constraint(plugin: Constraint, parts: Sequence[Part], report: Report) 
 
 
 def _check_half_space(plugin: Constraint, report: Report) -> None:
-    """Compare the half-spaces at states from everywhere with phi: of these states, and of the states within them."""
+    """Compare phi with the half-spaces of sampled states, at these states and at those within the half-spaces."""
     state = probe_states()
     points, phi = np.concatenate((state.position, state.velocity), axis=1), plugin.phi(state)
     kernel: Any = type(plugin).half_space
@@ -79,7 +79,7 @@ def _check_half_space(plugin: Constraint, report: Report) -> None:
         wrong, text = (beyond > rounding) @ unsafe, "a state with phi < 0 lies within it"
         own, clear = np.diag(beyond), np.diag(rounding)
         if not wrong.any():
-            wrong, text = (own < -clear) & (phi > 0.0), "a state with phi > 0 does not lie within its own"
+            wrong, text = (own < -clear) & (phi > 0.0), "a state with phi > 0 is not within its own half-space"
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         report.add(
@@ -87,12 +87,12 @@ def _check_half_space(plugin: Constraint, report: Report) -> None:
             f"{text}, in {int(wrong.sum())} of {len(state)} states: at position {_shown(state.position[row])} m and "
             f"velocity {_shown(state.velocity[row])} m/s d is {_shown(directions[row])} and the need {needs[row]:.4g}",
             "write a direction d and return a need so that every state y with d.y >= need is safe, and x itself is "
-            "exactly where d.x >= need",
+            "safe exactly where d.x >= need",
         )
 
 
 def _check_gradient(plugin: Constraint, state: RelativeState, report: Report) -> None:
-    """Compare the gradient with the central difference quotients of h, at the states where h has no kink."""
+    """Compare the gradient with the central difference quotients of h, at states where h has no kink."""
     gradient, quotient, doubt, smooth = _quotients(plugin, state)
     kinks = int((~smooth).sum(axis=0).max())
     if not report.expect(
@@ -115,7 +115,7 @@ def _check_gradient(plugin: Constraint, state: RelativeState, report: Report) ->
 
 
 def _quotients(plugin: Constraint, state: RelativeState) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Return the gradient, the central difference quotients, how far these may be off, and where h has no kink."""
+    """Return the gradient, the central difference quotients, their possible errors, and where h has no kink."""
     here = plugin.evaluate(state)
     gradient = here.gradient
     sizes = (np.sqrt((array**2).sum(axis=1)) for array in (state.position, state.velocity))
@@ -136,7 +136,7 @@ def _quotients(plugin: Constraint, state: RelativeState) -> tuple[FloatArray, Fl
 
 
 def _scale(gradient: FloatArray, quotient: FloatArray) -> FloatArray:
-    """Return the larger length of the two in the position part and in the velocity part, shape (R, 6)."""
+    """Return the larger of the two lengths in the position part and in the velocity part, shape (R, 6)."""
     lengths = [np.sqrt((array.reshape(-1, 2, 3) ** 2).sum(axis=2)) for array in (gradient, quotient)]
     return np.asarray(np.maximum(*lengths).repeat(3, axis=1))
 

@@ -1,4 +1,4 @@
-"""`check_plugin`: the contract that every plugin keeps, of this package and of others."""
+"""`check_plugin`: the contract that every plugin must satisfy, whether it is part of this package or not."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from safe_inspect.testing.samples import DEPUTIES, sample_spec
 
 
 def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -> None:
-    """Hold a plugin against the contract.
+    """Check a plugin against the contract.
 
-    A plugin builds from its defaults, is frozen and refuses unknown keys and values of another type, survives YAML
-    and back, and says what it and each of its fields are, with units. What it computes has the shape and the type of
-    its kind, is finite, belongs to its row alone to the bit, changes nothing that it is given, and remembers nothing:
+    A plugin can be built from its defaults, is frozen, rejects unknown keys and values of another type, is unchanged
+    after being written to YAML and read again, and documents itself and each of its fields, with units. Its results
+    have the shape and type of its kind and are finite. Each row depends only on its own inputs and is bit-identical in
+    every batch. A plugin changes none of its inputs, and its results do not depend on earlier calls:
 
     ===========  ================================================================================
-    kind         what it returns
+    kind         result
     ===========  ================================================================================
     reward       float (R,)
     done         bool (R,); the class has a `status`
@@ -32,34 +33,34 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     glue         names and bounds; an observation float (R, size) within them, or thrust [N] (R, 3)
     parameter    float (R,), or named states
     initializer  named states, position and velocity (R, 3)
-    normalizer   float (R, k), and `inverse` brings it back
+    normalizer   float (R, k); `inverse` restores the values
     constraint   phi, h and rate float (R,), gradient float (R, 6), the derivative of h; a `half_space` agrees with phi
     component    a motion within its `disturbance_bounds`
     dynamics     a motion within its `disturbance_bounds` about the Clohessy-Wiltshire motion
     shared_done  a `DoneStatus` or 0, int (N,)
-    metric       float (R,), of a `TeamMetric` (N,), NaN where there is nothing to measure; it has `unit` and `reduce`
+    metric       float (R,), of a `TeamMetric` (N,), NaN where there is no value; it has `unit` and `reduce`
     policy       thrust [N] (R, 3)
-    rta          a `TeamFiltered`, thrusts [N] (N, D, 3); the initial states that it refuses
-    simulator    an environment alone and in a batch go the same way
+    rta          a `TeamFiltered`, thrusts [N] (N, D, 3); the initial states that it rejects
+    simulator    the same results for an environment alone and in a batch
     rendezvous   targets, tumbles, cameras, estimators, planners, bounds and trackers: finite results of the shape of
                  their kind, the same for the same inputs
     ===========  ================================================================================
 
-    The rows come from the sample world, see `safe_inspect.testing.sample_steps`, with one deputy and with several. An
-    agent that is computed together with others gets what it gets by itself.
+    The rows come from the sample world, with one deputy and with several; see `safe_inspect.testing.sample_steps`. An
+    agent that is computed together with others must get the same result as on its own.
 
     Args:
-        plugin: A plugin class, which is built from its defaults; or a plugin, where defaults will not do.
-        parts: Further parts of the sample world's deputy, for a plugin that names them.
+        plugin: A plugin class, which is built from its defaults; or a plugin, if the defaults are not suitable.
+        parts: Further parts of the sample world's deputy, for a plugin that refers to them.
 
     Raises:
         ContractError: The plugin breaks the contract; the message lists every breach with its remedy.
-        TypeError: `plugin` is no plugin.
+        TypeError: `plugin` is not a plugin.
     """
     cls = plugin if isinstance(plugin, type) else type(plugin)
     if not issubclass(cls, Plugin):
         raise TypeError(
-            f"{plugin!r} is no plugin: neither a subclass of safe_inspect.plugins.plugin.Plugin nor one of its objects"
+            f"{plugin!r} is not a plugin: expected a subclass of safe_inspect.plugins.plugin.Plugin, or an instance"
         )
     name = cls.registered_name or cls.__name__
     report = Report()

@@ -1,4 +1,4 @@
-"""What a plugin declares: its fields, its documentation, and that it survives YAML."""
+"""Checks of a plugin's declaration: its fields, its documentation, and whether it can be written to YAML and read."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.testing.report import Report
 
 _UNKNOWN = "no_such_field"
-#: Other ways to write a unit in a docstring.
+#: Other notations of a unit in a docstring.
 _SAME = {"Hz": ("1/s",), "m/s^2": ("m/s2", "m/s**2"), "rad/s": ("1/s",)}
 _ENTRY = re.compile(r"^ {4}(\w+)(?: \([^)]*\))?: *(.*(?:\n {5,}.*)*)", re.MULTILINE)
 
 
 def check_declaration(plugin: Plugin, report: Report) -> None:
-    """Check a plugin's fields, its documentation, and its way through YAML and back."""
+    """Check a plugin's fields, its documentation, and that it is unchanged after being written to YAML and read."""
     cls = type(plugin)
     _check_strictness(cls, report)
     _check_documentation(cls, report)
@@ -33,7 +33,7 @@ def check_declaration(plugin: Plugin, report: Report) -> None:
 
 
 def check_names(plugin: Plugin, spec: EnvironmentSpec, report: Report) -> bool:
-    """Check that what the plugin's fields name stands in the sample world; return whether it does."""
+    """Check that what the plugin's fields refer to exists in the sample world; return whether it does."""
     known = spec.names(spec.agents[0])
     sound = True
     for field, kind in plugin.references().items():
@@ -49,7 +49,7 @@ def check_names(plugin: Plugin, spec: EnvironmentSpec, report: Report) -> bool:
 
 
 def documented_fields(cls: type[BaseModel]) -> dict[str, str]:
-    """Return what the "Attributes:" of a class and of its bases say of each field; its own word counts first."""
+    """Return each field's description in the "Attributes:" of a class and its bases; the class itself has priority."""
     documented: dict[str, str] = {}
     for parent in cls.__mro__:
         text = inspect.cleandoc(vars(parent).get("__doc__") or "")
@@ -69,20 +69,20 @@ def _check_strictness(cls: type[Plugin], report: Report) -> None:
     report.expect(
         cls.model_config.get("extra") == "forbid",
         "strict",
-        f"{cls.__name__} takes keys that it does not have, so a misspelt key goes unseen",
+        f"{cls.__name__} accepts keys that it does not have, so a misspelt key goes unnoticed",
         'leave `extra="forbid"` in model_config',
     )
     for field, model in _models(cls, set()):
         report.expect(
             model.model_config.get("frozen") and model.model_config.get("extra") == "forbid",
             "strict",
-            f"the model {model.__name__} of the field `{field}` can be changed, or takes keys that it does not have",
+            f"the model {model.__name__} of the field `{field}` can be changed, or accepts keys that it does not have",
             'give it model_config = ConfigDict(frozen=True, extra="forbid")',
         )
 
 
 def _models(cls: type[BaseModel], seen: set[type]) -> Iterator[tuple[str, type[BaseModel]]]:
-    """Yield the models that stand in a model's fields, at any depth, plugins excepted."""
+    """Yield the models in a model's fields, at any depth, except plugins."""
     for field, info in cls.model_fields.items():
         for part in _annotations(info.annotation):
             if not (isinstance(part, type) and issubclass(part, BaseModel)) or issubclass(part, Plugin) or part in seen:
@@ -99,7 +99,7 @@ def _annotations(annotation: Any) -> Iterator[Any]:
 
 
 def _unit(info: Any) -> str:
-    """Return the SI unit of a field, empty for one without."""
+    """Return the SI unit of a field, or an empty text if it has none."""
     found = [info, *(mark for part in _annotations(info.annotation) for mark in getattr(part, "__metadata__", ()))]
     for mark in found:
         extra = getattr(mark, "json_schema_extra", None)
@@ -113,8 +113,8 @@ def _check_documentation(cls: type[Plugin], report: Report) -> None:
     report.expect(
         summary.endswith((".", ":")),
         "documented",
-        f"{cls.__name__} has no docstring" if not summary else f"the docstring begins with {summary!r}, no sentence",
-        "say in a first sentence, ended by a full stop, what it computes; `safe-inspect list` shows it",
+        f"{cls.__name__} has no docstring" if not summary else f"the docstring begins with {summary!r}, not a sentence",
+        "start with a sentence that says what it computes and ends in a full stop; `safe-inspect list` shows it",
     )
     documented = documented_fields(cls)
     for field, info in cls.model_fields.items():
@@ -136,7 +136,7 @@ def _check_documentation(cls: type[Plugin], report: Report) -> None:
         report.expect(
             field in cls.model_fields or hasattr(cls, field),
             "documented",
-            f"the docstring tells of a field `{field}` that {cls.__name__} does not have",
+            f"the docstring documents a field `{field}` that {cls.__name__} does not have",
             did_you_mean(field, cls.model_fields),
         )
 
@@ -147,15 +147,15 @@ def _check_values(plugin: Plugin, report: Report) -> None:
     if _accepts(cls, {**fields, _UNKNOWN: 1}):
         report.add(
             "strict",
-            f"{cls.__name__} takes the key `{_UNKNOWN}`",
+            f"{cls.__name__} accepts the key `{_UNKNOWN}`",
             'leave `extra="forbid"` in model_config, and let no validator drop keys',
         )
     for name in fields:
         if _accepts(cls, {**fields, name: object()}):
             report.add(
                 "strict",
-                f"the field `{name}` takes any object",
-                "annotate it with the type that it is to have",
+                f"the field `{name}` accepts any object",
+                "annotate it with its type",
             )
 
 
@@ -164,7 +164,7 @@ def _accepts(cls: type[Plugin], fields: dict[str, Any]) -> bool:
         cls.model_validate(fields)
     except (ValidationError, PydanticCustomError):
         return False
-    except Exception:  # refused, if with the wrong class; the rule here is that it is refused at all
+    except Exception:  # The value is rejected, if with the wrong exception; this rule only requires a rejection.
         return False
     return True
 

@@ -1,4 +1,4 @@
-"""The contract of front ends: edges between frames that they have seen, the same for the same frames."""
+"""Contract of front ends: edges between frames that they have received, the same for the same frames."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COVARIANCE = np.diag(np.repeat([1e-3, 1e-3], 3) ** 2)
 
 
 def watched_poses(target: Target, frames: int, rate: float = 0.09) -> list[FloatArray]:
-    """Return the poses T_MB of a chaser at rest that watches a tumble, one a second, shape (4, 4) each."""
+    """Return the poses T_MB of a chaser at rest that observes a tumble, one per second, shape (4, 4) each."""
     start = rate * np.array([[0.7, 0.5, 0.5]])
     q, _ = tumble(target.principal, np.array([[0.1, -0.3, 0.5, 0.8]]) / np.sqrt(0.99), start, np.arange(float(frames)))
     turned = to_matrix(q[0]) @ target.R_MT.T
@@ -31,14 +31,14 @@ def watched_poses(target: Target, frames: int, rate: float = 0.09) -> list[Float
 
 
 def edges_of(poses: list[FloatArray], *, model: bool) -> list[Edge]:
-    """Return exact edges between neighbours, and to the model."""
+    """Return exact edges between consecutive poses and, if `model`, to the model."""
     pairs = [(k - 1, k) for k in range(1, len(poses))]
     edges = [Edge(i, j, inverse(poses[i]) @ poses[j], _COVARIANCE, 1.0) for i, j in pairs]
     return edges + [Edge(MODEL, k, T_MB, _COVARIANCE, 1.0, "model") for k, T_MB in enumerate(poses) if model]
 
 
 def check_front_end(plugin: FrontEnd, target: Target, streams: Streams, report: Report) -> None:
-    """Check a front end: edges between frames that it has seen."""
+    """Check a front end: its edges must be between frames that it has received."""
     camera, T_BC = TimeOfFlightCamera(profile="clean"), pose(R_BC, np.array([0.13, 0.0, 0.0]))  # noqa: N806
     poses = watched_poses(target, 4)
     renderer = camera(target)
@@ -57,7 +57,7 @@ def check_front_end(plugin: FrontEnd, target: Target, streams: Streams, report: 
                 frame = PoseFrame(**vars(frame), number=number, poses=measured)
             own = run.step(frame, None, np.eye(3))
             right = all(edge.first < edge.second <= number and edge.first >= MODEL for edge in own)
-            report.expect(right, "frames", "an edge is between frames that are not there", "count frames by calls")
+            report.expect(right, "frames", "an edge refers to a frame that does not exist", "count frames by calls")
             found += own
         return found
 

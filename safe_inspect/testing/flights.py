@@ -1,4 +1,4 @@
-"""Rough flights: episodes of the sample world from which steps are taken to call a plugin with."""
+"""Flights with random and extreme actions: episodes of the sample world that provide steps to call plugins with."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 #: Steps of a flight.
 LENGTH = 40
-#: A flight begins a new episode after this many steps, so that all phases of an episode occur.
+#: A flight starts a new episode after this many steps, so that all phases of an episode occur.
 HORIZON = 24
-#: How fast a scripted deputy is thrown towards the chief or away from it [m/s].
+#: Speed change of a scripted deputy towards or away from the chief [m/s].
 _SHOVE = 5.0
-#: Of so many environments one has two deputies at the very same place.
+#: One in this many environments has two deputies at exactly the same position.
 _TOGETHER = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """One step of a flight.
+    """Step of a flight.
 
     Attributes:
         step: The step, of the first group of agents.
@@ -39,12 +39,12 @@ class Flown:
 
 
 def fly(environment: TeamEnvironment, first_slot: int = 0, length: int = LENGTH) -> list[Flown]:
-    """Fly rough episodes, and return each step.
+    """Run episodes with random and extreme actions, and return each step.
 
-    What an environment does depends on its slot and its own state alone, not on those beside it.
+    An environment depends only on its slot and its state, not on the other environments.
 
     Args:
-        environment: The environments, freshly made.
+        environment: The environments, newly created.
         first_slot: Index of their first slot.
         length: Number of steps.
     """
@@ -70,7 +70,7 @@ def fly(environment: TeamEnvironment, first_slot: int = 0, length: int = LENGTH)
 
 
 def fly_twice(spec: EnvironmentSpec, batch: int = 5, length: int = 12) -> Iterator[tuple[Flown, Flown]]:
-    """Fly a batch and some of its environments by themselves; yield each step of these, from both flights."""
+    """Run a batch, and then some of its environments alone; yield each step of these from both flights."""
     together = fly(TeamEnvironment(spec, batch, seed=1), length=length)
     for slot in (0, batch - 1):
         alone = fly(TeamEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)
@@ -80,12 +80,12 @@ def fly_twice(spec: EnvironmentSpec, batch: int = 5, length: int = 12) -> Iterat
 
 
 def take_rows(step: Step, rows: AnyArray, agent: int | None = None) -> Step:
-    """Return the step of some environments as a step of its own: copies of the states, with nothing computed yet.
+    """Return the step of some environments as a separate step: copies of the states, with nothing computed yet.
 
     Args:
         step: A step of N environments.
         rows: Indices of the environments, shape (M,); with one deputy they are the rows of the step.
-        agent: Index of the group's agent that is to be a group by itself; all of them unless given.
+        agent: Index of the agent that becomes a group of one; by default, all agents.
     """
     size = step.after.group.size
     agents = np.arange(size) if agent is None else np.array([agent])
@@ -111,7 +111,7 @@ def _take(view: View, rows: AnyArray, agent: int | None) -> View:
 
 
 def _rough_action(environment: TeamEnvironment, slots: AnyArray, time: int) -> FloatArray:
-    """Return actions, shape (N, G, A): noise and, by slot and agent, a push towards the chief, none, or one away."""
+    """Return actions, shape (N, G, A): noise and, by slot and agent, a push towards the chief or away, or none."""
     group, state = environment.acting[0], environment.state
     shape = group.size, group.action_layout.size
     noise = np.stack([np.random.default_rng((int(slot), time)).normal(0.0, 0.4, shape) for slot in slots])
@@ -131,7 +131,7 @@ def _outwards(position: FloatArray) -> FloatArray:
 
 
 def _shove(state: State, slots: AnyArray, rows: AnyArray) -> None:
-    """Throw scripted deputies towards the chief, not at all, or away from it."""
+    """Change the velocity of scripted deputies towards the chief, not at all, or away from it."""
     agents = np.arange(state.control.shape[1])
     state.velocity[rows[:, None], agents] += (
         _SHOVE * _sense(slots[rows], agents) * _outwards(state.position[rows[:, None], agents])
@@ -139,7 +139,7 @@ def _shove(state: State, slots: AnyArray, rows: AnyArray) -> None:
 
 
 def _crowd(state: State, slots: AnyArray, rows: AnyArray) -> None:
-    """Put the second deputy, if there is one, near the first, or into the very same place, where it then stays."""
+    """Move the second deputy, if any, near the first, or to exactly the same position, where it stays."""
     if state.control.shape[1] < 2:
         return
     for row in rows:

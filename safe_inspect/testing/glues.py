@@ -1,4 +1,4 @@
-"""The contract of the glues."""
+"""Contract of the glues."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from safe_inspect.types import AnyArray
 
 
 def check_glue(plugin: Glue, parts: Sequence[Part], report: Report) -> None:
-    """Check a glue: names, bounds, and its part of the observation (R, size) or the thrust (R, 3)."""
+    """Check a glue: its names and bounds, and its part of the observation (R, size) or its thrust (R, 3)."""
     named = sample_spec(plugin, parts=parts).agents[0].parts
     bounds: Bounds | None = None
     with report.attempt("`names` or `bounds`"):
@@ -31,7 +31,7 @@ def check_glue(plugin: Glue, parts: Sequence[Part], report: Report) -> None:
     if not report.expect(right, "bounds", f"the bounds are {low} and {high}", remedy):
         return
     report.expect((low <= high).all(), "bounds", f"a lower bound is above the upper: {low}, {high}", "swap them")
-    report.expect(len(set(names)) == size, "names", f"a name stands twice in {names}", "name every element once")
+    report.expect(len(set(names)) == size, "names", f"a name occurs twice in {names}", "name every element once")
     if isinstance(plugin, ObservationGlue):
         shape = Shape((size,), "f", f"(R, {size})")
         for step in each_world(plugin, parts, report):
@@ -49,11 +49,11 @@ def check_glue(plugin: Glue, parts: Sequence[Part], report: Report) -> None:
         if isinstance(plugin, SafetyGlue):
             _check_refusals(plugin, report)
     else:
-        report.add("glue", f"{type(plugin).__name__} is of neither kind", "extend ObservationGlue or ActionGlue")
+        report.add("glue", f"{type(plugin).__name__} is neither kind of glue", "extend ObservationGlue or ActionGlue")
 
 
 def _check_refusals(plugin: SafetyGlue, report: Report) -> None:
-    """Check which initial states a safety glue refuses: bool (R,) for each constraint."""
+    """Check the initial states that a safety glue rejects: bool (R,) for each constraint."""
     view = sample_steps(None, ROWS).after
 
     def make(rows: AnyArray) -> Inputs:

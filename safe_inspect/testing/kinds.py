@@ -1,4 +1,4 @@
-"""What a plugin of each kind is called with, and what it returns."""
+"""Checks for each kind of plugin: its inputs and its results."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ from safe_inspect.types import AnyArray
 
 
 def check_reward(plugin: Reward, parts: SampleParts, report: Report) -> None:
-    """Check a reward: float (R,)."""
+    """Check a reward: it must return float (R,)."""
     for step in each_world(plugin, parts, report):
         check_call(call_of_step("the reward", plugin, step, Shape()), report)
         _check_row_kernel(plugin, step, report)
 
 
 def check_done(plugin: DoneFunction, parts: SampleParts, report: Report) -> None:
-    """Check a done function: bool (R,), and a status that ends an episode."""
+    """Check a done function: it must return bool (R,) and have a status that ends an episode."""
     status = getattr(plugin, "status", None)
     report.expect(
         status in (DoneStatus.WIN, DoneStatus.LOSE, DoneStatus.DRAW),
@@ -60,10 +60,10 @@ def check_done(plugin: DoneFunction, parts: SampleParts, report: Report) -> None
 
 
 def _check_row_kernel(plugin: RowPlugin, seen: View | Step, report: Report) -> None:
-    """Check that a row kernel gives what a batch call gives that stands beside it."""
+    """Check that a row kernel gives the same values as a batch call that is defined as well."""
     view = seen.after if isinstance(seen, Step) else seen
     if type(plugin).__call__ is RowPlugin.call_rows:
-        return  # the batch call follows from the kernel
+        return  # The batch call uses the kernel.
     with report.attempt("the row kernel"):
         if plugin.row(view.world, view.group) is not None:
             report.expect(
@@ -107,7 +107,7 @@ def _check_sensor(plugin: Sensor, parts: SampleParts, report: Report) -> None:
 
 
 def _check_memory(call: Callable[[Step], AnyArray], what: str, spec: EnvironmentSpec, report: Report) -> None:
-    """Check that what a plugin remembers of an environment does not depend on those beside it."""
+    """Check that a plugin's memory of an environment does not depend on the other environments."""
     for together, alone in fly_twice(spec):
         if call(together.step).tobytes() != call(alone.step).tobytes():
             report.add(
@@ -136,7 +136,7 @@ def _check_controller(plugin: Controller, report: Report) -> None:
 
 
 def check_normalizer(plugin: Normalizer, parts: SampleParts, report: Report) -> None:
-    """Check a normaliser: float (R, k) there and back."""
+    """Check a normaliser: float (R, k), in both directions."""
     sizes = [size for size in range(1, 17) if _fits(plugin, size)]
     if not report.expect(sizes, "check", "`check` accepts no number of elements from 1 to 16", "accept the right one"):
         return
@@ -173,7 +173,7 @@ def _fits(plugin: Normalizer, size: int) -> bool:
 
 
 def check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None:
-    """Check a platform: it returns the names of its parts; ValueError says that they do not fit it."""
+    """Check a platform: it must return the names of its parts, or raise ValueError if they do not fit it."""
     own = tuple(sample_spec().agents[0].parts.values())
     with report.attempt("the platform"):
         try:
@@ -186,7 +186,7 @@ def check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None
 
 
 def check_property(plugin: Property, parts: SampleParts, report: Report) -> None:
-    """Check a property: it keeps values within its limits."""
+    """Check a property: it must clip values to its limits."""
     low, high = plugin.limits
     if not report.expect(low < high, "limits", f"the limits are {low} and {high}", "let the first be the smaller"):
         return
@@ -224,7 +224,7 @@ CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
 
 
 def check_behaviour(plugin: Plugin, parts: SampleParts, report: Report) -> None:
-    """Check what a plugin computes; a kind that this package does not know has no check."""
+    """Check the results of a plugin; there is no check for a kind that is not part of this package."""
     check = CHECKS.get(plugin.kind)
     if check is not None:
         check(plugin, parts, report)

@@ -1,4 +1,4 @@
-"""The contract of the metrics."""
+"""Contract of the metrics."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from safe_inspect.types import AnyArray
 
 
 def check_metric(plugin: BaseMetric, parts: Sequence[Part], report: Report) -> None:
-    """Check a metric: float (R,) or (N,), NaN allowed, a unit, a way to reduce, and a label."""
+    """Check a metric: float (R,) or (N,), NaN allowed; a unit, a reduction, and a label."""
     reduce = getattr(plugin, "reduce", None)
     report.expect(
         reduce in get_args(Reduce),
@@ -36,7 +36,7 @@ def check_metric(plugin: BaseMetric, parts: Sequence[Part], report: Report) -> N
     elif isinstance(plugin, TeamMetric):
         _check_team(plugin, parts, report)
     else:
-        report.add("base", f"{type(plugin).__name__} is no metric of agents or teams", "extend Metric or TeamMetric")
+        report.add("base", f"{type(plugin).__name__} is not a metric of agents or teams", "extend Metric or TeamMetric")
 
 
 def _check_own(plugin: Metric, parts: Sequence[Part], report: Report) -> None:
@@ -81,7 +81,7 @@ def _nan(rows: int) -> AnyArray:
 
 
 def _without_nan(value: Any) -> Any:
-    """Put a number where NaN says that there is nothing to measure; infinity stays and is a breach."""
+    """Replace NaN, which means that there is no value, by a number; infinity remains and is a breach."""
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
         return np.where(np.isnan(value), -1.2345, value)
     return value

@@ -1,4 +1,4 @@
-"""The contract of the plugins of a rendezvous: shapes, the same results for the same inputs, and inputs left alone."""
+"""Contract of the plugins of a rendezvous: shapes, equal results for equal inputs, and unchanged inputs."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from safe_inspect.types import AnyArray
 
 
 def _check_target_model(plugin: TargetModel, parts: SampleParts, report: Report) -> None:
-    """Check a target model: a body whose mating point is outside of its boxes."""
+    """Check a target model: its mating point must be outside its boxes."""
     target, again = plugin(), plugin()
     _same(report, "the target", _arrays(target), _arrays(again))
     _finite(report, "the mating point", target.mating_point, (3,))
@@ -53,7 +53,7 @@ def _check_target_model(plugin: TargetModel, parts: SampleParts, report: Report)
 
 
 def _check_tumble(plugin: Tumble, parts: SampleParts, report: Report) -> None:
-    """Check a tumble: a unit quaternion and an angular velocity."""
+    """Check a tumble: it must return a unit quaternion and an angular velocity."""
     q, w = plugin(_streams())
     _finite(report, "the attitude", q, (4,))
     _finite(report, "the angular velocity", w, (3,))
@@ -62,7 +62,7 @@ def _check_tumble(plugin: Tumble, parts: SampleParts, report: Report) -> None:
 
 
 def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: Report) -> None:
-    """Check an estimator: estimates of a chaser that hangs before a target, with a camera that fails in the end."""
+    """Check an estimator: its estimates for a chaser at rest in front of a target, with a camera that fails later."""
     chaser, body = _bodies()
     camera = Fault(kind="camera", start=1.5, duration=10.0)
     mission, sensors = MissionConfig(faults=(camera,)), SensorsConfig()
@@ -86,7 +86,7 @@ def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: R
 
 
 def _check_approach_planner(plugin: ApproachPlanner, parts: SampleParts, report: Report) -> None:
-    """Check a planner: a plan that a mission may fly, with its certificate, and a status where there is none."""
+    """Check a planner: it must return a plan that a mission can fly, with its certificate, or a status without one."""
     query, easy, blocked = _query(), _still_query(-1.0), _still_query(1.0)
     with _unchanged([query.state, query.orientation, query.angular_velocity], report, "the planner"):
         plan, again = plugin(query), plugin(query)
@@ -111,9 +111,9 @@ def _check_approach_planner(plugin: ApproachPlanner, parts: SampleParts, report:
 
 
 def _expect_flyable(query: PlanQuery, plan: Plan, report: Report) -> None:
-    """Note a breach where a mission would refuse a plan: as it is not what was asked for, or comes too close."""
+    """Add a breach if a mission would reject a plan, because it does not match the query or comes too close."""
     mistake = plan_mistake(query, plan)
-    report.expect(not mistake, "plan", mistake, "return another status than SOLVED, or a path that keeps the query")
+    report.expect(not mistake, "plan", mistake, "return another status than SOLVED, or a path that satisfies the query")
     if mistake or plan.path is None:
         return
     proof = certify(query, plan.path, plan.t_start - query.t0)
@@ -121,7 +121,7 @@ def _expect_flyable(query: PlanQuery, plan: Plan, report: Report) -> None:
         proof.certified,
         "certificate",
         f"the clearance is {proof.clearance:.3g} m beyond radius and margin {proof.time:.3g} s after the start",
-        "keep `query.margin`; `certify(query, path, wait)` tells if a path does",
+        "keep `query.margin`; use `certify(query, path, wait)` to check a path",
     )
 
 
@@ -131,7 +131,7 @@ def _check_front_end(plugin: FrontEnd, parts: SampleParts, report: Report) -> No
 
 
 def _check_tracker(plugin: Tracker, parts: SampleParts, report: Report) -> None:
-    """Check a tracker: a force within the limits, the same for the same run of estimates."""
+    """Check a tracker: a force within the limits, the same for the same sequence of estimates."""
     plan, query, limits = _plan(), _bound_query(), TrackingLimits()
     bound = ConformalBound()(query, _streams())
     far = np.ones(len(plan.times))
@@ -147,7 +147,7 @@ def _check_tracker(plugin: Tracker, parts: SampleParts, report: Report) -> None:
         found = forces()
     _finite(report, "the forces", found, (3, 3))
     largest = np.abs(found).max()
-    report.expect(largest <= limits.force, "limits", f"it asks for {largest} N", "clip the force at the limits")
+    report.expect(largest <= limits.force, "limits", f"it commands {largest} N", "clip the force at the limits")
     _same(report, "the forces", [found], [forces()])
 
 
@@ -159,12 +159,12 @@ _CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
     "tracker": _check_tracker,
     "tumble": _check_tumble,
 }
-#: The kinds that `check_rendezvous` knows.
+#: The kinds that `check_rendezvous` supports.
 RENDEZVOUS_KINDS = tuple(_CHECKS)
 
 
 def check_rendezvous(plugin: Any, parts: SampleParts, report: Report) -> None:
-    """Check a plugin of a rendezvous, of any kind."""
+    """Check a plugin of a rendezvous, whatever its kind."""
     with report.attempt(f"the {plugin.kind.replace('_', ' ')}", "it must work for the sample target"):
         _CHECKS[plugin.kind](plugin, parts, report)
 
@@ -199,7 +199,7 @@ def _query(state: AnyArray | None = None) -> PlanQuery:
 
 
 def _still_query(side: float) -> PlanQuery:
-    """Return a query about a target that hardly turns, its mating point on the chaser's side (-1) or behind it (1)."""
+    """Return a query with a nearly still target; its mating point faces the chaser (side -1) or faces away (side 1)."""
     target = _target()
     ahead, facing = target.mating_point / np.linalg.norm(target.mating_point), np.array([0.0, side, 0.0])
     turn = np.append(np.cross(ahead, facing), 1.0 + ahead @ facing)
@@ -236,7 +236,7 @@ def _same(report: Report, what: str, first: Sequence[AnyArray], second: Sequence
 
 @contextmanager
 def _unchanged(arrays: Sequence[AnyArray], report: Report, what: str) -> Iterator[None]:
-    """Note a breach when an array changes within the block."""
+    """Add a breach if an array changes within the block."""
     before = [array.tobytes() for array in arrays]
     yield
     kept = all(array.tobytes() == bytes_before for array, bytes_before in zip(arrays, before, strict=True))

@@ -1,4 +1,4 @@
-"""What a plugin does wrong, reported at once."""
+"""Report of all breaches of the contract by a plugin."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from safe_inspect.environments.writers import writes_read_only
 from safe_inspect.errors import PluginValueError, SafeInspectError
 
-#: What to do where a plugin writes into what it is given.
+#: Remedy if a plugin writes into its inputs.
 WRITES = "compute on copies: no assignment, `+=` or `out=` on what the plugin is given"
 
 
@@ -20,8 +20,8 @@ class Breach:
 
     Attributes:
         rule: Name of the rule, such as ``row-wise``.
-        message: What is wrong.
-        remedy: What to do.
+        message: Description of the mistake.
+        remedy: How to fix it.
     """
 
     rule: str
@@ -33,11 +33,11 @@ class Breach:
 
 
 class ContractError(SafeInspectError, AssertionError):
-    """A plugin breaks the contract.
+    """Error that lists all rules of the contract that a plugin breaks.
 
     Attributes:
         plugin: Name of the plugin.
-        breaches: All that it breaks.
+        breaches: All breaches of the plugin.
     """
 
     def __init__(self, plugin: str, breaches: Sequence[Breach]) -> None:
@@ -50,25 +50,25 @@ class ContractError(SafeInspectError, AssertionError):
 
 @dataclass
 class Report:
-    """Gathers breaches; a rule with the same message is reported once."""
+    """Collection of breaches; a rule with the same message is reported once."""
 
     breaches: list[Breach] = field(default_factory=list)
 
     def add(self, rule: str, message: str, remedy: str) -> None:
-        """Take note of a breach."""
+        """Add a breach."""
         breach = Breach(rule, message, remedy)
         if breach not in self.breaches:
             self.breaches.append(breach)
 
     def expect(self, condition: object, rule: str, message: str, remedy: str) -> bool:
-        """Take note of a breach unless the condition holds; return whether it does."""
+        """Add a breach unless the condition is true; return the condition."""
         if not condition:
             self.add(rule, message, remedy)
         return bool(condition)
 
     @contextmanager
     def attempt(self, what: str, remedy: str = "it must work for every row of the sample world") -> Iterator[None]:
-        """Turn an exception of the plugin's into a breach that names its line."""
+        """Convert an exception of the plugin to a breach that names the line of the exception."""
         try:
             yield
         except Exception as error:

@@ -1,4 +1,4 @@
-"""The sample world: steps of the shipped task under rough handling, to call a plugin with."""
+"""Sample world: steps of the shipped task with random and extreme actions, as inputs for plugins."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ from safe_inspect.units import PositiveAngularRate
 
 __all__ = ["DEPUTIES", "ENVIRONMENTS", "sample_spec", "sample_steps", "sample_team_steps", "take_rows"]
 
-#: Environments of a flight, and of one that may take its time: with several deputies, or flown by the plugin itself.
+#: Environments of a flight, and of a slower one: with several deputies, or flown by the plugin itself.
 ENVIRONMENTS, FEW_ENVIRONMENTS = 32, 8
-#: Deputies of the sample world with several of them.
+#: Deputies of the sample world with several deputies.
 DEPUTIES = 3
 
 
@@ -83,7 +83,7 @@ def sample_vehicle_row(
 
 
 class SampleVehicle(Dynamics):
-    """A deputy in Clohessy-Wiltshire dynamics whose angular velocity follows its velocity, so that no two turn alike.
+    """Deputy in Clohessy-Wiltshire dynamics whose angular velocity follows its velocity, so that no two turn alike.
 
     Attributes:
         mean_motion: Mean motion of the chief's orbit [rad/s].
@@ -112,15 +112,15 @@ class SampleVehicle(Dynamics):
 
 
 def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), deputies: int = 1) -> EnvironmentSpec:
-    """Return the environment of the sample world: the shipped task with one deputy or more and further parts.
+    """Return the environment of the sample world: the shipped task with one or more deputies and further parts.
 
-    Every shipped part stands in it under its default name too, so that plugins build from their defaults find it, and
-    so does every shipped component.
+    It contains every shipped part under its default name, and every shipped component, so that plugins built from their
+    defaults find them.
 
     Args:
-        plugin: The plugin under test; a part is added to the deputies, a scripted policy flies them, a team's safety
+        plugin: The plugin under test: a part is added to the deputies, a scripted policy commands them, a team's safety
             filter filters their thrusts.
-        parts: Further parts, for a plugin that names them.
+        parts: Further parts, for a plugin that refers to them.
         deputies: Number of deputies, `blue0`, `blue1` and so on, all of them alike.
     """
     spec = load_spec(next(iter(TASKS)))
@@ -169,15 +169,15 @@ def sample_steps(
 ) -> Step:
     """Return steps of many episodes as one `Step`: each row is one step of one environment.
 
-    Deputies fly at random, at the chief and away from it. Among the rows are first steps, ends of every kind (crash,
-    out of range, all points inspected), lit and dark points, and interventions of a safety filter; with several
-    deputies also near ones, colliding ones, and such whose agents have ended while others go on.
+    Deputies fly at random, towards the chief and away from it. The rows include first steps, ends of every kind (crash,
+    out of range, all points inspected), lit and dark points, and interventions of a safety filter. With several
+    deputies, they also include deputies that are near each other or collide, and agents that have ended before others.
 
     Args:
-        plugin: The plugin under test; a sensor is read, and remembers, in these steps.
+        plugin: The plugin under test; a sensor is read, and updates its memory, in these steps.
         rows: Number of environments, N; with G deputies the step has R = N * G rows, environment by environment.
         seed: Seed of the flight and of the choice of rows.
-        parts: Further parts of the deputies, for a plugin that names them.
+        parts: Further parts of the deputies, for a plugin that refers to them.
         deputies: Number of deputies, all of one group.
     """
     return _sample(plugin, rows, seed, parts, deputies)[0]
@@ -186,7 +186,7 @@ def sample_steps(
 def sample_team_steps(
     plugin: Plugin | None = None, rows: int = 64, seed: int = 0, *, parts: Sequence[Part] = (), deputies: int = DEPUTIES
 ) -> TeamStep:
-    """Return the same steps as all deputies together see them: N environments, in the order of `sample_steps`.
+    """Return the steps of `sample_steps`, in the same order, from the view of all deputies of the N environments.
 
     Args:
         plugin: The plugin under test.
@@ -210,7 +210,7 @@ def sample_team_steps(
 
 
 def team_sizes(plugin: Plugin | None) -> tuple[int, ...]:
-    """Return the numbers of deputies of the sample worlds that have the deputies which a plugin names."""
+    """Return the numbers of deputies of the sample worlds that contain the deputies to which a plugin refers."""
     references = {} if plugin is None else plugin.references()
     named = {getattr(plugin, field) for field, kind in references.items() if kind in ("entity", "platform")}
     further = {f"blue{index}" for index in range(1, DEPUTIES)}
@@ -238,7 +238,7 @@ def _sample(
     plugin: Plugin | None, rows: int, seed: int, parts: Sequence[Part], deputies: int
 ) -> tuple[Step, AnyArray]:  # fmt: skip
     if rows < 1:
-        raise ValueError(f"a sample has at least 1 row, not {rows}")
+        raise ValueError(f"rows must be at least 1, got {rows}")
     remembers = isinstance(plugin, DoneFunction) and type(plugin).remember is not DoneFunction.remember
     if isinstance(plugin, (Sensor, ScriptedPolicy, TeamSafety)) or remembers or parts:
         spec = sample_spec(plugin, parts=parts, deputies=deputies)
@@ -260,7 +260,7 @@ def _sample(
 
 
 def _gather(flown: Sequence[Flown], chosen: AnyArray, seed: int) -> tuple[Step, AnyArray]:
-    """Return the chosen environments of all steps, numbered on from step to step, as one step and its statuses."""
+    """Return the chosen environments, numbered consecutively over all steps, as one step and its statuses."""
     model = flown[0].step
     size, agents, rows = len(flown[0].over), model.after.group.size, len(chosen)
     before, after = (State(rows, model.after.state.specs) for _ in range(2))

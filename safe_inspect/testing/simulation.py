@@ -1,4 +1,4 @@
-"""The contract of what a simulation is made of: parameters, initialisers, simulators, components and dynamics."""
+"""Contract of the elements of a simulation: parameters, initialisers, simulators, components and dynamics."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from safe_inspect.testing.values import spread
 from safe_inspect.types import AnyArray, FloatArray
 
 _ROWS = 48
-#: Where drawn values lie, by their SI unit.
+#: Ranges of sampled values, by their SI unit.
 _RANGES = {"m": (50.0, 100.0), "m/s": (0.0, 0.3), "rad": (-1.5, 6.28)}
 
 
 def check_parameter(plugin: Parameter, parts: Sequence[Part], report: Report) -> None:
-    """Check a reset parameter: a number for each row, (R,), or named states."""
+    """Check a reset parameter: it must return a number for each row, (R,), or named states."""
     states, slots = _states(), np.arange(_ROWS)
 
     def make(rows: AnyArray) -> Inputs:
@@ -48,7 +48,7 @@ def check_parameter(plugin: Parameter, parts: Sequence[Part], report: Report) ->
 
 
 def check_initializer(plugin: Initializer, parts: Sequence[Part], report: Report) -> None:
-    """Check an initialiser: named states with R rows, those of `gives` among them."""
+    """Check an initialiser: it must return named states with R rows, including those of `gives`."""
     states, slots = _states(), np.arange(_ROWS)
     draw = Draw(Streams(12345, slots, slots), "sample")
     defaults: dict[str, Any] = {name: parameter(draw.child(name)) for name, parameter in plugin.defaults.items()}
@@ -77,12 +77,12 @@ def check_initializer(plugin: Initializer, parts: Sequence[Part], report: Report
                 name in result,
                 "gives",
                 f"`gives` names the state {name!r}, which is not returned",
-                "return it, or drop it",
+                "return it, or remove it from `gives`",
             )
 
 
 def check_simulator(plugin: Simulator, parts: Sequence[Part], report: Report) -> None:
-    """Check a simulator: an environment alone goes the way that it goes in a batch."""
+    """Check a simulator: an environment must evolve identically alone and in a batch."""
     with report.attempt("the simulator"):
         for deputies in (1, DEPUTIES):
             spec = replace(sample_spec(deputies=deputies), simulator=plugin)
@@ -94,14 +94,14 @@ def check_simulator(plugin: Simulator, parts: Sequence[Part], report: Report) ->
                     if array.tobytes() != whole[name].tobytes():
                         report.add(
                             "row-wise",
-                            f"after {alone.step.after.step[0]} steps `{name}` differs alone from what it is in a batch",
+                            f"after {alone.step.after.step[0]} steps `{name}` differs between alone and in a batch",
                             "compute each row from itself",
                         )
                         return
 
 
 def _without_task(agent: AgentSpec) -> AgentSpec:
-    """Return an agent that sees where it is and flies, for simulators without points to inspect."""
+    """Return an agent that observes its motion and flies, for simulators without points to inspect."""
     parts = {
         name: part
         for name, part in agent.parts.items()
@@ -119,15 +119,15 @@ def _states() -> dict[str, FloatArray]:
     return {"position": view.position.copy(), "velocity": view.velocity.copy(), "sun_angle": view.sun_angle.copy()}
 
 
-#: The flight for which bounds are asked.
+#: Limits of the motion for which the bounds are declared.
 _FLIGHT = MotionLimits(step_size=10.0, mass=CWHPlatform().mass, thrust=1.0, distance=2000.0, speed=10.0)
 _BODIES = 256
-#: A bound may be exceeded by this share, as a push early in a step turns with the frame, and by rounding.
+#: A bound may be exceeded by this factor, because a push early in a step rotates with the frame, and by rounding.
 _MORE, _ROUNDING = 1.05, 1e-9
 
 
 def check_component(plugin: Component, parts: SampleParts, report: Report) -> None:
-    """Check that a component does no more to the deputies of the sample world than it declares."""
+    """Check that a component disturbs the deputies of the sample world by no more than it declares."""
     bounds = _declared(plugin, report)
     spec = sample_spec(parts=parts)
     if bounds is None or not set(plugin.bodies) <= {*spec.platforms, *spec.reset.entities}:
@@ -144,26 +144,26 @@ def check_component(plugin: Component, parts: SampleParts, report: Report) -> No
 
 
 def _environment(plugin: Component, spec: EnvironmentSpec) -> TeamEnvironment:
-    """Return the sample world with a component, as late among the others as it can be."""
+    """Return the sample world with a component, placed as late among the others as possible."""
     dynamics, components = spec.simulator.compose()
     others = [other for other in components if type(other) is not type(plugin)]
     for place in reversed(range(len(others) + 1)):
         simulator = ComposedSimulator(dynamics=dynamics, components=(*others[:place], plugin, *others[place:]))
         try:
             return TeamEnvironment(replace(spec, simulator=simulator), FEW_ENVIRONMENTS, seed=1)
-        except ValueError:  # it has to be before another
+        except ValueError:  # The component must precede another one.
             if place == 0:
                 raise
     raise AssertionError("a place is found, or the last error is raised")
 
 
 def check_dynamics(plugin: Dynamics, parts: SampleParts, report: Report) -> None:
-    """Check that dynamics depart from Clohessy-Wiltshire motion by no more than they declare."""
+    """Check that dynamics differ from Clohessy-Wiltshire motion by no more than they declare."""
     bounds = _declared(plugin, report)
     if bounds is None or not report.expect(
         "mean_motion" in plugin.offers(),
         "disturbance_bounds",
-        "bounds are declared, and `offers` gives no `mean_motion` of the motion from which they are counted",
+        "bounds are declared, but `offers` gives no `mean_motion` of the motion to which they refer",
         "offer it, or declare None",
     ):
         return
@@ -186,7 +186,7 @@ def check_dynamics(plugin: Dynamics, parts: SampleParts, report: Report) -> None
 
 
 def _declared(plugin: Component | Dynamics, report: Report) -> DisturbanceBounds | None:
-    """Return the bounds that a plugin declares; None where it declares none."""
+    """Return the bounds that a plugin declares, or None."""
     bounds: Any = None
     with report.attempt("`disturbance_bounds`", "return DisturbanceBounds or None"):
         bounds = plugin.disturbance_bounds(_FLIGHT)
@@ -203,7 +203,7 @@ def _compare(
     before: Mapping[str, FloatArray], after: Mapping[str, FloatArray], mean_motion: float, bounds: DisturbanceBounds,
     report: Report,
 ) -> None:  # fmt: skip
-    """Compare a step of R deputies with the exact one under the commanded thrust."""
+    """Compare a step of R deputies with the exact step under the commanded thrust."""
     phi, gamma = transition(mean_motion, _FLIGHT.mass, _FLIGHT.step_size)
     thrust = after["control"][:, :3]
     start = np.concatenate((before["position"], before["velocity"]), axis=1)
@@ -227,7 +227,7 @@ def _compare(
             row = int(over[np.argmax(size[over] - bound[over])])
             report.add(
                 "disturbance_bounds",
-                f"a step moves `{name}` by {size[row]:.4g} {unit} from what the filters count on, and {bound[row]:.4g} "
-                f"{unit} follow from what is declared",
-                "declare bounds of what it does in a step, or None",
+                f"a step moves `{name}` by {size[row]:.4g} {unit} from what the filters assume, but the declared "
+                f"bounds allow {bound[row]:.4g} {unit}",
+                "declare bounds that cover a step, or None",
             )

@@ -1,4 +1,4 @@
-"""The contract of what concerns several deputies: shared done functions, scripted policies, teams' safety filters."""
+"""Contract of plugins for several deputies: shared done functions, scripted policies and teams' safety filters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SampleParts = Sequence[Part]
 
 
 def check_shared_done(plugin: SharedDoneFunction, parts: SampleParts, report: Report) -> None:
-    """Check a shared done function: a `DoneStatus` for each environment, int8 (N,)."""
+    """Check a shared done function: it must return a `DoneStatus` for each environment, int8 (N,)."""
     for deputies in team_sizes(plugin):
         step = sample_team_steps(plugin, ROWS, parts=parts, deputies=deputies)
 
@@ -51,7 +51,7 @@ def check_shared_done(plugin: SharedDoneFunction, parts: SampleParts, report: Re
 
 
 def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> None:
-    """Check a scripted policy: thrust [N] (R, 3), or the control of a vehicle that turns [N, N m] (R, 6)."""
+    """Check a scripted policy: thrust [N] (R, 3), or the control of a vehicle with attitude [N, N m] (R, 6)."""
     size = 6 if plugin.commands_attitude else 3
     limits = ThrustLimits(np.full(size, -1.0), np.full(size, 1.0))
     for array in (limits.low, limits.high):
@@ -63,7 +63,7 @@ def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> 
         view.remembering = SCRIPTED_POLICY
         try:
             return plugin(view, limits)
-        finally:  # the policy may write what it remembers, and that alone
+        finally:  # The policy may write to its memory, but to nothing else.
             for array, value in zip(own, kept, strict=True):
                 array[...] = value
 
@@ -74,7 +74,7 @@ def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> 
 
 
 def check_team_safety(plugin: TeamSafety, parts: SampleParts, report: Report) -> None:
-    """Check a team's safety filter: thrusts [N] (N, D, 3) and what it tells of them, and which states it refuses."""
+    """Check a team's safety filter: its thrusts [N] (N, D, 3), its flags, and the states that it rejects."""
     known = len(report.breaches)
     for deputies in team_sizes(plugin):
         if plugin.enabled and len(report.breaches) == known and _remembers_what_it_declares(plugin, deputies, report):
@@ -144,12 +144,12 @@ def _check_interventions(
         not wrong.any(),
         "intervening",
         f"`intervening` is wrong for {int(wrong.sum())} of {wrong.size} deputies",
-        f"tell it where the thrust differs from the desired one by more than {INTERVENTION_THRESHOLD} N",
+        f"set it where the thrust differs from the desired one by more than {INTERVENTION_THRESHOLD} N",
     )
 
 
 def _check_flight(plugin: ScriptedPolicy | TeamSafety, parts: SampleParts, deputies: int, report: Report) -> None:
-    """Check that an environment goes the same way alone and in a batch, with all that the plugin remembers."""
+    """Check that an environment evolves identically alone and in a batch, including the memory of the plugin."""
     for together, alone in fly_twice(sample_spec(plugin, parts=parts, deputies=deputies)):
         arrays = alone.step.after.state.arrays
         same = alone.step.control.tobytes() == together.step.control.tobytes() and all(
@@ -159,7 +159,7 @@ def _check_flight(plugin: ScriptedPolicy | TeamSafety, parts: SampleParts, deput
             report.add(
                 "row-wise",
                 _label(
-                    f"after {alone.step.after.step[0]} steps a deputy flies otherwise alone than in a batch", deputies
+                    f"after {alone.step.after.step[0]} steps a deputy moves differently alone than in a batch", deputies
                 ),
                 "compute each row from itself, remember in declared arrays alone, and draw from `state.key` alone",
             )

@@ -1,4 +1,4 @@
-"""Values to call plugins with, and the check of their bounds."""
+"""Values with which plugins are called, and a check of their bounds."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from safe_inspect.testing.report import Report
 from safe_inspect.testing.samples import sample_steps, team_sizes
 from safe_inspect.types import AnyArray, FloatArray
 
-#: Environments of a sample, and of one for a plugin that may take its time.
+#: Environments of a sample, and of one for slow plugins.
 ROWS, FEW_ROWS = 48, 16
 
 
 def each_world(
     plugin: Plugin | None, parts: Sequence[Part], report: Report, rows: int = ROWS
 ) -> Iterator[Step]:  # fmt: skip
-    """Yield steps of the sample world with one deputy, if that will do, and, unless it shows a breach, with several."""
+    """Yield steps of the sample world with one deputy, if the plugin allows it, and, without a breach, with several."""
     known = len(report.breaches)
     for deputies in team_sizes(plugin):
         if len(report.breaches) == known:
@@ -31,7 +31,7 @@ def each_world(
 
 
 def spread(low: FloatArray, high: FloatArray, rows: int) -> FloatArray:
-    """Return values from `low` to `high`, the ends among them, shape (R, k); without a bound, from -3 to 3."""
+    """Return values from `low` to `high`, including both, shape (R, k); an infinite bound is replaced by -3 or 3."""
     low, high = np.where(np.isfinite(low), low, -3.0), np.where(np.isfinite(high), high, 3.0)
     share = np.random.default_rng(5).random((rows, len(low)))
     share[0], share[-1] = 0.0, 1.0
@@ -39,7 +39,7 @@ def spread(low: FloatArray, high: FloatArray, rows: int) -> FloatArray:
 
 
 def call_of_step(what: str, function: Callable[[Step], Any], step: Step, shape: Shape) -> Call:
-    """Return the call of what is called with a `Step`, as rewards and dones are."""
+    """Return the call of a function of a `Step`, such as a reward or a done function."""
 
     def make(rows: AnyArray, agent: int | None = None) -> Inputs:
         taken = take_rows(step, rows, agent)
@@ -57,7 +57,7 @@ def call_of_step(what: str, function: Callable[[Step], Any], step: Step, shape: 
 
 
 def call_of_view(what: str, function: Callable[[View], Any], step: Step, shape: Shape) -> Call:
-    """Return the call of what is called with a `View`, as sensors and glues are: the one at the end of a step."""
+    """Return the call of a function of a `View`, such as a sensor or a glue, with the view at the end of a step."""
 
     def make(rows: AnyArray, agent: int | None = None) -> Inputs:
         view = take_rows(step, rows, agent).after
@@ -82,7 +82,7 @@ def _call(
 def check_bounds(
     values: FloatArray, low: FloatArray, high: FloatArray, what: str, where: str, report: Report
 ) -> None:  # fmt: skip
-    """Check that values lie within the bounds that are declared for them."""
+    """Check that values are within their declared bounds."""
     outside = ((values < low) | (values > high)).any(axis=-1) if values.ndim > 1 else (values < low) | (values > high)
     if outside.any():
         row = int(np.flatnonzero(outside)[0])

@@ -89,7 +89,7 @@ def _load(folder: str, *overrides: str, file: str = "experiment.yml") -> None:
             "dones[0].config.reference_position_sensor_name: the filter keeps deputies safe about the origin, and "
             "'Sensor_Position' reads no body",
         ),
-        ((f"{_AGENT}.reference_store.constraints=[]",), "`constraints` is empty, so the filter keeps nothing"),
+        ((f"{_AGENT}.reference_store.constraints=[]",), "`constraints` is empty, so the filter enforces nothing"),
     ],
 )
 def test_what_voids_the_guarantee_is_refused(overrides: tuple[str, ...], words: str) -> None:
@@ -137,7 +137,7 @@ def test_a_teams_filter_that_is_switched_off_blocks_nobody() -> None:
     _load(_TEAM, off, "rta.config.constraints=[]")
     with pytest.raises(ConfigError, match=r"rta\.config\.m: `m` is 12 here, but the platform's `mass` is 20"):
         _load(_TEAM, _UNEQUAL, _NO_MASS)
-    with pytest.raises(ConfigError, match="`constraints` is empty, so the filter keeps nothing"):
+    with pytest.raises(ConfigError, match="`constraints` is empty, so the filter enforces nothing"):
         _load(_TEAM, "rta.config.constraints=[]")
 
 

@@ -131,7 +131,7 @@ class TestDeclaration:
             def __call__(self, step):
                 return np.ones(len(step.control))
 
-        assert "`thing` takes any object" in breaches(AnyReward)["strict"]
+        assert "`thing` accepts any object" in breaches(AnyReward)["strict"]
 
     def test_documentation(self) -> None:
         class BareReward(Reward):
@@ -160,7 +160,7 @@ class TestDeclaration:
         assert set(bare) == {"documented"}
         assert all(text in bare["documented"] for text in ("has no docstring", "`scale`", "`length`"))
         half = breaches(HalfReward)
-        assert "no sentence" in half["documented"]
+        assert "not a sentence" in half["documented"]
         assert re.search(r"`lenght`.*did you mean `length`", half["documented"])
         assert "`scale`" not in half["documented"]
         assert "[m]" in half["units"]
@@ -573,7 +573,7 @@ class TestValues:
             ("NaN", "the direction or the need is not finite, or the direction is 0"),
             ("zero", "the direction or the need is not finite, or the direction is 0"),
             ("infinite need", "the direction or the need is not finite, or the direction is 0"),
-            ("too far", "a state with phi > 0 does not lie within its own"),
+            ("too far", "a state with phi > 0 is not within its own half-space"),
             ("too near", "a state with phi < 0 lies within it"),
         ],
     )

@@ -97,7 +97,10 @@ def test_what_is_declared_and_done_passes(plugin):
 @pytest.mark.parametrize(
     ("plugin", "words"),
     [
-        (Push(declared=0.009), "a step moves `velocity` by 0.01 m/s from what the filters count on, and 0.009 m/s"),
+        (
+            Push(declared=0.009),
+            "a step moves `velocity` by 0.01 m/s from what the filters assume, but the declared bounds allow 0.009 m/s",
+        ),
         (Push(declared=0.0), "a step moves `velocity` by 0.01 m/s"),
         (Leaning(declared=8e-5), "a step moves `velocity` by 0.001 m/s"),
     ],

@@ -90,7 +90,7 @@ def test_one_agent_of_several_by_itself() -> None:
 def test_it_has_as_many_rows_as_asked_for(rows: int) -> None:
     step = sample_steps(rows=rows)
     assert step.after.num_rows == step.before.num_rows == len(step.action) == rows
-    with pytest.raises(ValueError, match="at least 1 row"):
+    with pytest.raises(ValueError, match="must be at least 1"):
         sample_steps(rows=0)
 
 

@@ -72,7 +72,7 @@ def test_an_unknown_name_says_the_nearest():
         ({"colision_radius": 10.0}, "did you mean `collision_radius`"),
         ({"r_max": 15.0}, "r_max 15.0 m does not exceed collision_radius 15.0 m"),
         ({"r_max": 5.0}, "no position is safe"),
-        ({"v0_distance": 600.0}, "not below r_max"),
+        ({"v0_distance": 600.0}, "must be below r_max"),
         ({"v0_distance": 400.0}, "negative at the collision radius"),
         ({"u_max": -1.0}, "u_max"),
         ({"n": 0.0}, "n: "),

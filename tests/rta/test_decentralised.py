@@ -143,8 +143,8 @@ def test_a_row_does_not_depend_on_its_batch(run, team):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"method": "continuous", "enabled": True}, "does not keep 'deputy_collision'; use the method 'backup'"),
-        ({"method": "simplex", "enabled": True}, "does not keep 'deputy_collision'"),
+        ({"method": "continuous", "enabled": True}, "does not enforce 'deputy_collision'; use the method 'backup'"),
+        ({"method": "simplex", "enabled": True}, "does not enforce 'deputy_collision'"),
         ({"deputy_radius": 0.0}, "greater than 0"),
         ({"constraints": ("deputy_collision", "deputy_collision")}, "name one twice"),
         ({"deputy_radius": 800.0, "enabled": True}, "leaves no room"),

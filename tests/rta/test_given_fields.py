@@ -119,7 +119,7 @@ def test_a_field_that_no_certificate_uses_is_refused(constraint, field, method):
     how = f"RTAGlueCWHInspection1v1.config.method={method}"
     with pytest.raises(ConfigError) as caught:
         load_experiment(config, [ON, how, given]).spec  # noqa: B018
-    assert f"is given `{field}`, which this filter does not use" in str(caught.value)
+    assert f"sets `{field}`, which this filter does not use" in str(caught.value)
     assert "glues[0].config" in str(caught.value)
     load_experiment(config, [how, given]).spec  # noqa: B018 - the filter is off
     if "deputy" not in constraint:
@@ -128,7 +128,7 @@ def test_a_field_that_no_certificate_uses_is_refused(constraint, field, method):
 
 def test_the_teams_filter_refuses_such_a_field_too():
     config = configs_root() / "multiagent-translational-inspection/experiment.yml"
-    with pytest.raises(ConfigError, match="'sun' is given `bias`, which this filter does not use"):
+    with pytest.raises(ConfigError, match="'sun' sets `bias`, which this filter does not use"):
         load_experiment(config, ["rta.config.constraints=[r_max, {functor: sun, config: {bias: -0.1}}]"]).spec  # noqa: B018
 
 

@@ -247,7 +247,7 @@ def test_several_of_one_class_stand_beside_each_other():
     state = state[np.flatnonzero(run.recoverable(state))[:40]]
     result = run(state, np.tile([0.0, 0.0, 1.0], (40, 1)))
     assert (run.phi(flown(state, result.control, DT)) >= 0.0).all()
-    with pytest.raises(ValueError, match="'plane' stands twice"):
+    with pytest.raises(ValueError, match="'plane' is given twice"):
         BackupFilter({}, [Plane(), Plane(offset=3.0)])
 
 

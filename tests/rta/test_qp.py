@@ -132,5 +132,5 @@ def test_bad_input_is_named():
         solve_qp(desired, normals, np.where(np.arange(4)[:, None] == 2, np.nan, bounds), 1.0)
     with pytest.raises(ValueError, match="limit"):
         solve_qp(desired, normals, bounds, 0.0)
-    with pytest.raises(ValueError, match="belong together"):
+    with pytest.raises(ValueError, match="do not match"):
         solve_qp(desired, normals, bounds[:, :3], 1.0)

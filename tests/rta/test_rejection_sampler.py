@@ -166,7 +166,7 @@ ARGUMENTS = {"functor": "RTAGlueCWHInspection1v1", "args": {"collision_radius": 
         ({"wrapped": {"raduis": uniform(50, 100, "m")}}, "wrapped.raduis", "did you mean `radius`"),
         ({"rta": ARGUMENTS | {"arg_map": {"v0": "velocty_threshold"}}}, "config.rta.arg_map.v0", "velocity_threshold"),
         ({"rta": ARGUMENTS | {"args": {"c": -1}, "arg_map": {"collision_radius": "c"}}}, "config.rta.args.c", "0"),
-        ({"rta": {"functor": "ObserveSensor"}}, "config.rta.functor", "no safety glue"),
+        ({"rta": {"functor": "ObserveSensor"}}, "config.rta.functor", "is not a safety glue"),
         ({"rta": ARGUMENTS | {"states": ["position", "velocity"]}}, "config.rta.states", "`sun_angle`"),
         (
             {"rta": ARGUMENTS | {"states": ["position", "velocity", "sun_angle", "spin"]}},

@@ -399,9 +399,9 @@ def test_a_wrong_field_is_named_with_its_line(copied, lines, at, words):
 
 def test_an_intervention_belongs_to_the_method_backup():
     assert RTAGlueCWHInspection1v1(intervention="backup").backup_filter.intervention == "backup"
-    with pytest.raises(ValueError, match="the method 'simplex' has no `intervention` 'backup'"):
+    with pytest.raises(ValueError, match="the method 'simplex' does not support `intervention` 'backup'"):
         RTAGlueCWHInspection1v1(intervention="backup", method="simplex")
-    with pytest.raises(ValueError, match="the constraint 'deputy_collision' has no `intervention`"):
+    with pytest.raises(ValueError, match="the constraint 'deputy_collision' does not support `intervention`"):
         RTAGlueCWHInspection1v1(intervention="backup", constraints=("r_max", "deputy_collision"))
 
 
@@ -438,7 +438,7 @@ def test_a_constraint_that_the_backup_cannot_keep_is_refused_at_once(copied, met
         spec = load_experiment("configs/translational-inspection/experiment-seed.yml").spec
         assert "OwnConstraint" in spec.agents[0].action_glues[0].constraints
         return
-    with pytest.raises(ConfigError, match=r"agent-seed\.yml:\d+ .*backup filter cannot keep 'OwnConstraint'"):
+    with pytest.raises(ConfigError, match=r"agent-seed\.yml:\d+ .*backup filter cannot enforce 'OwnConstraint'"):
         load_experiment("configs/translational-inspection/experiment-seed.yml")
 
 
@@ -451,7 +451,7 @@ def test_a_constraint_upon_which_no_thrust_acts_is_refused_at_once(copied):
     text = agent.read_text()
     agent.write_text(text.replace(OFF_LINE, "          enabled: True\n          method: continuous\n", 1))
     with pytest.raises(
-        ConfigError, match=r"agent-seed\.yml:\d+ .*cannot keep the constraint 'Slab': the velocity part"
+        ConfigError, match=r"agent-seed\.yml:\d+ .*cannot enforce the constraint 'Slab': the velocity part"
     ):
         load_experiment("configs/translational-inspection/experiment-seed.yml")
 

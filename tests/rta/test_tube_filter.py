@@ -89,7 +89,7 @@ def test_bounds_that_leave_no_set_are_refused():
         TubeFilter(None, ("rel_vel", "z_vel"), DisturbanceBounds(velocity_error=2.0))
     with pytest.raises(ValueError, match=r"leave nothing of the 790 m between"):
         TubeFilter(None, NAMES, DisturbanceBounds(position_error=400.0))
-    with pytest.raises(ValueError, match="leave nothing of anything: a plan cannot be tracked"):
+    with pytest.raises(ValueError, match="leave nothing to enforce: a plan cannot be tracked"):
         TubeFilter(None, NAMES, DisturbanceBounds(thrust_gain=0.9, thrust_direction=1.5))
 
 
@@ -191,7 +191,7 @@ def test_in_the_environment_every_constraint_holds_through_resets():
             "disturbed by BoundedDisturbance, and this filter promises nothing then; give it the bounds",
         ),
         ({"bounds": {**FIELDS, "velocity": 5e-5}}, "`velocity` is 0.0001, by BoundedDisturbance, beyond this bound"),
-        ({"overrides": [f"{GLUE}.method=simplex"]}, "the method 'simplex' withstands no `disturbance`"),
+        ({"overrides": [f"{GLUE}.method=simplex"]}, "the method 'simplex' does not support `disturbance`"),
         ({"bounds": {**FIELDS, "velocity_error": 3.0}}, "leave nothing of the 790 m"),
     ],
 )

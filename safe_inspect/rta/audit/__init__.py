@@ -1,1 +1,1 @@
-"""What tries to break safety filters: grazing states, adversarial thrusts and disturbances."""
+"""Audit of the safety filters: grazing states, adversarial thrusts and disturbances."""

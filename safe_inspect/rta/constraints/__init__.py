@@ -1,4 +1,4 @@
-"""Safety constraints of the run-time assurance, each a plugin with phi, h and the gradient of h in closed form."""
+"""Safety constraints of run-time assurance: plugins that compute phi, h and the gradient of h in closed form."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return `ConstraintValues` under its former name, which plugins may import."""
+    """Return `ConstraintValues` for its former name `Evaluation`, which existing plugins may import."""
     if name == "Evaluation":
         return ConstraintValues
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

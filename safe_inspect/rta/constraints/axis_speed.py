@@ -1,4 +1,4 @@
-"""Bound the speed along each axis."""
+"""Constraints that limit the speed along each axis."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from safe_inspect.units import PositiveSpeed
 
 
 class AxisSpeedNumbers(NamedTuple):
-    """Largest speed [m/s], or infinity, the index of the axis, and the mean motion [1/s]."""
+    """Largest speed [m/s] (infinity where there is no limit), index of the axis, and mean motion [1/s]."""
 
     limit: float
     axis: int
@@ -59,7 +59,7 @@ def _allowed_speed(p: AxisSpeedNumbers, at: Node) -> float:
 def _values(
     velocity: FloatArray, axis: int, limit: float, phi: FloatArray, h: FloatArray, gradient: FloatArray
 ) -> None:  # fmt: skip
-    """Write phi, h and one entry of the gradient of h of every row."""
+    """Write phi, h and the one nonzero entry of the gradient of h for every row."""
     for i in range(velocity.shape[0]):
         speed = velocity[i, axis]
         phi[i] = limit - abs(speed)
@@ -68,7 +68,7 @@ def _values(
 
 
 class AxisSpeed(Constraint):
-    """Bound the speed along one axis of Hill's frame: h = v_lim^2 - v_i^2 [m^2/s^2], phi = v_lim - |v_i| [m/s].
+    """Limit on the speed along one axis of Hill's frame: h = v_lim^2 - v_i^2 [m^2/s^2], phi = v_lim - |v_i| [m/s].
 
     The gradient is zero at v_i = 0, where every control is allowed.
 
@@ -99,12 +99,12 @@ class AxisSpeed(Constraint):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(vel_limit=parameters.vel_limit)
 
     @classmethod
     def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> AxisSpeedNumbers:
-        """Return the largest speed along the axis."""
+        """Return the largest speed along the axis, the index of the axis, and the mean motion."""
         name = cls.registered_name
         limit = float(chosen[name].vel_limit) if name in chosen else math.inf
         return AxisSpeedNumbers(limit, cls.axis_index(), n)
@@ -117,7 +117,7 @@ class AxisSpeed(Constraint):
 
 
 class RadialSpeed(AxisSpeed, name="x_vel"):
-    """Bound the radial speed; see `AxisSpeed`."""
+    """Limit on the radial speed; see `AxisSpeed`."""
 
     @classmethod
     def axis_index(cls) -> int:
@@ -126,7 +126,7 @@ class RadialSpeed(AxisSpeed, name="x_vel"):
 
 
 class AlongTrackSpeed(AxisSpeed, name="y_vel"):
-    """Bound the along-track speed; see `AxisSpeed`."""
+    """Limit on the along-track speed; see `AxisSpeed`."""
 
     @classmethod
     def axis_index(cls) -> int:
@@ -135,7 +135,7 @@ class AlongTrackSpeed(AxisSpeed, name="y_vel"):
 
 
 class CrossTrackSpeed(AxisSpeed, name="z_vel"):
-    """Bound the cross-track speed; see `AxisSpeed`."""
+    """Limit on the cross-track speed; see `AxisSpeed`."""
 
     @classmethod
     def axis_index(cls) -> int:

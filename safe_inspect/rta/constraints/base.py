@@ -1,4 +1,4 @@
-"""What a constraint of the run-time assurance is: a plugin that gives four quantities of a batch of states."""
+"""Base class of the safety constraints: plugins that compute four quantities for a batch of states."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ HalfSpace = Callable[[Any, Any, Any], float]
 
 @dataclass(frozen=True, eq=False)
 class RelativeState:
-    """The motion of R deputies about the chief, with the sun's angle.
+    """Motion of R deputies relative to the chief, and the sun angle.
 
     Attributes:
         position: Relative position [m], Hill frame, shape (R, 3).
         velocity: Relative velocity [m/s], Hill frame, shape (R, 3).
-        sun_angle: Sun angle theta [rad], shape (R,). The sun stands in the direction (cos theta, -sin theta, 0)
-            as seen from the chief, and theta grows at the mean motion.
+        sun_angle: Sun angle theta [rad], shape (R,). Seen from the chief, the sun is in the direction
+            (cos theta, -sin theta, 0), and theta grows at the mean motion.
 
     Raises:
-        ValueError: The shapes do not belong together.
+        ValueError: The shapes do not match.
     """
 
     position: FloatArray
@@ -38,31 +38,31 @@ class RelativeState:
     sun_angle: FloatArray
 
     def __post_init__(self) -> None:
-        """Make the arrays contiguous and writable, which the compiled rows need, and check their shapes."""
+        """Make the arrays contiguous and writable, as the compiled rows require, and check their shapes."""
         for field in ("position", "velocity", "sun_angle"):
             object.__setattr__(self, field, for_kernel(getattr(self, field), np.float64))
         rows = len(self.position)
         if self.position.shape != (rows, 3) or self.velocity.shape != (rows, 3) or self.sun_angle.shape != (rows,):
             raise ValueError(
-                f"a relative state has position (R, 3), velocity (R, 3) and sun_angle (R,), "
-                f"not {self.position.shape}, {self.velocity.shape} and {self.sun_angle.shape}"
+                f"expected a relative state with position (R, 3), velocity (R, 3) and sun_angle (R,), "
+                f"got {self.position.shape}, {self.velocity.shape} and {self.sun_angle.shape}"
             )
 
     def __len__(self) -> int:
         return len(self.position)
 
     def __getitem__(self, rows: Any) -> RelativeState:
-        """Return some rows (a mask, a slice or an array of indices)."""
+        """Return the selected rows (a mask, a slice or an array of indices)."""
         return RelativeState(self.position[rows], self.velocity[rows], self.sun_angle[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class ConstraintValues:
-    """A constraint's quantities for R states.
+    """Quantities of one constraint for R states.
 
     Attributes:
-        phi: Plain safety quantity, >= 0 where the state is safe now, shape (R,).
-        h: Invariance function, >= 0 where the state can be kept safe, shape (R,).
+        phi: Safety quantity, >= 0 where the state is safe now, shape (R,).
+        h: Barrier function, >= 0 where the state can be kept safe, shape (R,).
         gradient: Derivative of h with respect to (position, velocity), shape (R, 6).
         rate: Partial derivative of h with respect to time [units of h per s], shape (R,).
     """
@@ -74,52 +74,52 @@ class ConstraintValues:
 
     @classmethod
     def zeros(cls, rows: int) -> ConstraintValues:
-        """Return an evaluation to be written into."""
+        """Return values filled with zeros, to be written into."""
         return cls(np.zeros(rows), np.zeros(rows), np.zeros((rows, 6)), np.zeros(rows))
 
 
 class Constraint(Plugin):
-    """Base of every safety constraint.
+    """Base class of the safety constraints.
 
     A filter keeps the state in the set h >= 0 by choosing the control u such that
 
         gradient . (drift + input u) + rate + alpha(h + bias) >= 0,   alpha(s) = alpha_linear s + alpha_cubic s^3.
 
-    A subclass defines `evaluate`, its fields with their defaults, and, to be built from a task's parameters,
-    `from_parameters`. Row i of every result depends on row i of the state alone, and is finite for every
-    finite state whose squares do not overflow.
+    A subclass defines `evaluate` and its fields with their defaults, and `from_parameters` if it can be built from a
+    task's parameters. Row i of every result depends only on row i of the state, and is finite for every finite state
+    whose squares do not overflow.
 
-    For the filters ``backup`` and ``simplex`` and that of a team, which certify whole holds, it also defines
-    `half_space`, a static method that the filter compiles::
+    For the filters ``backup`` and ``simplex`` and the team filter, which certify whole holds (periods of constant
+    thrust), a subclass also defines `half_space`, a static method that the filter compiles::
 
         @staticmethod
         def half_space(p, x, d):  # n . position <= limit, with p = (n_x, n_y, n_z, limit)
             d[0], d[1], d[2] = -p[0], -p[1], -p[2]
             return -p[3]
 
-    It writes into d, which comes filled with zeros, a direction in the space of states y = (position [m], velocity
-    [m/s]), Hill frame, and returns a need such that
+    It writes a direction into d, which is filled with zeros beforehand, in the space of states y = (position [m],
+    velocity [m/s]), Hill frame, and returns a threshold, the need, such that
 
     - every state y with d.y >= need is safe, and
-    - the state x itself is safe exactly where d.x >= need.
+    - the state x itself is safe if and only if d.x >= need.
 
-    `p` holds `half_space_parameters`. A bound that is linear in the state has the same half-space at every x. For an
-    obstacle that is convex it is the half-space beyond the tangent plane of the point next to x. A set from which
-    one must not leave is convex in general, and no half-space lies within it: give one constraint for each face. The
-    filter keeps states within the half-spaces at every moment, so what holds is what `half_space` says, and it must
-    agree with phi. It cannot depend on time or on the sun.
+    `p` contains `half_space_parameters`. A bound that is linear in the state has the same half-space at every x. For a
+    convex obstacle, it is the half-space beyond the tangent plane at the obstacle's point nearest to x. A region that
+    the deputy must not leave is usually convex, and contains no half-space: define one constraint for each face. The
+    filter keeps states within the half-spaces at every moment. It therefore guarantees what `half_space` says, which
+    must agree with phi. `half_space` cannot depend on time or on the sun.
 
     Class attributes:
         unit: Unit of phi.
-        pair: True where the state is that of one deputy relative to another, instead of to the chief.
-        kernels: What the certifying filters ask of a constraint of the inspection task, in place of a half-space.
-        uncertified: Fields that the certifying filters do not use, and refuse to be given: those of alpha, and a mean
-            motion, which is that of the orbit.
+        pair: True if the state is that of one deputy relative to another, instead of relative to the chief.
+        kernels: What the certifying filters use for a constraint of the inspection task, instead of a half-space.
+        uncertified: Fields that the certifying filters do not use and reject if given: those of alpha, and a mean
+            motion, because the filters use that of the orbit.
 
     Attributes:
         alpha_linear: Linear coefficient of alpha [1/s].
         alpha_cubic: Cubic coefficient of alpha [1/(s h^2)].
-        bias: Margin that is added to h within alpha [units of h]; negative keeps the state off the boundary.
+        bias: Margin added to h within alpha [units of h]; a negative value keeps the state off the boundary.
     """
 
     kind: ClassVar[str] = "constraint"
@@ -135,16 +135,16 @@ class Constraint(Plugin):
 
     @abstractmethod
     def evaluate(self, state: RelativeState) -> ConstraintValues:
-        """Return all four quantities of every row at once."""
+        """Compute phi, h, the gradient of h and its rate for every row."""
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters; one that takes none of them is built from its defaults."""
+        """Build the constraint from a task's parameters; by default, they are ignored."""
         return cls()
 
     @classmethod
     def counts(cls, chosen: Set[str]) -> bool:
-        """Return whether the `kernels` have a say when the constraints of those names are chosen."""
+        """Return whether the `kernels` apply when the constraints with those names are chosen."""
         return cls.kernels is not None and cls.registered_name in chosen
 
     @classmethod
@@ -153,7 +153,8 @@ class Constraint(Plugin):
 
         Args:
             n: Mean motion [rad/s].
-            chosen: The constraints that count, by name. With the numbers of one that does not, nothing is refused.
+            chosen: The chosen constraints, by name. If this one does not apply, its kernels reject nothing with the
+                numbers returned.
         """
         return ()
 
@@ -162,15 +163,15 @@ class Constraint(Plugin):
         return ()
 
     def __call__(self, state: RelativeState) -> FloatArray:
-        """Return the plain safety quantity phi, >= 0 where the state is safe, shape (R,)."""
+        """Return the safety quantity phi, >= 0 where the state is safe, shape (R,)."""
         return self.evaluate(state).phi
 
     def phi(self, state: RelativeState) -> FloatArray:
-        """Return the plain safety quantity, >= 0 where the state is safe, shape (R,)."""
+        """Return the safety quantity phi, >= 0 where the state is safe, shape (R,)."""
         return self.evaluate(state).phi
 
     def h(self, state: RelativeState) -> FloatArray:
-        """Return the invariance function, shape (R,)."""
+        """Return the barrier function h, shape (R,)."""
         return self.evaluate(state).h
 
     def gradient(self, state: RelativeState) -> FloatArray:

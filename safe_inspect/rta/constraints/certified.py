@@ -1,7 +1,7 @@
-"""The constraints of the inspection task with one deputy, which certifying filters know by their row kernels.
+"""Constraints of the inspection task with one deputy, which the certifying filters evaluate with row kernels.
 
-The index of a constraint is its code in compiled rows. (Machine code depends on the order: that this file names @njit
-lets the cache of `safe_inspect.compiling` notice when it changes.)
+The index of a constraint is its code in compiled rows. The machine code depends on their order: this file mentions
+@njit so that the cache of `safe_inspect.compiling` notices when the file changes.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ CERTIFIED: tuple[type[Constraint], ...] = (
     ChiefCollision, RelativeSpeedLimit, SunKeepOut, MaximumRange, PassivelySafeManoeuvre,
     RadialSpeed, AlongTrackSpeed, CrossTrackSpeed,
 )  # fmt: skip
-#: Their names.
+#: The names of these constraints.
 NAMES = tuple(constraint.registered_name for constraint in CERTIFIED)
-#: Codes of the two that keep off the chief: the filters have a search of their own for the closest approach.
+#: Codes of the two constraints on the distance from the chief: the filters search for the closest approach separately.
 COLLISION, PSM = CERTIFIED.index(ChiefCollision), CERTIFIED.index(PassivelySafeManoeuvre)
-#: Code of the one that turns.
+#: Code of the constraint that rotates with the sun.
 SUN = CERTIFIED.index(SunKeepOut)

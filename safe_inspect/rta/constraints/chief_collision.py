@@ -1,4 +1,4 @@
-"""Keep off the chief."""
+"""Constraint that keeps a deputy away from the chief."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from safe_inspect.rta.fields import PositiveAcceleration
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
 
-#: Closed motions keep this far from the apex of the sun cone [m], at which no cell could certify them.
+#: Closed motions stay at least this far from the apex of the sun cone [m], where no cell could certify them.
 APEX = 1.0
 
 
 class CollisionNumbers(NamedTuple):
-    """Least ranges [m], minus infinity where there is none: at every moment, and of closed motions."""
+    """Least ranges [m], minus infinity where there is no limit: at every moment, and of closed motions."""
 
     near: float
     closed_near: float
@@ -63,17 +63,17 @@ def _support(p: CollisionNumbers, at: Node, margins: Margins, d: FloatArray) -> 
 
 
 class ChiefCollision(Constraint, name="chief_collision"):
-    """Stay able to brake before the chief: h = sqrt(2 a (r - r_c)) + p.v / r, phi = r - r_c.
+    """Constraint that the deputy can brake before the chief: h = sqrt(2 a (r - r_c)) + p.v / r, phi = r - r_c.
 
-    h [m/s] compares the speed that can be braked within the gap with the closing speed. Inside the collision radius the
-    root is -sqrt(2 a |r - r_c|), so that h keeps its sense there.
+    h [m/s] compares the speed from which the deputy can brake within the gap to the closing speed. Inside the collision
+    radius, the root is -sqrt(2 a |r - r_c|), so that h has the same meaning there.
 
-    Within 1e-6 m of the chief's centre the direction p / r is taken as +x. Within 1e-6 m of the collision radius
-    the root's slope, which is infinite on it, is that at 1e-6 m.
+    Within 1e-6 m of the chief's centre, the direction p / r is taken as +x. Within 1e-6 m of the collision radius, the
+    slope of the root, which is infinite on the radius, is the slope at 1e-6 m.
 
     Attributes:
         collision_radius: Smallest allowed range r_c [m].
-        max_acceleration: Deceleration a that the thrusters can promise [m/s^2].
+        max_acceleration: Deceleration a that the thrusters guarantee [m/s^2].
     """
 
     unit: ClassVar[str] = "m"
@@ -87,17 +87,17 @@ class ChiefCollision(Constraint, name="chief_collision"):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(collision_radius=parameters.collision_radius, max_acceleration=parameters.max_acceleration)
 
     @classmethod
     def counts(cls, chosen: Set[str]) -> bool:
-        """Return whether the least range has a say: a plan that comes too near breaks others too; see `row_numbers`."""
+        """Return whether a least range applies: passive safety and the sun cone imply one too; see `row_numbers`."""
         return not chosen.isdisjoint(("chief_collision", "PSM", "sun"))
 
     @classmethod
     def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> CollisionNumbers:
-        """Return the least ranges: closed motions pass the chief for passive safety, and the apex of the sun cone."""
+        """Return the least ranges; that of closed motions also covers passive safety and the apex of the sun cone."""
         near, passing = (
             float(chosen[name].collision_radius) if name in chosen else -math.inf for name in ("chief_collision", "PSM")
         )

@@ -1,8 +1,9 @@
-"""Keep two deputies safe from each other: constraints on the motion of one relative to the other.
+"""Constraints that keep two deputies safe from each other, on the motion of one relative to the other.
 
 The difference of two motions about the chief follows the same Clohessy-Wiltshire equations, with the difference of the
-accelerations as its input. So these constraints are those about the chief, with the other deputy in its place: their
-`RelativeState` is that of the deputy minus that of the other. Both can brake, so twice the deceleration counts.
+accelerations as its input. These constraints are therefore those about the chief, with the other deputy in its place:
+their `RelativeState` is the state of the deputy minus the state of the other. Both deputies can brake, so the
+deceleration is twice that of one.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from safe_inspect.rta.constraints.sun import SunKeepOut
 from safe_inspect.rta.fields import ConeAngle, PositiveAcceleration
 from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLength
 
-#: Two deputies collide when their centres are closer than twice this [m].
+#: Two deputies collide when their centres are closer than twice this distance [m].
 DEPUTY_RADIUS = 5.0
 
 
 class DeputyCollision(Constraint, name="deputy_collision"):
-    """Stay able to brake before the other deputy: h = sqrt(4 a (d - 2 r_d)) + dp.dv / d, phi = d - 2 r_d.
+    """Constraint that both deputies can brake in time: h = sqrt(4 a (d - 2 r_d)) + dp.dv / d, phi = d - 2 r_d.
 
     Attributes:
         deputy_radius: Radius r_d about each deputy [m].
-        max_acceleration: Deceleration a that each deputy can promise [m/s^2].
+        max_acceleration: Deceleration a that each deputy guarantees [m/s^2].
     """
 
     unit: ClassVar[str] = "m"
@@ -39,12 +40,12 @@ class DeputyCollision(Constraint, name="deputy_collision"):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(max_acceleration=parameters.max_acceleration)
 
     @cached_property
     def about_other(self) -> ChiefCollision:
-        """The constraint that the relative motion keeps, with the other deputy in the chief's place."""
+        """Constraint on the relative motion, with the other deputy in place of the chief."""
         return ChiefCollision(collision_radius=2.0 * self.deputy_radius, max_acceleration=2.0 * self.max_acceleration)
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
@@ -53,12 +54,12 @@ class DeputyCollision(Constraint, name="deputy_collision"):
 
 
 class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
-    """Coast past the other deputy: h = phi = (least distance over the horizon without thrust) - 2 r_d [m].
+    """Coasting past the other deputy: h = phi = (least distance over the horizon without thrust) - 2 r_d [m].
 
     Attributes:
         deputy_radius: Radius r_d about each deputy [m].
         mean_motion: Mean motion n [rad/s].
-        horizon: Time of coasting [s].
+        horizon: Duration of coasting [s].
     """
 
     unit: ClassVar[str] = "m"
@@ -71,12 +72,12 @@ class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(mean_motion=parameters.n, horizon=parameters.psm_horizon)
 
     @cached_property
     def about_other(self) -> PassivelySafeManoeuvre:
-        """The constraint that the relative motion keeps, with the other deputy in the chief's place."""
+        """Constraint on the relative motion, with the other deputy in place of the chief."""
         radius = 2.0 * self.deputy_radius
         return PassivelySafeManoeuvre(collision_radius=radius, mean_motion=self.mean_motion, horizon=self.horizon)
 
@@ -86,11 +87,11 @@ class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
 
 
 class DeputySunKeepOut(Constraint, name="deputy_sun"):
-    """Keep the sun out of a camera that looks at the other deputy; see `SunKeepOut` for phi and h.
+    """Constraint that keeps the sun out of a camera pointed at the other deputy; see `SunKeepOut` for phi and h.
 
     Attributes:
         fov: Full opening angle of the cone [rad].
-        max_acceleration: Deceleration a that each deputy can promise [m/s^2].
+        max_acceleration: Deceleration a that each deputy guarantees [m/s^2].
         mean_motion: Rate n of the sun angle [rad/s].
     """
 
@@ -107,12 +108,12 @@ class DeputySunKeepOut(Constraint, name="deputy_sun"):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(fov=parameters.fov, max_acceleration=parameters.max_acceleration, mean_motion=parameters.n)
 
     @cached_property
     def about_other(self) -> SunKeepOut:
-        """The constraint that the relative motion keeps, with the other deputy in the chief's place."""
+        """Constraint on the relative motion, with the other deputy in place of the chief."""
         return SunKeepOut(
             fov=self.fov, max_acceleration=2.0 * self.max_acceleration, mean_motion=self.mean_motion
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Stay near the chief."""
+"""Constraint that keeps a deputy near the chief."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from safe_inspect.rta.fields import PositiveAcceleration
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
 
-#: Beyond this part of v / (2 n), v the largest along-track speed, closed motions are too fast: the way leads inside.
+#: At ranges above this fraction of v / (2 n), v the largest along-track speed, closed motions are too fast to fly:
+#: backup plans return to a smaller range.
 _CLOSABLE = 0.9
 
 
 class MaximumRangeNumbers(NamedTuple):
-    """Largest range [m], or infinity; and the range within which the way back leads [m]."""
+    """Largest range [m], infinity where there is no limit, and the range to which backup plans return [m]."""
 
     far: float
     inside: float
@@ -56,14 +57,14 @@ def _support(p: MaximumRangeNumbers, at: Node, margins: Margins, d: FloatArray) 
 
 
 class MaximumRange(Constraint, name="r_max"):
-    """Stay able to stop before the largest range: h = sqrt(2 a (r_max - r)) - p.v / r, phi = r_max - r.
+    """Constraint that the deputy can stop before r_max: h = sqrt(2 a (r_max - r)) - p.v / r, phi = r_max - r.
 
-    Beyond the largest range the root is -sqrt(2 a |r_max - r|). The singular places are treated as those of
-    `ChiefCollision`. The promised deceleration a does not count the centrifugal acceleration |v_across|^2 / r.
+    Beyond the largest range, the root is -sqrt(2 a |r_max - r|). Singular points are treated as in `ChiefCollision`.
+    The guaranteed deceleration a does not include the centrifugal acceleration |v_across|^2 / r.
 
     Attributes:
         r_max: Largest allowed range [m].
-        max_acceleration: Deceleration a that the thrusters can promise [m/s^2].
+        max_acceleration: Deceleration a that the thrusters guarantee [m/s^2].
     """
 
     unit: ClassVar[str] = "m"
@@ -78,12 +79,12 @@ class MaximumRange(Constraint, name="r_max"):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(r_max=parameters.r_max, max_acceleration=parameters.max_acceleration)
 
     @classmethod
     def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> MaximumRangeNumbers:
-        """Return the largest range, and that of the closed motions that the speed along track allows."""
+        """Return the largest range, and the largest range of closed motions that the along-track speed limit allows."""
         far = float(chosen["r_max"].r_max) if "r_max" in chosen else math.inf
         fastest = float(chosen["y_vel"].vel_limit) if "y_vel" in chosen else math.inf
         return MaximumRangeNumbers(far, min(far, _CLOSABLE * fastest / (2.0 * n)))

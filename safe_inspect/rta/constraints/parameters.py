@@ -1,4 +1,4 @@
-"""The parameters of a task from which its constraints are built, under the peer's argument names."""
+"""Parameters of a task from which its constraints are built, named as in safe-autonomy-sims."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from safe_inspect.units import (
 def braking_acceleration(
     u_max: float, mass: float, mean_motion: float, r_max: float, top_speed: float
 ) -> float:  # fmt: skip
-    """Return the deceleration that the thrusters can promise in any direction [m/s^2].
+    """Return the deceleration that the thrusters guarantee in any direction [m/s^2].
 
-    Thrust acceleration less the largest tidal and Coriolis accelerations:
+    It is the acceleration of the thrust minus the largest tidal and Coriolis accelerations:
     u_max / m - 3 n^2 r_max - 2 n v.
 
     Args:
@@ -40,24 +40,24 @@ def braking_acceleration(
 
 
 class TaskParameters(BaseModel):
-    """The parameters of a task that constraints and safety filters need; quantities take units as everywhere.
+    """Parameters of a task that constraints and safety filters need; all quantities accept units.
 
-    In an experiment `step_size`, `n`, `m` and `u_max` are taken from the world unless they are given: from the frame
-    rate, the simulator, the platform and the controllers. A null counts as not given.
+    In an experiment, `step_size`, `n`, `m` and `u_max` default to the values of the world: those of the frame rate, the
+    simulator, the platform and the controllers. A null counts as not given.
 
     Attributes:
-        step_size: Time for which a control is held [s]. No constraint depends on it; filters do.
+        step_size: Time for which a control is held [s]. No constraint depends on it, but the filters do.
         collision_radius: Range at which the deputy hits the chief [m].
-        v0: Speed that is allowed at `v0_distance` [m/s].
-        v0_distance: Range at which the speed `v0` is allowed [m]; the collision radius unless given.
-        v1_coef: Slope of the speed limit over the range, in multiples of n [-].
+        v0: Speed allowed at `v0_distance` [m/s].
+        v0_distance: Range at which the speed `v0` is allowed [m]; by default, the collision radius.
+        v1_coef: Slope of the speed limit over the range, as a multiple of n [-].
         n: Mean motion [rad/s].
         r_max: Largest range [m].
         u_max: Largest thrust of each axis [N].
         m: Mass of the deputy [kg].
-        fov: Full opening angle of the sun keep-out cone [rad], the field of view of the sensor.
+        fov: Full opening angle of the sun keep-out cone [rad], which is the field of view of the sensor.
         vel_limit: Largest speed along each axis [m/s].
-        psm_horizon: Time for which coasting must be safe [s].
+        psm_horizon: Duration for which coasting must be safe [s].
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
@@ -83,13 +83,13 @@ class TaskParameters(BaseModel):
         return values
 
     def in_world(self, world: Mapping[str, float]) -> Self:
-        """Return the same with fields from the world in place of those that are not given.
+        """Return a copy in which fields that are not given have the values of the world.
 
         Args:
             world: Values of fields in SI units.
 
         Raises:
-            ValidationError: The values do not belong together.
+            ValidationError: The values contradict each other.
         """
         given = {name: getattr(self, name) for name in self.model_fields_set}
         taken = {name: value for name, value in world.items() if name not in given}
@@ -97,7 +97,7 @@ class TaskParameters(BaseModel):
 
 
 class ConstraintParameters(TaskParameters):
-    """Parameters of a task that agree with each other; see `TaskParameters`.
+    """Consistent parameters of a task; see `TaskParameters`.
 
     Raises:
         ValueError: A key is unknown, a value is impossible, or two values contradict each other.
@@ -105,10 +105,10 @@ class ConstraintParameters(TaskParameters):
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any] | ConstraintParameters) -> ConstraintParameters:
-        """Return the parameters of a mapping, or those that are parameters already.
+        """Return the parameters of a mapping; `ConstraintParameters` are returned as they are.
 
         Raises:
-            ValueError: See the class; the message names every mistake.
+            ValueError: As for the class; the message lists every mistake.
         """
         if isinstance(parameters, ConstraintParameters):
             return parameters
@@ -125,7 +125,7 @@ class ConstraintParameters(TaskParameters):
                 text = problem["msg"].removeprefix("Value error, ")
                 problems.append(f"{where}: {text}" if where else text)
         if problems:
-            raise ValueError("the parameters contradict each other: " + "; ".join(problems))
+            raise ValueError("the parameters are invalid or contradict each other: " + "; ".join(problems))
         return known
 
     @model_validator(mode="after")
@@ -136,39 +136,40 @@ class ConstraintParameters(TaskParameters):
                 f"no position is safe; give a larger r_max"
             )
         if self.speed_distance >= self.r_max:
-            raise ValueError(f"v0_distance {self.speed_distance} m is not below r_max {self.r_max} m")
+            raise ValueError(f"v0_distance {self.speed_distance} m must be below r_max {self.r_max} m")
         if self.v0 + self.v1 * (self.collision_radius - self.speed_distance) < 0.0:
             raise ValueError(
                 f"the speed limit is negative at the collision radius (v0 {self.v0} m/s at {self.speed_distance} m, "
-                f"slope {self.v1:g} 1/s): even a deputy at rest breaks it; lower v0_distance or v1_coef"
+                f"slope {self.v1:g} 1/s): even a deputy at rest violates it; lower v0_distance or v1_coef"
             )
         return self
 
     @property
     def speed_distance(self) -> float:
-        """The range at which the speed v0 is allowed [m]."""
+        """Range at which the speed v0 is allowed [m]."""
         return self.collision_radius if self.v0_distance is None else float(self.v0_distance)
 
     @property
     def v1(self) -> float:
-        """The slope of the speed limit over the range [1/s]."""
+        """Slope of the speed limit over the range [1/s]."""
         return float(self.v1_coef * self.n)
 
     @property
     def net_acceleration(self) -> float:
-        """What the tide leaves of the thrusters' acceleration, `braking_acceleration` at the largest allowed speed."""
+        """Acceleration that the tide leaves: `braking_acceleration` at the largest allowed speed [m/s^2]."""
         top_speed = min(self.vel_limit, self.v0 + self.v1 * self.r_max)
         return braking_acceleration(self.u_max, self.m, self.n, self.r_max, top_speed)
 
     @property
     def max_acceleration(self) -> float:
-        """The deceleration that the barriers h count on: `net_acceleration`.
+        """Deceleration that the barriers h assume: `net_acceleration` [m/s^2].
 
-        Where the tide leaves nothing, it is that of the thrusters alone, as near the chief; no filter keeps such an h.
+        Where that is not positive, it is the acceleration of the thrusters alone, as near the chief; then no filter
+        can enforce such an h.
         """
         net = self.net_acceleration
         return net if net > 0.0 else self.u_max / self.m
 
 
-#: What the fields of the constraints default to: the inspection task.
+#: Defaults of the constraints' fields: those of the inspection task.
 DEFAULTS = ConstraintParameters()

@@ -1,4 +1,4 @@
-"""Stay safe when the thrusters fail."""
+"""Constraint that keeps a deputy safe if its thrusters fail."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLe
 
 @njit
 def _across(vx: float, vy: float, vz: float) -> tuple[float, float, float]:
-    """Return a unit vector across the velocity; +x where the velocity is zero."""
+    """Return a unit vector perpendicular to the velocity; +x where the velocity has no part in the orbital plane."""
     in_plane, whole = math.sqrt(vx * vx + vy * vy), math.sqrt(vx * vx + vy * vy + vz * vz)
     if not in_plane > 1e-9 * whole:
         return 1.0, 0.0, 0.0
@@ -28,7 +28,7 @@ def _values(
     position: FloatArray, velocity: FloatArray, table: FloatArray, n: float, radius: float,
     phi: FloatArray, h: FloatArray, gradient: FloatArray,
 ) -> None:  # fmt: skip
-    """Write the least coasting range less the radius, and its gradient by the envelope theorem."""
+    """Write the least coasting range minus the radius, and its gradient by the envelope theorem."""
     for i in range(position.shape[0]):
         p, v = position[i], velocity[i]
         t = closest_time(p, v, table, n)
@@ -50,22 +50,23 @@ def _values(
 
 
 class PassivelySafeManoeuvre(Constraint, name="PSM"):
-    """Coast past the chief: h = phi = (least range over the horizon without thrust) - r_c [m].
+    """Coasting past the chief: h = phi = (least range over the horizon without thrust) - r_c [m].
 
-    The least range is that over all times 0 <= t <= horizon of the closed-form Clohessy-Wiltshire motion: the closest
+    The least range is taken over all times 0 <= t <= horizon of the closed-form Clohessy-Wiltshire motion. The closest
     approaches are bracketed on a grid of at most 0.1 rad of the orbit and refined by Newton's method, so the horizon
-    may be whole orbits. By the envelope theorem the gradient is that of the range at the time of closest approach,
+    may be several orbits. By the envelope theorem, the gradient is that of the range at the time of closest approach,
 
         dh/dx0 = Phi(t*)^T (p(t*) / |p(t*)|, 0).
 
-    Where two approaches are equally close, h has a kink and the gradient is that of the earlier. Where coasting hits
-    the chief's centre (within 1e-6 m), the direction is one across the path there: the way to miss.
-    A closest approach at t = 0 gives a gradient that thrust cannot change; the deputy is then leaving.
+    Where two approaches are equally close, h has a kink and the gradient is that of the earlier one. Where coasting
+    passes within 1e-6 m of the chief's centre, the direction is taken perpendicular to the path there, which is the
+    direction to miss it. If the closest approach is at t = 0, the deputy is leaving, and thrust cannot change the
+    gradient.
 
     Attributes:
         collision_radius: Smallest allowed range r_c [m].
         mean_motion: Mean motion n [rad/s].
-        horizon: Time of coasting [s].
+        horizon: Duration of coasting [s].
     """
 
     unit: ClassVar[str] = "m"
@@ -77,7 +78,7 @@ class PassivelySafeManoeuvre(Constraint, name="PSM"):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(
             collision_radius=parameters.collision_radius, mean_motion=parameters.n, horizon=parameters.psm_horizon
         )

@@ -1,4 +1,4 @@
-"""The bounds of the range, from below or above, compiled, one state at a time."""
+"""Compiled lower and upper bounds on the range, one state at a time."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import math
 from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
-#: Below this distance [m] a direction is not taken from the position: it would be rounding noise.
+#: Below this distance [m], no direction is derived from the position, because it would be rounding noise.
 LENGTH_FLOOR = 1e-6
-#: The slope of the signed square root is that at this distance [m] where the distance is smaller; it is infinite at 0.
+#: Below this distance [m], the slope of the signed square root is the slope at this distance; it is infinite at 0.
 ROOT_FLOOR = 1e-6
 
 
 @njit
 def braking_speed(distance: float, acceleration: float) -> tuple[float, float]:
-    """Return sign(d) sqrt(2 a |d|), the speed that can be braked within d, and its slope."""
+    """Return sign(d) sqrt(2 a |d|), the speed from which one can brake within d, and its slope."""
     size = abs(distance)
     value = math.sqrt(2.0 * acceleration * size)
     slope = acceleration / math.sqrt(2.0 * acceleration * max(size, ROOT_FLOOR))
@@ -27,7 +27,7 @@ def range_limit(
     state: tuple[FloatArray, FloatArray], limit: float, acceleration: float, side: float,
     phi: FloatArray, h: FloatArray, gradient: FloatArray,
 ) -> None:  # fmt: skip
-    """Write phi, h and the gradient of h of a bound of the range, from below with side = 1, from above with -1."""
+    """Write phi, h and the gradient of h of a bound on the range: a lower bound for side = 1, an upper one for -1."""
     position, velocity = state
     for i in range(position.shape[0]):
         x, y, z = position[i]

@@ -1,4 +1,4 @@
-"""Fly slower the nearer the chief."""
+"""Constraint that limits the speed by the distance from the chief."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from safe_inspect.units import NonNegativeLength, NonNegativeSpeed
 
 
 class RelativeSpeedNumbers(NamedTuple):
-    """Speed limit v0 [m/s], infinite where there is none, at the range d0 [m], its slope v1 and mean motion n [1/s]."""
+    """Speed limit v0 [m/s] (infinity where there is none) at the range d0 [m], its slope v1, mean motion n [1/s]."""
 
     v0: float
     d0: float
@@ -62,7 +62,7 @@ def _values(
     state: tuple[FloatArray, FloatArray], v0: float, v0_distance: float, v1: float, smoothing: float,
     phi: FloatArray, h: FloatArray, gradient: FloatArray,
 ) -> None:  # fmt: skip
-    """Write phi, h and the gradient of h of every row."""
+    """Write phi, h and the gradient of h for every row."""
     position, velocity = state
     for i in range(position.shape[0]):
         x, y, z = position[i]
@@ -81,17 +81,17 @@ def _values(
 
 
 class RelativeSpeedLimit(Constraint, name="rel_vel"):
-    """Bound the speed by a line over the range: h = v0 + v1 (r - d0) - speed.
+    """Speed limit that is a linear function of the range: h = v0 + v1 (r - d0) - speed.
 
-    phi is the same with plain norms. In h both norms are sqrt(|.|^2 + smoothing), so that the gradient exists, and
-    is zero, at rest and at the chief's centre; it counts a deputy at rest as moving at 3.2 mm/s, and one at 0.2 m/s
-    as 0.025 mm/s faster.
+    phi is the same with exact norms. In h, both norms are sqrt(|.|^2 + smoothing), so that the gradient exists, and is
+    zero, at rest and at the chief's centre. As a result, h treats a deputy at rest as moving at 3.2 mm/s, and one at
+    0.2 m/s as 0.025 mm/s faster.
 
     Attributes:
-        v0: Speed that is allowed at `v0_distance` [m/s].
+        v0: Speed allowed at `v0_distance` [m/s].
         v0_distance: Range d0 at which the speed `v0` is allowed [m].
         v1: Slope of the limit over the range [1/s].
-        smoothing: What is added under the square roots of h [m^2 or m^2/s^2].
+        smoothing: Term added under the square roots of h [m^2 or m^2/s^2].
     """
 
     unit: ClassVar[str] = "m/s"
@@ -110,12 +110,12 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(v0=parameters.v0, v0_distance=parameters.speed_distance, v1=parameters.v1)
 
     @classmethod
     def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> RelativeSpeedNumbers:
-        """Return the line of the speed limit."""
+        """Return the coefficients of the speed limit, and the mean motion."""
         if "rel_vel" not in chosen:
             return RelativeSpeedNumbers(math.inf, 0.0, 0.0, n)
         line = chosen["rel_vel"]

@@ -1,15 +1,15 @@
-"""What compiled filters ask of a constraint, one state at a time: `RowKernels`, and the numbers that its kernels take.
+"""Interface between a constraint and the compiled filters, one state at a time: `RowKernels` and the types they use.
 
-A filter that certifies a motion cuts it into cells. On a cell of length D let f be a quantity that is smooth in time.
-Then f is at most (D^2/8) max(f'', 0) 4 x (1 - x) below the chord of its ends at the fraction x of the cell, and f''
-itself is bounded in the same way by its ends and its own second derivative. So the ends of a cell certify all of it,
-or the cell is halved. Each constraint is put as such an f:
+A filter that certifies a motion divides it into cells. On a cell of length D, let f be a quantity that is smooth in
+time. At the fraction x of the cell, f is at most (D^2/8) max(f'', 0) 4 x (1 - x) below the chord between its ends, and
+f'' itself is bounded in the same way by its values at the ends and its own second derivative. Therefore the ends of a
+cell certify all of it, or the cell is halved. Each constraint is expressed as such an f:
 
-* range: e.p(t) <= |p(t)| for any unit vector e, here the direction of the cell's middle;
-* sun cone: N.q(t) <= the signed distance from the cone, q the position in the frame that turns with the sun and N
-  the cone's outward normal beside the cell's middle;
-* largest range and speeds: a norm is convex, so that of a smooth vector exceeds the chord of its ends by no more than
-  the vector's own departure from its chord.
+* range: e.p(t) <= |p(t)| for any unit vector e, here the direction of the middle of the cell;
+* sun cone: N.q(t) <= the signed distance from the cone, where q is the position in the frame that rotates with the sun
+  and N is the cone's outward normal near the middle of the cell;
+* largest range and speeds: a norm is convex, so the norm of a smooth vector exceeds the chord between its ends by no
+  more than the vector itself departs from its chord.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from typing import Any, NamedTuple
 from safe_inspect.compiling import BORROWING, Kernel, njit
 from safe_inspect.dynamics.cwh_row import RowState
 
-#: Options of functions of a few lines, whose many arguments cost more to pass than their work.
+#: Options for functions of a few lines, for which passing the many arguments would cost more than their work.
 INLINED: dict[str, Any] = {**BORROWING, "forceinline": True}
-#: Three numbers along Hill's axes.
+#: Three numbers along the axes of Hill's frame.
 Triple = tuple[float, float, float]
 #: Cosine and sine of the sun angle.
 SunAngle = tuple[float, float]
 
 
 class Margins(NamedTuple):
-    """By how much a constraint must be met: ranges and the sun cone [m], speeds [m/s], ranges of coasting [m]."""
+    """Margins by which a constraint must be satisfied: ranges and sun cone [m], speeds [m/s], coasting ranges [m]."""
 
     length: float
     speed: float
@@ -38,14 +38,14 @@ class Margins(NamedTuple):
 
 
 class Node(NamedTuple):
-    """A state and what constraints compute from it.
+    """State and the quantities that constraints compute from it.
 
     Attributes:
         state: Position [m] and velocity [m/s], Hill frame.
         sun: Cosine and sine of the sun angle.
         range: Distance from the origin [m].
         speed: Length of the velocity [m/s].
-        along: Position along the sun cone's axis, away from the sun [m].
+        along: Position along the axis of the sun cone, away from the sun [m].
         across: Position across that axis, in the orbital plane [m].
     """
 
@@ -58,23 +58,23 @@ class Node(NamedTuple):
 
 
 class ArcCell(NamedTuple):
-    """A cell of an arc under constant thrust.
+    """Cell of an arc under constant thrust.
 
     Attributes:
-        a: Its start.
-        b: Its end.
+        a: Start of the cell.
+        b: End of the cell.
         acceleration_a: Acceleration at the start [m/s^2].
         acceleration_b: Acceleration at the end [m/s^2].
-        eighth: Eighth of the squared length [s^2].
+        eighth: One eighth of the squared length of the cell [s^2].
         k: The same in units of 1 / n^2 [-].
-        reach: Bound of |v| + |a| / n over the cell [m/s].
-        bend: Bound of how far the position departs from the chord of its ends [m].
-        slack: The same of the velocity [m/s].
-        farthest: Bound of the range [m].
-        size: Length of the sum of the two positions [m]; where it is 0 the numbers after it are not finite.
-        near_a: The first position along the direction of that sum [m].
-        near_b: The second [m].
-        dip: Bound of how far that component sinks below its chord [m].
+        reach: Bound on |v| + |a| / n over the cell [m/s].
+        bend: Bound on the distance of the position from the chord between its ends [m].
+        slack: The same bound for the velocity [m/s].
+        farthest: Bound on the range [m].
+        size: Length of the sum of the two positions [m]; where it is 0, the attributes below are not finite.
+        near_a: Component of the first position along the direction of that sum [m].
+        near_b: The same component of the second position [m].
+        dip: Bound on how far that component falls below its chord [m].
     """
 
     a: Node
@@ -94,7 +94,7 @@ class ArcCell(NamedTuple):
 
 
 class ClosedNode(NamedTuple):
-    """A point of a closed natural motion; the attributes are those of `Node`."""
+    """Point of a closed natural motion; the attributes are those of `Node`."""
 
     position: Triple
     sun: SunAngle
@@ -105,12 +105,12 @@ class ClosedNode(NamedTuple):
 
 
 class ClosedCell(NamedTuple):
-    """A cell of a closed natural motion; the attributes that `ArcCell` has too are its.
+    """Cell of a closed natural motion; attributes that `ArcCell` also has are described there.
 
     Attributes:
-        k: Eighth of the squared angle [rad^2].
+        k: One eighth of the squared angle [rad^2].
         centre: Centre of the motion along y [m].
-        rho: Bound of all derivatives of the position with respect to the angle [m].
+        rho: Bound on all derivatives of the position with respect to the angle [m].
     """
 
     a: ClosedNode
@@ -129,26 +129,28 @@ class ClosedCell(NamedTuple):
 
 @dataclass(frozen=True)
 class RowKernels:
-    """The kernels of a constraint. Each takes first the numbers p of `Constraint.row_numbers`.
+    """Kernels of a constraint. The first argument of each is the numbers p of `Constraint.row_numbers`.
 
     A state that is safe with some margins passes all kernels with margins that are not larger. A constraint that does
-    not count has numbers, such as infinity, with which its kernels refuse nothing.
+    not apply has numbers, such as infinity, with which its kernels reject nothing.
 
     Attributes:
-        broken: (p, node, margins): is it broken at a node of an arc?
-        uncertain: (p, cell, margins): do the ends of an `ArcCell` leave open whether it is met in between?
+        broken: (p, node, margins): is the constraint violated at a node of an arc?
+        uncertain: (p, cell, margins): do the ends of an `ArcCell` leave open whether it is satisfied in between?
         closed_broken: The same as `broken` for a `ClosedNode`; None where `amplitude` decides.
         closed_uncertain: The same as `uncertain` for a `ClosedCell`; None where `amplitude` decides.
-        amplitude: (p, speeds, margins): is it broken somewhere on a closed motion with those largest speeds along the
+        amplitude: (p, speeds, margins): is it violated somewhere on a closed motion with those largest speeds along the
             axes [m/s]?
-        slack: (p, node): how far it is from broken [m]; speeds count as the range of a motion that fast.
-        support: (p, node, margins, d): writes a direction d of states, which comes filled with zeros, and returns the
-            need: safe where d.state >= need, as far as the constraint is linear.
-        gap: (p, node): how far the way back leads inside [m]; None where it heeds the speeds at its end instead.
-        turn: (p, sun, d): replaces in a direction d of velocities what turns with the sun; None where nothing does.
+        slack: (p, node): distance from a violation [m]; a speed counts as the range of a motion with that speed.
+        support: (p, node, margins, d): writes a direction d of states, which is filled with zeros beforehand, and
+            returns the need: safe where d.state >= need, as far as the constraint is linear.
+        gap: (p, node): how far inside the constraint a backup plan returns [m]; None where the plan considers the
+            speeds at its end instead.
+        turn: (p, sun, d): replaces the part of a direction d of velocities that rotates with the sun; None where no
+            part does.
         allowed_speed: (p, node): the largest speed [m/s]; None where there is no such limit.
-        cost: Constraints of lower cost are asked first about a cell.
-        convex: Whether the half-spaces of `support` contain every safe state, or all but few: those of a speed limit
+        cost: Constraints of lower cost are checked first for a cell.
+        convex: Whether the half-spaces of `support` contain all safe states, or all but a few: those of a speed limit
             that grows with the range are tangent at one state.
     """
 
@@ -168,13 +170,13 @@ class RowKernels:
 
 @njit(**INLINED)
 def scaled(margins: Margins, factor: float) -> Margins:
-    """Return margins that are so many times as large."""
+    """Return the margins multiplied by a factor."""
     return Margins(factor * margins.length, factor * margins.speed, factor * margins.coasting)
 
 
 @njit(**INLINED)
 def lowest(fa: float, fb: float, dip: float) -> float:
-    """Return the least over 0 <= x <= 1 of the chord from fa to fb less dip 4 x (1 - x), dip >= 0."""
+    """Return the least value, over 0 <= x <= 1, of the chord from fa to fb minus dip 4 x (1 - x), with dip >= 0."""
     rise = abs(fb - fa)
     if rise >= 4.0 * dip:
         return min(fa, fb)
@@ -190,13 +192,13 @@ def direction(x: float, y: float, z: float) -> Triple:
 
 @njit(**INLINED)
 def sun_axes(sun: SunAngle, x: float, y: float) -> tuple[float, float]:
-    """Return a vector's parts along the sun cone's axis, away from the sun, and across it in the orbital plane."""
+    """Return a vector's components along the sun cone's axis, away from the sun, and across it in the orbital plane."""
     return sun[1] * y - sun[0] * x, -sun[1] * x - sun[0] * y
 
 
 @njit(**INLINED)
 def node(x: RowState, sun: SunAngle) -> Node:
-    """Return a state with what constraints compute from it."""
+    """Return a state with the quantities that constraints compute from it."""
     along, across = sun_axes(sun, x[0], x[1])
     return Node(
         x, sun, math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]),

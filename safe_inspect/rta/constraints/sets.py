@@ -1,4 +1,4 @@
-"""The constraints of a task, by name."""
+"""Build the constraints of a task by name."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ def constraint_set(
     names: Iterable[str | Constraint] = NAMES,
     deputy_radius: float | None = None,
 ) -> dict[str, Constraint]:
-    """Return the named constraints, built from a task's parameters, in the order of the names.
+    """Build the named constraints from a task's parameters, in the order of the names.
 
     Args:
-        parameters: The peer's argument names and their values; see `ConstraintParameters`.
-        names: Registered names of constraints, or dotted paths to their classes; or constraints, whose fields that are
-            not given come from the parameters.
-        deputy_radius: The `deputy_radius` [m] of constraints between deputies that are not given one.
+        parameters: Parameters by name, as in safe-autonomy-sims; see `ConstraintParameters`.
+        names: Registered names of constraints, dotted paths to their classes, or constraints. Fields of a constraint
+            that are not given come from the parameters.
+        deputy_radius: Default of the `deputy_radius` [m] of constraints between deputies.
 
     Raises:
         ValueError: A name is unknown or given twice, a parameter is unknown or impossible, or two limits contradict
             each other.
     """
     if isinstance(names, str):
-        raise ValueError(f"the names of the constraints are a list, not the text {names!r}; write [{names}]")
+        raise ValueError(f"expected a list of constraint names, got the text {names!r}; write [{names}]")
     known = ConstraintParameters.of(parameters)
     built: dict[str, Constraint] = {}
     for entry in names:
         name = name_of(entry)
         if name in built:
-            raise ValueError(f"the constraint {name!r} stands twice; remove one")
+            raise ValueError(f"the constraint {name!r} is given twice; remove one")
         cls, given = _class_of(entry), {}
         if isinstance(entry, Constraint):
             given = {field: getattr(entry, field) for field in entry.model_fields_set}
@@ -61,7 +61,7 @@ def _class_of(entry: str | Constraint) -> type[Constraint]:
 
 
 def _check_room(constraints: Mapping[str, Any]) -> None:
-    """Check that the largest range leaves room outside of the collision radius, wherever the two are given.
+    """Check that the largest range exceeds the collision radius, if both are given.
 
     Raises:
         ValueError: It does not.
@@ -76,12 +76,12 @@ def _check_room(constraints: Mapping[str, Any]) -> None:
 
 
 def name_of(entry: str | Constraint) -> str:
-    """Return the name of a constraint among others: its field `name`, if it has one, else the registered one."""
+    """Return the name that identifies a constraint: its field `name` if it has one, otherwise its registered name."""
     return entry if isinstance(entry, str) else str(getattr(entry, "name", entry.registered_name))
 
 
 def gives_half_space(entry: str | Constraint) -> bool:
-    """Return whether a constraint, or the one that is registered under a name, defines `Constraint.half_space`."""
+    """Return whether a constraint, given itself or by its registered name, defines `Constraint.half_space`."""
     if isinstance(entry, Constraint):
         return type(entry).half_space is not None
     try:

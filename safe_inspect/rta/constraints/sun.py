@@ -1,4 +1,4 @@
-"""Keep the sun out of the camera."""
+"""Constraint that keeps the sun out of the camera."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def _values(
     state: tuple[FloatArray, FloatArray, FloatArray], half_angle: float, acceleration: float, n: float,
     phi: FloatArray, h: FloatArray, gradient: FloatArray, rate: FloatArray,
 ) -> None:  # fmt: skip
-    """Write phi, h, the gradient and the rate of h of every row.
+    """Write phi, h, the gradient and the rate of h for every row.
 
-    All is written in the right-handed axes (c, k, z): c points away from the sun, k lies in the orbital plane.
-    There the frame's angular velocity is (0, 0, -n), and w x (a, b, .) = (n b, -n a, 0).
+    All quantities are in the right-handed axes (c, k, z): c points away from the sun, and k is in the orbital plane.
+    The angular velocity of these axes is (0, 0, -n), and w x (a, b, .) = (n b, -n a, 0).
     """
     position, velocity, sun_angle = state
     cos_b, sin_b = math.cos(half_angle), math.sin(half_angle)
@@ -39,10 +39,10 @@ def _values(
         ek, ez, turning = 0.0, 1.0, 0.0
         if not off_axis < LENGTH_FLOOR:
             ek, ez, turning = pk / off_axis, z / off_axis, cos_b / off_axis
-        # the outward normal of the cone beside the position, and the distance along it
+        # The outward normal of the cone near the position, and the distance along it.
         nc, nk, nz = -sin_b, cos_b * ek, cos_b * ez
         gap = cos_b * off_axis - sin_b * pc
-        # the velocity relative to the turning cone
+        # The velocity relative to the rotating cone.
         uc, uk = vc - n * pk, vk + n * pc
         around = turning * (ek * vz - ez * uk)
         root, slope = braking_speed(gap, acceleration)
@@ -56,36 +56,36 @@ def _values(
         gradient[i, 3] = -cos_s * nc - sin_s * nk
         gradient[i, 4] = sin_s * nc - cos_s * nk
         gradient[i, 5] = nz
-        # turning the position, the velocity and the sun together changes nothing
+        # Rotating the position, the velocity and the sun together does not change h.
         rate[i] = -n * (gc * pk - gk * pc + nc * vk - nk * vc)
 
 
 class SunKeepOut(Constraint, name="sun"):
-    """Stay out of the cone from which the chief is seen against the sun.
+    """Constraint that keeps the deputy out of the cone from which the chief is seen against the sun.
 
-    The sun stands in the direction s = (cos theta, -sin theta, 0) from the chief. The deputy at p looks along -p,
-    at the chief. The sun is in a camera of full field of view `fov` when -p is within beta = fov / 2 of s, that is
-    when p is within beta of c = -s. So the forbidden cone has its apex at the chief and opens away from the sun, all
-    of it in the half space p.s < 0: the night side, where the chief stands between the deputy and the sun. On the
-    day side, p.s > 0, the deputy has the sun behind it and every position is allowed.
+    Seen from the chief, the sun is in the direction s = (cos theta, -sin theta, 0). The deputy at p looks along -p,
+    towards the chief. The sun is in a camera of full field of view `fov` when -p is within beta = fov / 2 of s, that
+    is, when p is within beta of c = -s. The forbidden cone therefore has its apex at the chief, opens away from the sun
+    and lies entirely in the half space p.s < 0: the night side, where the chief is between the deputy and the sun. On
+    the day side, p.s > 0, the sun is behind the deputy and every position is allowed.
 
     phi = angle(p, c) - beta [rad].
 
-    h = sqrt(2 a d) + d', with d the signed distance from the cone's nearer generator, and d' the rate at which the
-    deputy leaves the cone, which turns with the sun at w = (0, 0, -n):
+    h = sqrt(2 a d) + d', where d is the signed distance from the cone's nearer generator, and d' is the rate at which
+    the deputy leaves the cone, which rotates with the sun at w = (0, 0, -n):
 
         d = r sin(angle(p, c) - beta),   d' = N.(v - w x p),   N = (p - q) / d,
 
-    q the foot of the perpendicular on the generator (w x q gives the same d', for N is parallel to p - q). Inside,
-    d is negative and the root is -sqrt(2 a |d|). Where angle(p, c) > beta + 90 deg the generator is extended beyond
-    the apex: there d is less than the distance from the cone, and zero only at the chief.
+    where q is the foot of the perpendicular on the generator (w x q gives the same d', because N is parallel to p - q).
+    Inside the cone, d is negative and the root is -sqrt(2 a |d|). Where angle(p, c) > beta + 90 deg, the generator is
+    extended beyond the apex: there, d is less than the distance from the cone, and zero only at the chief.
 
-    On the cone's axis, before and behind the chief (within 1e-6 m), the nearest generator is not unique; the one
-    towards +z is taken. At the chief's centre phi = -beta. The root's slope at d = 0 is that at 1e-6 m.
+    Within 1e-6 m of the cone's axis, in front of or behind the chief, the nearest generator is not unique; the one
+    towards +z is used. At the chief's centre, phi = -beta. The slope of the root at d = 0 is the slope at 1e-6 m.
 
     Attributes:
         fov: Full opening angle of the cone, 2 beta [rad].
-        max_acceleration: Deceleration a that the thrusters can promise [m/s^2].
+        max_acceleration: Deceleration a that the thrusters guarantee [m/s^2].
         mean_motion: Rate n of the sun angle theta [rad/s].
     """
 
@@ -102,12 +102,12 @@ class SunKeepOut(Constraint, name="sun"):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Return the constraint for a task's parameters."""
+        """Build the constraint from a task's parameters."""
         return cls(fov=parameters.fov, max_acceleration=parameters.max_acceleration, mean_motion=parameters.n)
 
     @classmethod
     def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> SunNumbers:
-        """Return the cone's half angle."""
+        """Return whether the cone is forbidden, cosine and sine of its half angle, and the mean motion."""
         half = 0.5 * chosen["sun"].fov if "sun" in chosen else 0.0
         return SunNumbers("sun" in chosen, math.cos(half), math.sin(half), n)
 

@@ -1,4 +1,4 @@
-"""The kernels of the sun cone that filters ask for; see `RowKernels`."""
+"""Row kernels of the sun cone for the compiled filters; see `RowKernels`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from safe_inspect.types import FloatArray
 
 
 class SunNumbers(NamedTuple):
-    """Whether the cone is forbidden, cosine and sine of its half angle, and the mean motion [1/s]."""
+    """Whether the cone is forbidden, cosine and sine of its half angle, and mean motion [1/s]."""
 
     on: bool
     cos_b: float
@@ -66,7 +66,7 @@ def _uncertain(p: SunNumbers, cell: ArcCell, margins: Margins) -> bool:
         ek, ez = 0.0, 1.0
     nk, nz = p.cos_b * ek, p.cos_b * ez
     ga, gb = nk * a.across + nz * za - sin_b * a.along, nk * b.across + nz * zb - sin_b * b.along
-    # accelerations in the frame that turns with the sun
+    # Accelerations in the frame that rotates with the sun.
     (ax, ay, az), (bx, by, bz) = cell.acceleration_a, cell.acceleration_b
     (ca, sa), (cb, sb) = a.sun, b.sun
     vca, vka = sun_axes(a.sun, a.state[3], a.state[4])
@@ -92,7 +92,7 @@ def _closed_uncertain(p: SunNumbers, cell: ClosedCell, margins: Margins) -> bool
     else:
         ek, ez = 0.0, p.cos_b
     ga, gb = ek * a.across + ez * za - p.sin_b * a.along, ek * b.across + ez * zb - p.sin_b * b.along
-    # in the turning frame the second derivative is at most 3 rho + r, the fourth 15 rho + r
+    # In the rotating frame, the second derivative is at most 3 rho + r, and the fourth at most 15 rho + r.
     if min(ga, gb) - k * (3.0 * rho + cell.farthest) >= margins.length:
         return False
     curve = max(_bend(p, a, cell.centre, ek, ez), _bend(p, b, cell.centre, ek, ez))
@@ -102,7 +102,7 @@ def _closed_uncertain(p: SunNumbers, cell: ClosedCell, margins: Margins) -> bool
 
 @njit(**INLINED)
 def _bend(p: SunNumbers, at: ClosedNode, centre: float, nk: float, nz: float) -> float:
-    """Return the second derivative of N.q at a node, q the position in the frame that turns with the sun."""
+    """Return the second derivative of N.q at a node, where q is the position in the frame that rotates with the sun."""
     ox, oy = at.position[0], at.position[1] - centre
     ca, sa = at.sun
     vc, vk = sun_axes(at.sun, 0.5 * oy, -2.0 * ox)
@@ -123,7 +123,7 @@ def _support(p: SunNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
 
 @njit(**INLINED)
 def _turn(p: SunNumbers, sun: SunAngle, d: FloatArray) -> None:
-    """Add what the cone's normal turns with the sun to a direction of velocities."""
+    """Write into d[0] and d[1] how the cone's normal, a direction d of velocities, rotates with the sun."""
     ca, sa = sun
     along, across = sun_axes(sun, d[3], d[4])
     d[0], d[1] = p.n * (along * sa - across * ca), p.n * (along * ca + across * sa)

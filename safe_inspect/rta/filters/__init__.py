@@ -1,4 +1,4 @@
-"""Filters of the run-time assurance: from a desired control to one that keeps the constraints."""
+"""Safety filters: each changes a desired control to one that satisfies the constraints."""
 
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import SafetyFilter

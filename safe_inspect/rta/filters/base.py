@@ -1,4 +1,4 @@
-"""What every filter of the run-time assurance takes and returns."""
+"""Interface of the safety filters: their arguments and results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ INTERVENTION_THRESHOLD = 0.01
 
 
 class SafetyFilter(ABC):
-    """Base of the filters: a frozen function of the state and the desired control, row by row.
+    """Base class of the filters: a fixed function of the state and the desired control, row by row.
 
     Attributes:
         parameters: The task's parameters.
@@ -39,7 +39,7 @@ class SafetyFilter(ABC):
         """Build the constraints.
 
         Args:
-            parameters: The peer's argument names and their values; see `ConstraintParameters`.
+            parameters: Parameters by name, as in safe-autonomy-sims; see `ConstraintParameters`.
             names: Registered names of constraints, or constraints.
 
         Raises:
@@ -51,7 +51,7 @@ class SafetyFilter(ABC):
 
     @abstractmethod
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
-        """Return the controls to fly.
+        """Return the controls to apply.
 
         Args:
             state: The states of R deputies.
@@ -62,45 +62,45 @@ class SafetyFilter(ABC):
         """
 
     def limit(self, field: str, *names: str) -> float:
-        """Return a field of the first of the named constraints that is kept, or the task's parameter of that name."""
+        """Return a field of the first named constraint that the filter has, or the task's parameter of that name."""
         kept = [self.constraints[name] for name in names if name in self.constraints]
         return float(getattr([*kept, self.parameters][0], field))
 
     def phi(self, state: RelativeState) -> FloatArray:
-        """Return the plain safety quantity of every constraint, >= 0 where safe, shape (R, C)."""
+        """Return the safety quantity phi of every constraint, >= 0 where safe, shape (R, C)."""
         return as_columns([constraint.phi(state) for constraint in self.constraints.values()], len(state))
 
 
 def check_used(entries: Iterable[str | Constraint]) -> None:
-    """Check that constraints are given no field that a certifying filter does not use.
+    """Check that no constraint sets a field that a certifying filter does not use.
 
     Raises:
-        ValueError: One is, with another value than the default.
+        ValueError: One does, to another value than the default.
     """
     for entry in entries:
         if isinstance(entry, Constraint):
             for field in sorted(entry.uncertified & entry.model_fields_set):
                 if getattr(entry, field) != type(entry).model_fields[field].default:
                     raise ValueError(
-                        f"the constraint {name_of(entry)!r} is given `{field}`, which this filter does not use, so it "
-                        "would not keep what is written; remove the field, or use the method 'continuous'"
+                        f"the constraint {name_of(entry)!r} sets `{field}`, which this filter does not use, so the "
+                        "value would have no effect; remove the field, or use the method 'continuous'"
                     )
 
 
 def as_columns(parts: list[FloatArray], rows: int) -> FloatArray:
-    """Return arrays of shape (R,) as the columns of one, shape (R, C)."""
+    """Return arrays of shape (R,) as the columns of one array, shape (R, C)."""
     return np.stack(parts, axis=1) if parts else np.empty((rows, 0))
 
 
 def checked(state: RelativeState, desired: FloatArray) -> FloatArray:
-    """Return the desired controls as an array that compiled rows take.
+    """Return the desired controls as an array that the compiled rows accept.
 
     Raises:
         ValueError: The shapes differ, or a number is not finite.
     """
     desired = for_kernel(desired, np.float64)
     if desired.shape != (len(state), 3):
-        raise ValueError(f"{len(state)} states need desired controls of shape ({len(state)}, 3), not {desired.shape}")
+        raise ValueError(f"{len(state)} states need desired controls of shape ({len(state)}, 3), got {desired.shape}")
     whole = np.concatenate((desired, state.position, state.velocity, state.sun_angle[:, None]), axis=1)
     finite = np.isfinite(whole)
     if not finite.all():
@@ -120,5 +120,5 @@ def differs(control: FloatArray, desired: FloatArray) -> BoolArray:
 
 @cache
 def compiled(module: str) -> Any:
-    """Return a module of compiled rows of this package, imported when it is first called."""
+    """Return a module of compiled rows of this package, imported at the first call."""
     return importlib.import_module(f"safe_inspect.rta.filters.{module}")

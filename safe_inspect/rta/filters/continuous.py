@@ -1,4 +1,4 @@
-"""The active-set invariance filter in its continuous-time form."""
+"""Active-set invariance filter in its continuous-time form."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from safe_inspect.rta.numerics.qp import solve_qp
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import FloatArray, IntArray
 
-#: Outside the safe set alpha is this many times as strong ...
+#: Outside the safe set, alpha is multiplied by this ...
 RETURN_GAIN = 10.0
 #: ... and the bias is this [units of h].
 RETURN_BIAS = -0.01
@@ -24,17 +24,17 @@ _SHORTEST = 1e-12
 
 
 class ContinuousFilter(SafetyFilter):
-    """Nearest control that meets a condition on the derivative of every h now.
+    """Filter that applies the nearest control satisfying a condition on the present derivative of every h.
 
     min |u - u_des|^2 subject to gradient . (drift + input u) + rate + alpha(h + bias) >= 0 for every constraint and
-    |u_i| <= u_max; where h < 0, with 10 alpha and a bias of -0.01. If the condition held at every moment, h >= 0 would
-    be kept. It is met at the beginning of a hold only: **over a hold of 10 s it keeps none of the constraints**. It is
-    here to be compared with; use `BackupFilter`.
+    |u_i| <= u_max; where h < 0, with 10 alpha and a bias of -0.01. If the condition were satisfied at every moment,
+    h >= 0 would be guaranteed. However, it is only enforced at the start of a hold: **over a hold of 10 s, this filter
+    guarantees none of the constraints**. It is here for comparison; use `BackupFilter`.
 
-    Where no control meets all conditions, `infeasible` says what is flown: ``"least_violating"``, the admissible
-    control that minimises the largest violation, measured in newtons (as the distance of the control from each
-    condition's half-space), and of those the nearest to the desired; or ``"pass"``, the desired control clipped to the
-    thrusters.
+    Where no control satisfies all conditions, `infeasible` selects what is applied: ``"least_violating"``, the
+    admissible control that minimises the largest violation, measured in newtons (as the distance of the control from
+    each condition's half-space), and of those the nearest to the desired one; or ``"pass"``, the desired control
+    clipped to the limits of the thrusters.
 
     Source:
         Gurriet et al., "Towards a framework for realizable safety critical control through active set invariance",
@@ -64,15 +64,19 @@ class ContinuousFilter(SafetyFilter):
         for name, constraint in self.constraints.items():
             if name not in NAMES and not responds_to_thrust(constraint):
                 raise ValueError(
-                    f"the method 'continuous' cannot keep the constraint {name!r}: the velocity part of the gradient "
-                    "of its h is 0 everywhere, so no thrust changes how fast h falls; let h depend on the velocity too"
+                    f"the method 'continuous' cannot enforce the constraint {name!r}: the velocity part of the "
+                    "gradient of its h is 0 everywhere, so thrust does not affect the rate of h; let h depend on the "
+                    "velocity too"
                 )
         if infeasible not in ("least_violating", "pass"):
-            raise ValueError(f"`infeasible` is 'least_violating' or 'pass', not {infeasible!r}")
+            raise ValueError(f"`infeasible` must be 'least_violating' or 'pass', got {infeasible!r}")
         self.infeasible = infeasible
 
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
-        """Return the controls to fly; see `SafetyFilter`. `active` names the conditions that the desired ones break."""
+        """Return the controls to apply; see `SafetyFilter`.
+
+        `active` names the conditions that the desired controls violate.
+        """
         desired = checked(state, desired)
         evaluations = [constraint.evaluate(state) for constraint in self.constraints.values()]
         rows, bounds = self.conditions(state, evaluations)
@@ -101,7 +105,7 @@ class ContinuousFilter(SafetyFilter):
     def conditions(self, state: RelativeState, evaluations: list[ConstraintValues]) -> tuple[FloatArray, FloatArray]:
         """Return the half-spaces rows . u >= bounds of the constraints [N], shapes (R, C, 3) and (R, C).
 
-        The normals have unit length, but where a condition does not depend on the control.
+        The normals have unit length, except where a condition does not depend on the control.
         """
         count = len(self.constraints)
         rows, bounds = np.zeros((len(state), count, 3)), np.zeros((len(state), count))
@@ -121,6 +125,6 @@ class ContinuousFilter(SafetyFilter):
 
 
 def allowed_descent(constraint: Constraint, h: FloatArray) -> FloatArray:
-    """Return alpha(h + bias), or where h < 0 the return 10 alpha(h - 0.01), shape (R,)."""
+    """Return alpha(h + bias), or 10 alpha(h - 0.01) where h < 0, shape (R,)."""
     inside, outside = constraint.alpha(h + constraint.bias), RETURN_GAIN * constraint.alpha(h + RETURN_BIAS)
     return np.where(h < 0.0, outside, inside)

@@ -1,4 +1,4 @@
-"""States from everywhere, to try a constraint with."""
+"""Sampled states for testing constraints."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from safe_inspect.types import FloatArray
 
 #: Smallest and largest range [m] and speed [m/s].
 _RANGES, _SPEEDS = (1.0, 2000.0), (1e-3, 10.0)
-#: States that are drawn to tell how many of the safe ones are recoverable.
+#: Number of states that are sampled to estimate the share of safe states that are recoverable.
 SAFE_DRAWS = 4096
 
 
 def probe_states(rows: int = 512) -> RelativeState:
-    """Return states in all directions, ranges from 1 m to 2 km and speeds from 1 mm/s to 10 m/s, always the same.
+    """Return states in all directions, with ranges of 1 m to 2 km and speeds of 1 mm/s to 10 m/s, always the same.
 
     Args:
         rows: Number of states, R.
@@ -35,12 +35,12 @@ def probe_states(rows: int = 512) -> RelativeState:
 
 
 def safe_states(constraints: Mapping[str, Constraint], parameters: ConstraintParameters, rows: int) -> RelativeState:
-    """Return the safe ones of a number of states from all of the range and all speeds, always the same.
+    """Sample states over all ranges and speeds, always the same, and return those that are safe.
 
     Args:
         constraints: The constraints.
-        parameters: Their parameters, for the limits where a constraint is missing.
-        rows: Number of states that are drawn.
+        parameters: Their parameters, which give the limits for which there is no constraint.
+        rows: Number of states to sample.
     """
     generator, kept, p = np.random.default_rng(12), cast("Mapping[str, Any]", constraints), parameters
     near, far = (kept.get(name, p) for name in ("chief_collision", "r_max"))
@@ -60,5 +60,5 @@ def safe_states(constraints: Mapping[str, Constraint], parameters: ConstraintPar
 
 
 def responds_to_thrust(constraint: Constraint) -> bool:
-    """Return whether the gradient of h has a velocity part anywhere; without one no thrust changes how fast h falls."""
+    """Return whether the gradient of h has a velocity part anywhere; if not, thrust does not affect the rate of h."""
     return bool(np.any(constraint.gradient(probe_states())[:, 3:]))

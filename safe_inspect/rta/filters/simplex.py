@@ -1,4 +1,4 @@
-"""The switching filter: the desired control as long as that is safe, else a controller that flies a safe ellipse."""
+"""Switching filter: applies the desired control while it is safe, and otherwise a controller that tracks an ellipse."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from safe_inspect.rta.filters.base import checked, differs
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
-#: An ellipse whose angle about the chief leads or lags the sun cone's axis by this much stays out of a cone of 60 deg:
-#: the direction on a 2:1 ellipse strays from a steady turn by at most 19.5 deg.
+#: An ellipse whose angle about the chief leads or lags the axis of the sun cone by this much stays out of a cone of 60
+#: deg: the direction on a 2:1 ellipse differs from a uniform rotation by at most 19.5 deg.
 _STRAY = math.asin(1.0 / 3.0)
 _CLEAR = math.radians(5.0)
 
 
 @dataclass(frozen=True, eq=False)
 class SimplexMemory:
-    """What the switching filter carries from step to step, reset to zero with the episode.
+    """Memory of the switching filter between steps, reset to zero with the episode.
 
     Attributes:
-        delta_v: Delta-v flown so far, sum of |u_i| dt / m over steps and axes [m/s], shape (R,).
-        latched: True where the limit left no room: the deputy coasts on a safe motion until the episode ends, (R,).
+        delta_v: Delta-v used so far, the sum of |u_i| dt / m over steps and axes [m/s], shape (R,).
+        latched: True where the limit is reached: the deputy coasts on a safe motion until the episode ends, shape (R,).
     """
 
     delta_v: FloatArray
@@ -40,27 +40,27 @@ class SimplexMemory:
 
     @classmethod
     def zeros(cls, rows: int) -> SimplexMemory:
-        """Return the memory of R fresh episodes."""
+        """Return the memory at the start of R episodes."""
         return cls(np.zeros(rows), np.zeros(rows, np.bool_))
 
 
 class SimplexFilter:
-    """Switch between the desired control and a backup controller.
+    """Filter that switches between the desired control and a backup controller.
 
-    The desired control is flown where `BackupFilter` would fly it unchanged. Elsewhere the backup flies: a
+    The desired control is applied where `BackupFilter` would not change it. Elsewhere, the backup controller is used: a
     linear-quadratic regulator on the discrete dynamics tracks the closed 2:1 ellipse about the chief that is nearest to
-    the present position in size and phase, within bounds that keep it safe; its control is passed through
-    `BackupFilter` too, so the switching filter holds as that does.
+    the present position in size and phase, within bounds that keep it safe. Its control is also passed through
+    `BackupFilter`, so the switching filter gives the same guarantees.
 
-    A control is flown only if what it costs, after what was flown before, leaves enough of `delta_v_limit` for the
-    plan of the state after it. Where it does not, the plan of the present state is flown, for which enough was left a
-    step ago, and from then on the deputy coasts on that plan's closed motion. So an episode keeps the limit, if the
-    plan of its initial state does; a state without a plan knows no limit.
+    A control is applied only if its delta-v, added to what was used before, leaves enough of `delta_v_limit` for the
+    plan of the state after it. Otherwise, the plan of the present state is applied, for which enough was left one step
+    before, and from then on the deputy coasts on the closed motion of that plan. An episode therefore satisfies the
+    limit if the plan of its initial state does; the limit is not enforced for a state without a plan.
 
     Attributes:
         parameters: The task's parameters.
         names: The names of the constraints.
-        delta_v_limit: Delta-v that an episode keeps [m/s].
+        delta_v_limit: Delta-v limit of an episode [m/s].
         gain: Gain of the regulator from (position, velocity) errors [N/m, N s/m], shape (3, 6).
     """
 
@@ -75,10 +75,10 @@ class SimplexFilter:
         """Build the filter.
 
         Args:
-            parameters: The peer's argument names and their values; see `ConstraintParameters`.
-            names: Constraints that `BackupFilter` keeps, by name or built.
-            delta_v_limit: Delta-v that an episode keeps [m/s].
-            position_weight: Weight of the squared position error [1/m^2], that of the squared thrust being 1 [1/N^2].
+            parameters: Parameters by name, as in safe-autonomy-sims; see `ConstraintParameters`.
+            names: Constraints that `BackupFilter` can enforce, by name or built.
+            delta_v_limit: Delta-v limit of an episode [m/s].
+            position_weight: Weight of the squared position error [1/m^2]; that of the squared thrust is 1 [1/N^2].
             velocity_weight: Weight of the squared velocity error [s^2/m^2].
 
         Raises:
@@ -86,7 +86,7 @@ class SimplexFilter:
         """
         if not (delta_v_limit > 0.0 and position_weight > 0.0 and velocity_weight > 0.0):
             raise ValueError("the delta-v limit and the weights must be positive")
-        self._safe = BackupFilter(parameters, names, several_holds=False)  # the reserve is for one
+        self._safe = BackupFilter(parameters, names, several_holds=False)  # The delta-v reserve assumes one hold.
         self.parameters, self.names, self.delta_v_limit = self._safe.parameters, self._safe.names, delta_v_limit
         p = self.parameters
         self._hold = transition(float(p.n), float(p.m), float(p.step_size))
@@ -96,7 +96,7 @@ class SimplexFilter:
     def __call__(
         self, state: RelativeState, desired: FloatArray, memory: SimplexMemory
     ) -> tuple[FilterResult, SimplexMemory]:  # fmt: skip
-        """Return the controls to fly, and the memory after the step; `memory` itself stays as it is.
+        """Return the controls to apply, and the memory after the step; `memory` itself is not changed.
 
         Raises:
             ValueError: The shapes differ, or a number is not finite; the message names the first such row.
@@ -121,7 +121,7 @@ class SimplexFilter:
         return result, SimplexMemory(memory.delta_v + self._delta_v(control), latched)
 
     def _with_reserve(self, state: RelativeState, control: FloatArray) -> FloatArray:
-        """Return the delta-v of a control and of the plan after it [m/s], shape (R,)."""
+        """Return the delta-v of a control and of the plan that follows it [m/s], shape (R,)."""
         if math.isinf(self.delta_v_limit):
             return np.zeros(len(state))
         position, velocity = np.empty_like(state.position), np.empty_like(state.velocity)
@@ -136,7 +136,7 @@ class SimplexFilter:
         return (thrust[:, 0] + thrust[:, 1] + thrust[:, 2]) * float(self.parameters.step_size / self.parameters.m)
 
     def tracking(self, state: RelativeState) -> FloatArray:
-        """Return the regulator's thrust towards the safe ellipse, within the thrusters [N], shape (R, 3)."""
+        """Return the regulator's thrust towards the safe ellipse, clipped to the thrusters [N], shape (R, 3)."""
         position, velocity = self.ellipse(state)
         errors = np.concatenate((state.position - position, state.velocity - velocity), axis=1)
         control = np.zeros((len(state), 3))
@@ -147,11 +147,11 @@ class SimplexFilter:
         return np.clip(control, -limit, limit)
 
     def ellipse(self, state: RelativeState) -> tuple[FloatArray, FloatArray]:
-        """Return where on its safe ellipse each deputy should be: position [m] and velocity [m/s], shape (R, 3) each.
+        """Return the reference state on each deputy's safe ellipse: position [m] and velocity [m/s], shape (R, 3) each.
 
-        The ellipse is x = A sin tau, y = 2 A cos tau, z = 0 with tau turning at n. A is that of the ellipse through
-        the present position, kept between 1.5 collision radii and 0.45 times the largest range and what the axis
-        speeds allow; tau is that of the present position, kept away from the sun cone's axis.
+        The ellipse is x = A sin tau, y = 2 A cos tau, z = 0, where tau advances at the rate n. A is that of the ellipse
+        through the present position, clipped between 1.5 collision radii and 0.45 times the largest range and what the
+        axis speeds allow; tau is that of the present position, kept away from the axis of the sun cone.
         """
         n, limit = float(self.parameters.n), self._safe.limit
         x, y = state.position[:, 0], state.position[:, 1]
@@ -160,7 +160,7 @@ class SimplexFilter:
         largest = max(smallest, min(0.45 * limit("r_max", "r_max"), 0.45 * fastest / n))
         size = np.clip(np.sqrt(x * x + 0.25 * y * y), smallest, largest)
         tau = np.arctan2(x, 0.5 * y)
-        # the cone's axis (-cos theta, sin theta) is at the angle theta - pi/2 in the same sense
+        # The cone's axis (-cos theta, sin theta) is at the angle theta - pi/2 in the same sense.
         axis = state.sun_angle - 0.5 * math.pi
         lead = np.mod(tau - axis + math.pi, 2.0 * math.pi) - math.pi
         away = min(0.5 * limit("fov", "sun") + _STRAY + _CLEAR, math.pi)

@@ -1,4 +1,4 @@
-"""`SpeedLimitFilter`: keeps a deputy below a speed limit that falls towards the chief, over whole holds."""
+"""`SpeedLimitFilter`: keeps a deputy below a speed limit that decreases towards the chief, over whole holds."""
 
 from __future__ import annotations
 
@@ -18,37 +18,38 @@ _NAMES = ("speed_limit",)
 
 
 class SpeedLimitFilter:
-    """Keeps the speed below L(r) = min(v0 + v1 max(r - d0, 0), vel_limit) at every moment, with v1 = v1_coef n.
+    """Filter that keeps the speed below L(r) = min(v0 + v1 max(r - d0, 0), vel_limit) at every moment, v1 = v1_coef n.
 
-    A hold is flown if at its end the speed is at most L(r) - e(r), where
+    A hold is accepted if at its end the speed is at most L(r) - e(r), where
 
         e(r) = 0.51 v1 dt L(r) + dt^2 / 8 (2 n a + 3 n^2 vel_limit)
         a = sqrt(3) u_max / m + 2 n vel_limit + 3 n^2 r_max
 
-    covers what may happen between the steps: the speed exceeds the chord of its ends by no more than the second term,
-    as |v''| <= 2 n a + 3 n^2 |v|, and the limit, whose slope over time is at most v1 |v|, stays below that of its ends
-    by no more than the first.
+    covers what can happen between the steps: the speed exceeds the chord between its ends by no more than the second
+    term, because |v''| <= 2 n a + 3 n^2 |v|, and the limit, whose slope over time is at most v1 |v|, stays below its
+    values at the ends by no more than the first.
 
-    Its plan is to brake: each axis gives the thrust that would bring its speed to zero, as far as it can. Thrust slows
-    the deputy by at least u_max / m, for the sum of the components of a unit vector is at least 1. Coriolis
-    accelerations do no work, gravity's gradient adds at most 3 n^2 r, and the limit falls by at most v1 |v|. So with
+    The backup plan is to brake: each axis applies the thrust that would bring its speed to zero, as far as it can.
+    Braking slows the deputy by at least u_max / m, because the sum of the components of a unit vector is at least 1.
+    Coriolis accelerations do no work, the gravity gradient adds at most 3 n^2 r, and the limit decreases by at most
+    v1 |v|. Therefore, with
 
         u_max / m >= 1.05 (3 n^2 r_max + v1 vel_limit)
 
-    a hold of braking leads from every state within the limit into such a state: each of them has a plan, by induction
-    for ever, up to the range r_max. Otherwise the thrust is searched for between braking and the desired one, along
-    the nearest points of the box of thrusts and of the balls of velocities.
+    a hold of braking leads from every state within the limit to such a state: by induction, each of them has a plan
+    at all times, up to the range r_max. If the desired thrust is rejected, the filter searches for a thrust between
+    braking and the desired one, along the nearest points of the box of thrusts and of the balls of velocities.
 
-    Under a disturbance it is given estimates. What disturbs the motion between the steps, by w in velocity, adds 2 w to
-    e(r). A thrust is flown if what it predicts from the estimate is within the limit by e(r) and by how far the real
-    velocity may be from the predicted one, with v1 times that of the position; braking has to make up for that too.
+    Under a disturbance, the filter receives estimates. A disturbance between the steps, by w in velocity, adds 2 w to
+    e(r). A thrust is accepted if the state it predicts from the estimate is within the limit by e(r) and by the largest
+    possible error of the predicted velocity, plus v1 times that of the position; braking must compensate for that too.
 
     Args:
         parameters: `step_size`, `n`, `m`, `u_max`, `v0`, `v0_distance`, `v1_coef`, `vel_limit` and `r_max`.
-        bounds: What is to be withstood; None: nothing, the motion is that of the model.
+        bounds: Bounds of the disturbances; None: there are none, the motion is that of the model.
 
     Raises:
-        ValueError: The thrusters are too weak for the promise, steps are too long for the limit, or the bounds leave
+        ValueError: The thrusters are too weak for the guarantee, steps are too long for the limit, or the bounds leave
             nothing of either.
     """
 
@@ -61,7 +62,7 @@ class SpeedLimitFilter:
         largest = math.sqrt(3.0) * p.u_max
         acceleration = largest * (1.0 + b.thrust_error) / p.m + 2.0 * p.n * p.vel_limit + 3.0 * p.n**2 * p.r_max
         bend = 2.0 * p.n * acceleration + 3.0 * p.n**2 * p.vel_limit
-        added = 1.01 * b.velocity  # coasting does not stretch a velocity by more within a step
+        added = 1.01 * b.velocity  # Coasting does not increase a velocity by more than 1 % within a step.
         self._share, self._rest = 0.51 * self._slope * p.step_size, 0.125 * p.step_size**2 * bend + 2.0 * added
         error = largest * b.thrust_error
         parts = np.linalg.norm([self._phi[3:, :3], self._phi[3:, 3:], self._phi[:3, :3], self._phi[:3, 3:]], 2, (1, 2))
@@ -73,8 +74,8 @@ class SpeedLimitFilter:
         lost = (b.velocity_error + self._slope * b.position_error + self._missed) / p.step_size
         if p.u_max / p.m < needed:
             raise ValueError(
-                f"the thrusters give {p.u_max / p.m:.3g} m/s^2, but braking below the speed limit takes {needed:.3g} "
-                "at `vel_limit` and `r_max`; lower these"
+                f"the thrusters give {p.u_max / p.m:.3g} m/s^2, but braking below the speed limit needs {needed:.3g} "
+                "m/s^2 at `vel_limit` and `r_max`; lower these"
             )
         room = 0.1 * min(p.v0, p.vel_limit)
         if self._slope * p.step_size > 0.01 or self._rest - 2.0 * added > room:
@@ -87,12 +88,12 @@ class SpeedLimitFilter:
         return self._limit(position) - _norm(velocity)
 
     def is_safe(self, position: FloatArray, velocity: FloatArray) -> BoolArray:
-        """Return the rows that are within the limit and its margin e, from which the filter promises, shape (R,)."""
+        """Return the rows within the limit and its margin e, from which the filter guarantees the limit, shape (R,)."""
         limit = self._limit(position)
         return np.asarray(_norm(velocity) <= (1.0 - self._share) * limit - self._rest)
 
     def __call__(self, position: FloatArray, velocity: FloatArray, desired: FloatArray) -> FilterResult:
-        """Return the nearest thrust that is found to keep the limit, or that of braking where none does.
+        """Return the nearest thrust that is found to satisfy the limit, or that of braking if none is found.
 
         Args:
             position: Position, or the estimate of it [m], Hill frame, shape (R, 3).
@@ -118,13 +119,13 @@ class SpeedLimitFilter:
         )
 
     def _keeps(self, state: FloatArray, control: FloatArray) -> BoolArray:
-        """Return whether the state after a hold is safe, however it is disturbed, shape (R,)."""
+        """Return whether the state after a hold is safe under every disturbance within the bounds, shape (R,)."""
         after = _times(self._phi, state) + _times(self._gamma, control)
         limit = self._limit(after[:, :3])
         return np.asarray(_norm(after[:, 3:]) <= (1.0 - self._share) * limit - self._rest - self._missed)
 
     def _search(self, state: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Return the thrust between braking and the wanted one [N] that is the last to keep the limit, (R, 3)."""
+        """Return the thrust nearest to `wanted` on the path from braking that satisfies the limit [N], shape (R, 3)."""
         brake = -_times(self._phi, state)[:, 3:] / self._gain
         low, high = np.zeros(len(state)), np.ones(len(state))
 
@@ -144,12 +145,12 @@ class SpeedLimitFilter:
 
 
 def _norm(vectors: FloatArray) -> FloatArray:
-    """Return the norms of rows, whose bits do not depend on the batch, shape (R,)."""
+    """Return the norms of rows, shape (R,); the result is bit-identical for any batch size."""
     return np.asarray(np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2 + vectors[:, 2] ** 2))
 
 
 def _times(matrix: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return the products of a matrix with rows, whose bits do not depend on the batch, shape (R, 6)."""
+    """Return the products of a matrix with rows, shape (R, 6); the result is bit-identical for any batch size."""
     total = np.zeros((len(rows), len(matrix)))
     for column in range(rows.shape[1]):
         total += rows[:, column, None] * matrix[:, column]

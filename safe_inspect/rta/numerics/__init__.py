@@ -1,1 +1,1 @@
-"""Solvers of the filters: the nearest point of a polyhedron, of three variables and of many; see README.md."""
+"""Solvers of the filters: the nearest point of a polyhedron, in three or more dimensions; see README.md."""

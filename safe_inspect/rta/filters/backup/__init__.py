@@ -1,1 +1,1 @@
-"""The backup filter: its search for a plan, its certificate of a hold and its cutting planes."""
+"""Backup filter: its search for a plan, its certificate of a hold, and its cutting planes."""

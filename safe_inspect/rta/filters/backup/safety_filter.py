@@ -1,4 +1,4 @@
-"""The filter that holds: every control it lets through leaves a way to be safe for ever."""
+"""Filter with a safety guarantee: every control that it applies leaves a plan to remain safe permanently."""
 
 from __future__ import annotations
 
@@ -18,38 +18,39 @@ from safe_inspect.rta.filters.base import SafetyFilter, check_used, checked, com
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-#: A hold turns the orbit by at most this angle [rad]; the bounds between grid points need it to be small.
+#: A hold must not exceed this angle of the orbit [rad]; the bounds between grid points require it to be small.
 _LARGEST_TURN = 0.5
-#: What is flown where a desired control is refused: a safe one near to it, or the backup plan.
+#: What is applied if a desired control is rejected: a safe control near to it, or the backup plan.
 Intervention = Literal["nearest", "backup"]
 _MOST_FURTHER = PAIR_BIT - FURTHER
 
 
 class BackupFilter(SafetyFilter):
-    """Nearest control that is safe over the whole hold and leaves a backup plan after it.
+    """Filter that applies the nearest control that is safe over the whole hold and leaves a backup plan after it.
 
-    A *backup plan* of a state is one hold of admissible thrust, safe at every moment, into a closed natural motion
-    (no drift, v_y = -2 n x) on which every constraint is met for one orbit, and so, for the sun's direction has
-    the same period, for ever. A state with a plan of the family of `plans` is *recoverable*. The desired control is
-    flown if the hold is safe at every moment and the state after it is recoverable. Else its projection onto the
-    half-spaces of the convex constraints (speeds, the largest range) is, if it passes the same exact test: a safe
-    control may be nearer only where the tangent half-space of `rel_vel` cuts it off, by a few mN. If it does not pass,
-    a pattern search leads from the backup plan's thrust, which passes by induction, to the desired control through
-    controls that pass; see `search`. With the intervention `backup` none of these is sought, and the backup plan is
-    flown for the step.
+    A *hold* is one step of constant thrust. A *backup plan* of a state is one hold of admissible thrust, safe at every
+    moment, that leads to a closed natural motion (no drift, v_y = -2 n x) on which every constraint is satisfied for
+    one orbit and therefore permanently, because the direction of the sun has the same period. A state with a plan of
+    the family in `plans` is *recoverable*. The desired control is applied if the hold is safe at every moment and the
+    state after it is recoverable. Otherwise, its projection onto the half-spaces of the convex constraints (speeds, the
+    largest range) is applied, if it passes the same exact test: a safe control can be nearer only where the tangent
+    half-space of `rel_vel` excludes it, by a few mN. If the projection does not pass, a pattern search leads from the
+    thrust of the backup plan, which passes by induction, towards the desired control through controls that pass; see
+    `search`. With the intervention `backup`, there is no such search, and the backup plan is applied for the step.
 
-    Beside the eight constraints of the inspection task it keeps every one that defines `Constraint.half_space`.
+    In addition to the eight constraints of the inspection task, the filter enforces every constraint that defines
+    `Constraint.half_space`.
 
-    "At every moment" is certified, not sampled: see `arcs`, `holds` and `closed_motion`, and what the
-    constraints bring, `RowKernels`. The filter needs no memory: the plan is found again from the state. It holds for an
-    exact model; the margins that every control must leave (1 mm, 0.01 mm/s, halved for a backup) absorb rounding, not
-    disturbances.
+    "At every moment" is certified, not sampled: see `arcs`, `holds` and `closed_motion`, and for what the constraints
+    contribute, `RowKernels`. The filter needs no memory: it finds the plan again from the state. Its guarantee is for
+    an exact model; the margins that every control must leave (1 mm, 0.01 mm/s, halved for a backup) absorb rounding,
+    not disturbances.
 
-    From a state without a plan, inside the safe set or outside it, the way back is flown, the desired control has no
-    say, and the row is marked infeasible. Of the admissible controls the way back is the smallest that minimises the
-    largest violation, in newtons, of these demands on the state after the hold: speeds within their limits, and each
-    distance below 5 m (from the chief, the largest range, the sun cone) growing at half the allowed speed. See
-    `returning`.
+    From a state without a plan, inside or outside the safe set, the filter applies a return control, ignores the
+    desired control, and marks the row as infeasible. The return control is the smallest of the admissible controls that
+    minimise the largest violation, in newtons, of these conditions on the state after the hold: speeds are within their
+    limits, and each distance below 5 m (from the chief, the largest range, the sun cone) grows at half the allowed
+    speed. See `returning`.
     """
 
     def __init__(
@@ -64,13 +65,13 @@ class BackupFilter(SafetyFilter):
         Args:
             parameters: The task's parameters.
             names: The constraints.
-            intervention: What is flown where the desired control is refused: ``nearest``, a safe control near to it,
-                or ``backup``, the backup plan, which leads onto a closed motion.
-            several_holds: Whether the plans of weak thrusters may have several holds; their thrust is then the first.
+            intervention: What is applied if the desired control is rejected: ``nearest``, a safe control near to it,
+                or ``backup``, the backup plan, which leads to a closed motion.
+            several_holds: Whether plans of weak thrusters may have several holds; their thrust is then the first one.
 
         Raises:
             ValueError: An argument is wrong, a constraint is neither one of the eight of the inspection task nor
-                gives a half-space, or is given a field of `Constraint.uncertified`, or the hold is too long a part of
+                defines a half-space, or sets a field of `Constraint.uncertified`, or the hold is too large a part of
                 the orbit.
         """
         entries = tuple(names)
@@ -87,18 +88,21 @@ class BackupFilter(SafetyFilter):
                 further.append(constraint)
             else:
                 raise ValueError(
-                    f"the backup filter cannot keep {name!r}; {did_you_mean(name, NAMES)} (other constraints define "
-                    f"`half_space` for this filter, or are for the continuous filter alone)"
+                    f"the backup filter cannot enforce {name!r}; {did_you_mean(name, NAMES)} (other constraints must "
+                    f"define `half_space` for this filter, or are only for the continuous filter)"
                 )
         if len(further) > _MOST_FURTHER:
-            raise ValueError(f"the backup filter keeps at most {_MOST_FURTHER} constraints beside {', '.join(NAMES)}")
+            raise ValueError(
+                f"the backup filter supports at most {_MOST_FURTHER} constraints in addition to {', '.join(NAMES)}"
+            )
         if self.parameters.n * self.parameters.step_size > _LARGEST_TURN:
             raise ValueError(
                 f"a hold of {self.parameters.step_size} s is too long a part of the orbit: "
                 f"n step_size must be at most {_LARGEST_TURN} rad"
             )
         kept = dict(self.constraints)
-        for other in (PSM, SUN):  # a plan that comes too near breaks these, so the collision radius is kept with them
+        # A plan that comes too near violates these constraints, so the collision radius is enforced with them.
+        for other in (PSM, SUN):
             if COLLISION not in codes and other in codes:
                 codes[COLLISION] = codes[other]
                 kept[NAMES[COLLISION]] = ChiefCollision.from_parameters(self.parameters)
@@ -110,18 +114,18 @@ class BackupFilter(SafetyFilter):
 
     @property
     def _model(self) -> FilterModel:
-        """The numbers and tables of the task, with the further constraints."""
+        """Numbers and tables of the task, with the further constraints."""
         return self.further.into(self._tables)
 
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
-        """Return the controls to fly; see `SafetyFilter`."""
+        """Return the controls to apply; see `SafetyFilter`."""
         desired = checked(state, desired)
         return self._filtered(state, desired, np.zeros((3, 6)), np.empty((0, 0)))
 
     def _filtered(
         self, state: RelativeState, desired: FloatArray, gain: FloatArray, memory: FloatArray
     ) -> FilterResult:  # fmt: skip
-        """Return the controls to fly; for the last two see `filter_rows`."""
+        """Return the controls to apply; for the last two arguments, see `filter_rows`."""
         count = len(state)
         control, refused, stage = np.empty((count, 3)), np.empty(count, np.int64), np.empty(count, np.int64)
         rows = compiled("backup.rows")
@@ -143,15 +147,15 @@ class BackupFilter(SafetyFilter):
         )
 
     def recoverable(self, state: RelativeState) -> BoolArray:
-        """Return the rows that have a backup plan, shape (R,): from there the filter holds."""
+        """Return the rows that have a backup plan, from which the filter guarantees safety, shape (R,)."""
         return self.plans(state)[0]
 
     def plans(self, state: RelativeState, share: float = 1.0) -> tuple[BoolArray, FloatArray]:
-        """Return the rows that have a backup plan, shape (R,), and its thrust [N], shape (R, 3); zero without one.
+        """Return the rows that have a backup plan, shape (R,), and its thrust [N], shape (R, 3); zero if there is none.
 
         Args:
             state: The states.
-            share: Share of the margins that the plans leave; half is enough where a plan was found a step ago.
+            share: Share of the margins that the plans must leave; half is enough if a plan was found one step before.
         """
         checked(state, np.zeros((len(state), 3)))
         found, control = np.empty(len(state), np.bool_), np.empty((len(state), 3))
@@ -161,7 +165,7 @@ class BackupFilter(SafetyFilter):
         return found, control
 
     def backups(self, state: RelativeState) -> tuple[BoolArray, FloatArray]:
-        """Return the plans that are fallen back on: as `plans`, with the whole margins, or else with half of them."""
+        """Return the plans to fall back on: as `plans`, with the whole margins or, failing that, with half of them."""
         found, thrust = self.plans(state)
         rest = np.flatnonzero(~found)
         if len(rest):
@@ -169,7 +173,7 @@ class BackupFilter(SafetyFilter):
         return found, thrust
 
     def admissible(self, state: RelativeState, control: FloatArray) -> BoolArray:
-        """Return the rows whose control would be flown as it is, shape (R,)."""
+        """Return the rows whose control would be applied unchanged, shape (R,)."""
         control = checked(state, control)
         out = np.empty(len(state), np.bool_)
         compiled("backup.rows").admissible_rows(

@@ -1,1 +1,1 @@
-"""The filters that keep deputies apart: jointly for a team, or each on its own."""
+"""Filters that keep deputies apart: jointly for a team, or separately for each deputy."""

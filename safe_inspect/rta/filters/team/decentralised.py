@@ -1,4 +1,4 @@
-"""A deputy that keeps its own distance from others that are assumed to coast."""
+"""Filter of one deputy that keeps its distance from others, which are assumed to coast."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from safe_inspect.types import BoolArray, FloatArray
 
 
 class DecentralisedFilter:
-    """Nearest thrust of one deputy that is safe if the others coast: the team's filter, the others as obstacles.
+    """Filter that applies the nearest thrust of one deputy that is safe if the others coast.
 
-    The hold must keep every constraint, and the distance from the others on their coasting motion, at every moment, and
-    leave a backup plan that keeps both. What the others do instead of coasting is not known: two deputies that
-    thrust towards each other can come too near, or into states without a plan. `TeamFilter` decides for all at once.
+    It is the team's filter with the others as obstacles. The hold must satisfy every constraint, and the distance from
+    the others on their coasting motion, at every moment, and leave a backup plan that satisfies both. What the others
+    do instead of coasting is unknown: two deputies that thrust towards each other can come too near, or reach states
+    without a plan. `TeamFilter` decides for all deputies at once.
 
     Attributes:
         names: The names of the constraints: those about the chief first, then those of the pairs.
@@ -37,7 +38,7 @@ class DecentralisedFilter:
         """Build the filter.
 
         Args:
-            parameters: The peer's argument names and their values; see `ConstraintParameters`.
+            parameters: Parameters by name, as in safe-autonomy-sims; see `ConstraintParameters`.
             names: Names of the single filter's constraints, or constraints.
             pair_names: Constraints between deputies, ``deputy_collision`` or ``deputy_PSM``, by name or built.
             deputy_radius: Radius about each deputy [m].
@@ -51,7 +52,7 @@ class DecentralisedFilter:
     def __call__(
         self, state: RelativeState, desired: FloatArray, others_position: FloatArray, others_velocity: FloatArray
     ) -> FilterResult:  # fmt: skip
-        """Return the thrusts to fly.
+        """Return the thrusts to apply.
 
         Args:
             state: The states of R deputies.
@@ -87,7 +88,7 @@ class DecentralisedFilter:
     def phi(
         self, state: RelativeState, others_position: FloatArray, others_velocity: FloatArray
     ) -> dict[str, FloatArray]:  # fmt: skip
-        """Return each constraint's plain safety quantity, >= 0 where safe, those of the pairs of the nearest, (R,)."""
+        """Return each constraint's safety quantity phi, >= 0 where safe; for a pair, with the nearest other, (R,)."""
         team = self._with(state, others_position, others_velocity)
         found = {name: constraint.phi(state) for name, constraint in self._team.alone.constraints.items()}
         for name, pair in self._team.pair_constraints.items():

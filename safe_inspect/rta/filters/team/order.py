@@ -1,4 +1,4 @@
-"""How the deputies of an environment are put into the order of the team's filter, compiled."""
+"""Sorting of an environment's deputies into the order of the team's filter, compiled."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def enter(
     m: FilterModel, position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
     tracks: FloatArray, t: TeamWorkspace,
 ) -> None:  # fmt: skip
-    """Put an environment's deputies into the order of the filter: those that coast first, then by range.
+    """Sort an environment's deputies into the order of the filter: those that coast first, then by range.
 
-    So the result does not depend on the order of the deputies, unless two are equally far to the last bit. One that
-    coasts, but for which a plan is remembered, flies that plan's hold first: the others count on it. One that tracks
-    its plan, `tracks` of shape (D, 10), stands where the plan does.
+    The result therefore does not depend on the order of the deputies, unless two have exactly the same range. A deputy
+    that coasts, but for which a plan is stored, applies the hold of that plan first, because the others assume it. For
+    a deputy that tracks its plan, `tracks` of shape (D, 10), the state is that of the plan.
     """
     for place in range(position.shape[0]):
         t.order[place] = place

@@ -1,4 +1,4 @@
-"""The filter that holds for a team: one decision over the thrusts of all deputies of an environment."""
+"""Filter with a safety guarantee for a team: one decision about the thrusts of all deputies of an environment."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from safe_inspect.rta.filters.tube.tables import starting_tube, tube_of
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: The constraints of a pair, and the single constraint that each is about a chief in the other deputy's place.
+#: Constraints of a pair, each with the constraint of a single deputy that applies with the other deputy as the chief.
 PAIR_CONSTRAINTS = {"deputy_collision": "chief_collision", "deputy_PSM": "PSM"}
 
 
 @dataclass(frozen=True, eq=False)
 class TeamState:
-    """The motion of the D deputies of N environments about the chief, with the sun's angle.
+    """Motion of the D deputies of N environments relative to the chief, and the sun angle.
 
     Attributes:
         position: Relative position [m], Hill frame, shape (N, D, 3).
         velocity: Relative velocity [m/s], Hill frame, shape (N, D, 3).
         sun_angle: Sun angle [rad], shape (N,).
-        coasting: Deputies that coast whatever happens, shape (N, D); none if not given.
+        coasting: Deputies that coast unconditionally, shape (N, D); by default, none.
 
     Raises:
-        ValueError: The shapes do not belong together, or a number is not finite.
+        ValueError: The shapes do not match, or a number is not finite.
     """
 
     position: FloatArray
@@ -47,7 +47,7 @@ class TeamState:
     coasting: BoolArray | None = None
 
     def __post_init__(self) -> None:
-        """Make the arrays contiguous and writable, which the compiled rows need, and check them."""
+        """Make the arrays contiguous and writable, as the compiled rows require, and check them."""
         for field in ("position", "velocity", "sun_angle"):
             object.__setattr__(self, field, for_kernel(getattr(self, field), np.float64))
         shape = self.position.shape[:2]
@@ -59,20 +59,20 @@ class TeamState:
             or self.fixed.shape != shape
         ):  # fmt: skip
             raise ValueError(
-                f"a team's state has position and velocity (N, D, 3), sun_angle (N,) and coasting (N, D), "
-                f"not {self.position.shape}, {self.velocity.shape}, {self.sun_angle.shape} and {self.fixed.shape}"
+                f"expected a team state with position and velocity (N, D, 3), sun_angle (N,) and coasting (N, D), "
+                f"got {self.position.shape}, {self.velocity.shape}, {self.sun_angle.shape} and {self.fixed.shape}"
             )
 
     def __len__(self) -> int:
         return len(self.position)
 
     def __getitem__(self, rows: Any) -> TeamState:
-        """Return some environments (a mask, a slice or an array of indices)."""
+        """Return the selected environments (a mask, a slice or an array of indices)."""
         return TeamState(self.position[rows], self.velocity[rows], self.sun_angle[rows], self.fixed[rows])
 
     @property
     def fixed(self) -> BoolArray:
-        """The deputies that coast whatever happens, shape (N, D)."""
+        """Deputies that coast unconditionally, shape (N, D)."""
         assert self.coasting is not None
         return self.coasting
 
@@ -83,11 +83,11 @@ class TeamState:
         return np.asarray(finite & np.isfinite(self.sun_angle))
 
     def alone(self, deputy: int) -> RelativeState:
-        """Return the motion of one deputy about the chief."""
+        """Return the motion of one deputy relative to the chief."""
         return RelativeState(self.position[:, deputy], self.velocity[:, deputy], self.sun_angle)
 
     def relative(self, deputy: int, other: int) -> RelativeState:
-        """Return the motion of one deputy about another."""
+        """Return the motion of one deputy relative to another."""
         return RelativeState(
             self.position[:, deputy] - self.position[:, other], self.velocity[:, deputy] - self.velocity[:, other],
             self.sun_angle,
@@ -96,16 +96,16 @@ class TeamState:
 
 @dataclass(frozen=True, eq=False)
 class TeamResult:
-    """What the filter did to the joint controls of N environments.
+    """Effect of the filter on the joint controls of N environments.
 
     Attributes:
         control: Thrusts to hold [N], Hill frame, shape (N, D, 3).
-        infeasible: Environments without a joint backup plan: nothing is promised, shape (N,).
-        backup: Environments in which the backup shaped the thrusts, shape (N,).
-        active: Bits of the constraints that refused a deputy's desired thrust, bit j for the j-th name, shape (N, D).
-        plan: The joint plan of the state to come, for the next call; zeros where there is none, shape (N, D).
+        infeasible: Environments without a joint backup plan, for which nothing is guaranteed, shape (N,).
+        backup: Environments in which the backup determined the thrusts, shape (N,).
+        active: Bits of the constraints that rejected a deputy's desired thrust, bit j for the j-th name, shape (N, D).
+        plan: Joint plan of the next state, for the next call; zeros where there is none, shape (N, D).
         names: The names of the constraints.
-        tracks: The plans that are tracked, for the next call, shape (N, D, 10); None without a disturbance.
+        tracks: Plans that are tracked, for the next call, shape (N, D, 10); None without a disturbance.
     """
 
     control: FloatArray
@@ -118,39 +118,40 @@ class TeamResult:
 
 
 class TeamFilter:
-    """Nearest joint control that is safe over the whole hold and leaves a joint backup plan after it.
+    """Filter that applies the nearest joint control that is safe over the whole hold and leaves a joint backup plan.
 
-    A *joint plan* is a backup plan for each deputy (see `BackupFilter`: one hold of thrust into a closed natural
-    motion, safe for ever) such that every two deputies stay 2 r_d apart through the holds and over one orbit of the
-    motions. All closed motions have the orbit's period, so the relative ones do too: one orbit decides for ever. The
-    desired thrusts are flown if the hold is safe at every moment for each deputy and each pair, and the state after it
-    has a joint plan. Else cutting planes lead to the nearest such thrusts: each round makes linear whatever the last
-    proposal breaks, of all deputies and pairs, and solves one quadratic programme over all 3 D thrusts. A proposal is
-    taken only if it passes the exact test. If none does, the search goes on between the thrusts of the joint plan that
-    was found with the last step, which pass by induction, and the last proposal.
+    A *joint plan* consists of a backup plan for each deputy (see `BackupFilter`: one hold of thrust to a closed natural
+    motion that is safe permanently) such that every two deputies stay 2 r_d apart through the holds and over one orbit
+    of the motions. All closed motions have the period of the orbit, and so have the relative ones: one orbit is enough.
+    The desired thrusts are applied if the hold is safe at every moment for each deputy and each pair, and the state
+    after it has a joint plan. Otherwise, cutting planes lead to the nearest such thrusts: each round linearises all
+    constraints of deputies and pairs that the last proposal violates, and solves one quadratic programme over all 3 D
+    thrusts. A proposal is accepted only if it passes the exact test. If none does, the search continues between the
+    thrusts of the joint plan that was found with the last step, which pass by induction, and the last proposal.
 
-    Plans are chosen for one deputy after another, at most D + 2 times, so one may exist that is not found. Then
-    the filter intervenes more than it must, but breaks nothing, for the plan in memory passes. A memory of zeros has no
-    plan: one is searched for.
+    Plans are chosen for one deputy after another, at most D + 2 times, so the filter may miss an existing plan. It then
+    intervenes more than necessary, but violates nothing, because the stored plan passes. A memory of zeros contains no
+    plan: the filter searches for one.
 
-    A deputy that coasts (`TeamState.coasting`) is an obstacle: its own constraints are not kept. In the first hold it
-    flies its part of the joint plan that is remembered, which leads into a closed motion, as the others count on;
-    after that, or if there is none, its thrust is zero. The others keep away from it through the hold, and on their
-    plans until it has drifted past or for 4 orbits.
+    A deputy that coasts (`TeamState.coasting`) is an obstacle: its own constraints are not enforced. In the first hold
+    it applies its part of the stored joint plan, which leads to a closed motion, as the others assume; after that, or
+    if there is none, its thrust is zero. The others avoid it through the hold, and on their plans until it has drifted
+    past or for 4 orbits.
 
-    Under a disturbance the joint plan is remembered and tracked, and all is certified with the width of the tube about
-    it, for pairs with that of both, as `TubeFilter` does for one. Deputies that coast then track their plan on.
+    Under a disturbance, the joint plan is stored and tracked, and everything is certified with the width of the tube
+    about it, for pairs with the widths of both, as `TubeFilter` does for one deputy. Deputies that coast then continue
+    to track their plans.
 
-    Without a joint plan the environment is infeasible, and plans that are safe alone and far apart are flown, or the
-    single filter's way back.
+    Without a joint plan, the environment is infeasible; plans that are safe alone and far apart are applied, or the
+    return control of the single filter.
 
-    Deputies are sorted by range, so to permute them permutes the result to the bit, but for ties. An environment's
-    result does not depend on the others of the batch.
+    Deputies are sorted by range, so permuting them gives the same permutation of the result, bit-identical except for
+    ties. The result of an environment does not depend on the others of the batch.
 
     Attributes:
         names: The names of the constraints.
-        alone: The single filter, whose constraints each deputy keeps.
-        deputy_radius: Two deputies collide when their centres are closer than twice this [m].
+        alone: The single filter, whose constraints apply to each deputy.
+        deputy_radius: Two deputies collide when their centres are closer than twice this distance [m].
     """
 
     def __init__(
@@ -163,24 +164,24 @@ class TeamFilter:
         """Build the filter.
 
         Args:
-            parameters: The peer's argument names and their values; see `ConstraintParameters`.
+            parameters: Parameters by name, as in safe-autonomy-sims; see `ConstraintParameters`.
             names: Constraints of the single filter and those of `PAIR_CONSTRAINTS`, by name or built.
-            deputy_radius: Radius about each deputy [m], of constraints between deputies that are not given one.
-            disturbance: What each deputy is to withstand, as with `TubeFilter`; None: an exact model.
+            deputy_radius: Radius about each deputy [m], the default of constraints between deputies.
+            disturbance: Bounds of each deputy's disturbances, as with `TubeFilter`; None: an exact model.
 
         Raises:
-            ValueError: An argument is wrong, or a constraint is none that the filter can keep.
+            ValueError: An argument is wrong, or a constraint is one that the filter cannot enforce.
         """
         entries = tuple(names)
         self.names = tuple(map(name_of, entries))
         known = (*NAMES, *PAIR_CONSTRAINTS)
         for name, entry in zip(self.names, entries, strict=True):
             if name not in known and not gives_half_space(entry):
-                raise ValueError(f"the team's filter cannot keep {name!r}; {did_you_mean(name, known)}")
+                raise ValueError(f"the team's filter cannot enforce {name!r}; {did_you_mean(name, known)}")
             if self.names.count(name) > 1:
-                raise ValueError(f"the constraint {name!r} stands twice; remove one")
+                raise ValueError(f"the constraint {name!r} is given twice; remove one")
         if not (np.isfinite(deputy_radius) and deputy_radius > 0.0):
-            raise ValueError(f"deputy_radius must be positive and finite [m], not {deputy_radius}")
+            raise ValueError(f"deputy_radius must be positive and finite [m], got {deputy_radius}")
         self.deputy_radius = float(deputy_radius)
         own = [entry for entry in entries if name_of(entry) not in PAIR_CONSTRAINTS]
         self.alone = BackupFilter(parameters, own) if disturbance is None else TubeFilter(parameters, own, disturbance)
@@ -210,18 +211,19 @@ class TeamFilter:
         self._codes = {codes[name]: j for j, name in enumerate(self.names)}
         for narrow, wide in ((COLLISION, PSM), (PAIR_BIT, PAIR_BIT + 1)):
             if narrow not in self._codes and wide in self._codes:
-                self._codes[narrow] = self._codes[wide]  # a plan that comes too near breaks passive safety then
+                # A plan that comes too near then violates passive safety.
+                self._codes[narrow] = self._codes[wide]
 
     def __call__(
         self, state: TeamState, desired: FloatArray, plan: AnyArray | None = None, tracks: FloatArray | None = None
     ) -> TeamResult:
-        """Return the thrusts to fly.
+        """Return the thrusts to apply.
 
         Args:
             state: The states of N environments.
-            desired: Desired thrusts [N], Hill frame, shape (N, D, 3). Those of coasting deputies are not read.
+            desired: Desired thrusts [N], Hill frame, shape (N, D, 3). Those of coasting deputies are ignored.
             plan: `TeamResult.plan` of the last step, or zeros, shape (N, D).
-            tracks: `TeamResult.tracks` of the last step, or zeros, shape (N, D, 10); not read without a disturbance.
+            tracks: `TeamResult.tracks` of the last step, or zeros, shape (N, D, 10); ignored without a disturbance.
 
         Raises:
             ValueError: The shapes differ, or a number is not finite.
@@ -230,7 +232,7 @@ class TeamFilter:
         desired = _checked(state, desired)
         memory = np.zeros(shape[:2], np.int64) if plan is None else np.array(plan, np.int64, order="C")
         if memory.shape != shape[:2]:
-            raise ValueError(f"the plans of {shape[0]} environments have the shape {shape[:2]}, not {memory.shape}")
+            raise ValueError(f"the plans of {shape[0]} environments must have shape {shape[:2]}, got {memory.shape}")
         control, refused, stage = np.empty(shape), np.empty(shape[:2], np.int64), np.empty(shape[0], np.int64)
         gain, tracked = np.zeros((3, 6)), np.empty((0, 0, 0))
         if isinstance(self.alone, TubeFilter):
@@ -251,22 +253,22 @@ class TeamFilter:
         )  # fmt: skip
 
     def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
-        """Return which environments have a joint plan (N,), its thrusts [N] (N, D, 3) and its numbers (N, D)."""
+        """Return the environments with a joint plan (N,), its thrusts [N] (N, D, 3) and its plan numbers (N, D)."""
         control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
         return self._rows(state, control, memory, True), control, memory
 
     def recoverable(self, state: TeamState) -> BoolArray:
-        """Return the environments that have a joint plan: from there the filter holds, shape (N,)."""
+        """Return the environments that have a joint plan, from which the filter guarantees safety, shape (N,)."""
         control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
         return self._rows(state, control, memory, True, self._starts)
 
     def admissible(self, state: TeamState, control: FloatArray) -> BoolArray:
-        """Return the environments whose joint control would be flown as it is, shape (N,)."""
+        """Return the environments whose joint control would be applied unchanged, shape (N,)."""
         control = _checked(state, control)
         return self._rows(state, control, np.zeros(control.shape[:2], np.int64), False)
 
     def phi(self, state: TeamState) -> dict[str, FloatArray]:
-        """Return each constraint's least plain safety quantity over the team, >= 0 where safe, shape (N,).
+        """Return each constraint's least safety quantity phi over the team, >= 0 where safe, shape (N,).
 
         A single deputy has no constraints of pairs. Deputies that coast count too.
         """
@@ -304,14 +306,14 @@ class TeamFilter:
 
 
 def _checked(state: TeamState, desired: FloatArray) -> FloatArray:
-    """Return the desired thrusts as an array that compiled rows take, zero for deputies that coast."""
+    """Return the desired thrusts as an array that the compiled rows accept, zero for deputies that coast."""
     desired = np.array(desired, dtype=np.float64, order="C")
     if desired.shape != state.position.shape:
-        raise ValueError(f"desired thrusts have the shape {state.position.shape}, not {desired.shape}")
+        raise ValueError(f"desired thrusts must have the shape {state.position.shape}, got {desired.shape}")
     desired[state.fixed] = 0.0
     finite = state.finite & np.isfinite(desired).all(axis=(1, 2))
     if not finite.all():
         row = int(np.argmin(finite))
         what = "state" if not state.finite[row] else "desired thrusts"
-        raise ValueError(f"the {what} of environment {row} hold a number that is not finite; check what computed it")
+        raise ValueError(f"the {what} of environment {row} contain a number that is not finite; check what computed it")
     return desired

@@ -1,4 +1,4 @@
-"""What the compiled rows of the team's filter work with: its models and its workspace."""
+"""Models and workspace of the compiled rows of the team's filter."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from safe_inspect.rta.filters.backup.model import PLANS, FilterModel
 from safe_inspect.rta.numerics.active_set import QPWorkspace, qp_workspace
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: Most half-spaces of a programme: so many for each deputy, and so many for each pair.
+#: Most half-spaces of a quadratic programme, for each deputy and for each pair.
 _ROWS, _PAIR_ROWS = 32, 16
 
 
@@ -19,9 +19,9 @@ class TeamModel(NamedTuple):
     """Numbers and tables of a team's task.
 
     Attributes:
-        one: The task of each deputy about the chief.
-        pair: That of a deputy about another: only the range and passive safety, with twice the deputies' radius.
-        pairs: Whether pairs are kept apart at all.
+        one: Task of each deputy relative to the chief.
+        pair: Task of a deputy relative to another: only range and passive safety, with twice the deputies' radius.
+        pairs: Whether deputies are kept apart at all.
     """
 
     one: FilterModel
@@ -30,32 +30,32 @@ class TeamModel(NamedTuple):
 
 
 class TeamWorkspace(NamedTuple):
-    """Workspace for one environment of D deputies in the order of the filter: V = 3 D, P = D (D - 1) / 2.
+    """Workspace for one environment of D deputies in the order of the filter, where V = 3 D and P = D (D - 1) / 2.
 
     Attributes:
-        order: The deputies' places in the environment, shape (D,).
-        fixed: Deputies that coast whatever happens, shape (D,).
-        effort: Size of each deputy's thrust in the hold, `NO_HOLD` where the plans begin now, shape (D,).
+        order: Indices of the deputies in the environment, shape (D,).
+        fixed: Deputies that coast unconditionally, shape (D,).
+        effort: Size of each deputy's thrust in the hold, `NO_HOLD` if the plans begin now, shape (D,).
         x: States before the hold, shape (D, 6).
-        after: States at its end, shape (D, 6).
+        after: States at the end of the hold, shape (D, 6).
         desired: Desired thrusts, shape (V,), as are control (the last proposal), backup, trial and best.
         hint: Plans to try first, or NO_PLAN, shape (D,).
         plan: The joint plan that was found, shape (D,).
-        kept: The joint plan that belongs to `best`, shape (D,).
-        line: Whose plan is chosen first, shape (D,).
-        known: What is known of a deputy's plan alone: 0 nothing, 1 safe, 2 not, shape (D, PLANS).
-        met: What is known of two plans of a pair: 0 nothing, 1 apart, 2 not, int8, shape (P, PLANS, PLANS).
-        thrust: The plans' thrusts, shape (D, PLANS, 3).
-        end: The states after the plans' holds, shape (D, PLANS, 6).
-        code: The constraint that refused each deputy's hold, or SAFE, shape (D,).
+        kept: The joint plan of `best`, shape (D,).
+        line: The order in which plans are chosen, shape (D,).
+        known: Status of each plan of a deputy alone: 0 unknown, 1 safe, 2 not safe, shape (D, PLANS).
+        met: Status of two plans of a pair: 0 unknown, 1 apart, 2 not apart, int8, shape (P, PLANS, PLANS).
+        thrust: Thrusts of the plans, shape (D, PLANS, 3).
+        end: States after the holds of the plans, shape (D, PLANS, 6).
+        code: Constraint that rejected each deputy's hold, or SAFE, shape (D,).
         at: Where it did, shape (D,).
-        pair_code: The same of the pairs 0-1, 0-2, ..., shape (P,).
+        pair_code: The same for the pairs 0-1, 0-2, ..., shape (P,).
         pair_at: Where it did, shape (P,).
-        bits: The bits of what refused the desired thrust, shape (D,).
+        bits: Bits of the constraints that rejected the desired thrust, shape (D,).
         u: Thrust of one deputy, shape (3,).
-        rows: Unit normals of the programme's half-spaces, shape (K, V).
+        rows: Unit normals of the half-spaces of the quadratic programme, shape (K, V).
         bounds: Right-hand sides, shape (K,).
-        qp: Workspace of the programme.
+        qp: Workspace of the quadratic programme.
     """
 
     order: IntArray
@@ -89,7 +89,7 @@ class TeamWorkspace(NamedTuple):
 
 @njit(error_model="numpy")
 def team_workspace(deputies: int) -> TeamWorkspace:
-    """Return a workspace for environments of that many deputies."""
+    """Return a workspace for environments with the given number of deputies."""
     d, v, p = deputies, 3 * deputies, deputies * (deputies - 1) // 2
     most = _ROWS * d + _PAIR_ROWS * p
     return TeamWorkspace(

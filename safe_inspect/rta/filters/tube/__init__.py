@@ -1,1 +1,1 @@
-"""Tubes about backup plans: what a bounded disturbance can do to a deputy that tracks its plan."""
+"""Tubes about backup plans: bounds on the effect of a disturbance on a deputy that tracks its plan."""

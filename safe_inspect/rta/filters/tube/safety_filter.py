@@ -1,4 +1,4 @@
-"""The filter that holds under a bounded disturbance, by tracking the plan that it remembers."""
+"""Filter that is safe under bounded disturbances, by tracking a plan that is stored between steps."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from safe_inspect.rta.filters.tube.tables import leaves_nothing, starting_tube, 
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
-#: Elements of what is remembered of a deputy: the plan's state, its thrust, and 1 where there is a plan.
+#: Number of stored elements of a deputy: the state of the plan (6), its thrust (3), and 1 if there is a plan.
 MEMORY = 10
 
 
 class TubeFilter(BackupFilter):
-    """`BackupFilter` for states that are known to within an error, and for motions and thrusts that are disturbed.
+    """`BackupFilter` for states that are known with a bounded error, and for disturbed motions and thrusts.
 
-    A desired control is flown if its hold, and a plan after it, keep every constraint for every disturbance within the
-    bounds; the plan is then remembered. In the next step it is the backup: the deputy tracks it, by its thrust plus
-    K (estimate - plan), instead of planning anew, so that nothing has to be found again. The real motion stays in a
-    tube about the plan, whose width is known beforehand; see `deviations`. Every constraint is certified for the
-    model's motion with that width as a margin, which grows with the thrusts whose errors it holds. So from an accepted
-    initial state every step ends in one with a plan, for ever.
+    A desired control is applied if its hold, and a plan after it, satisfy every constraint for every disturbance within
+    the bounds; the plan is then stored. In the next step it is the backup: the deputy tracks it with its thrust plus
+    K (estimate - plan), instead of planning again, so no plan has to be found again. The real motion stays in a tube
+    about the plan, whose width is known in advance; see `deviations`. Every constraint is certified for the motion of
+    the model with that width as a margin, which grows with the thrusts whose errors it covers. Therefore, from an
+    accepted initial state, every step ends in a state with a plan, permanently.
 
     Attributes:
-        bounds: What is withstood.
-        tracker: What tracks the plans.
-        tube: The margins of the tube; see `FilterModel.tube`.
-        starting: Those for real initial states; see `starting_tube`.
+        bounds: Bounds of the disturbances.
+        tracker: Controller that tracks the plans.
+        tube: Margins of the tube; see `FilterModel.tube`.
+        starting: Margins for real initial states; see `starting_tube`.
     """
 
     def __init__(
@@ -50,16 +50,16 @@ class TubeFilter(BackupFilter):
         Args:
             parameters: The task's parameters.
             names: The constraints.
-            bounds: What is to be withstood.
-            intervention: What is flown where the desired control is refused.
+            bounds: Bounds of the disturbances.
+            intervention: What is applied if the desired control is rejected.
 
         Raises:
-            ValueError: An argument is wrong, or the bounds leave no state from which the constraints can be kept.
+            ValueError: An argument is wrong, or the bounds leave no state from which the constraints can be guaranteed.
         """
-        super().__init__(parameters, names, intervention, several_holds=False)  # the tube is about one
+        super().__init__(parameters, names, intervention, several_holds=False)  # The tube is about a single hold.
         self.bounds = bounds
         tracker = PlanTracker(self.parameters, bounds)
-        lost = None if tracker.settles else "of anything: a plan cannot be tracked with such errors of the thrust"
+        lost = None if tracker.settles else "to enforce: a plan cannot be tracked with such errors of the thrust"
         if lost is None:
             tube = tube_of(self._tables, tracker, self.constraints)
             lost = leaves_nothing(tube, self.parameters, self.constraints)
@@ -70,21 +70,21 @@ class TubeFilter(BackupFilter):
         self._tables = self._tables._replace(tube=tube)
 
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
-        """Return the controls to fly in the first step of episodes, without a memory; see `track`."""
+        """Return the controls to apply in the first step of episodes, without a memory; see `track`."""
         return self.track(state, desired, self.memory(len(state)))[0]
 
     @staticmethod
     def memory(rows: int) -> FloatArray:
-        """Return what is remembered at the beginning of R episodes, nothing, shape (R, 10)."""
+        """Return the memory at the start of R episodes, which contains no plan, shape (R, 10)."""
         return np.zeros((rows, MEMORY))
 
     def track(self, state: RelativeState, desired: FloatArray, memory: FloatArray) -> tuple[FilterResult, FloatArray]:
-        """Return the controls to fly, and the memory after the step; `memory` itself stays as it is.
+        """Return the controls to apply, and the memory after the step; `memory` itself is not changed.
 
         Args:
             state: Estimates of the states of R deputies.
             desired: Desired controls [N], Hill frame, shape (R, 3).
-            memory: What was remembered after the last step, shape (R, 10).
+            memory: Memory after the last step, shape (R, 10).
 
         Raises:
             ValueError: The shapes differ, or a number is not finite; the message names the first such row.
@@ -93,7 +93,7 @@ class TubeFilter(BackupFilter):
         return self._filtered(state, desired, self.tracker.gain, memory), memory
 
     def tracking(self, state: RelativeState, memory: FloatArray) -> FloatArray:
-        """Return the thrust that tracks the plan, of a new plan where none is remembered [N], shape (R, 3)."""
+        """Return the thrust that tracks the stored plan, or that of a new plan if none is stored [N], shape (R, 3)."""
         _, thrust = self.backups(state)
         known = memory[:, MEMORY - 1] > 0.0
         away = np.concatenate((state.position, state.velocity), axis=1) - memory[:, :6]
@@ -106,7 +106,7 @@ class TubeFilter(BackupFilter):
         return thrust
 
     def recoverable(self, state: RelativeState) -> BoolArray:
-        """Return the rows from which the filter holds, whatever their estimate within the bounds, shape (R,).
+        """Return the rows from which the filter guarantees safety for every estimate within the bounds, shape (R,).
 
         Args:
             state: Real initial states.
