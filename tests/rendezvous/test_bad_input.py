@@ -85,16 +85,16 @@ class _Without:
         ("chaser.mass=1e30 kg", "chaser.mass: 0.3 N move 1e+30 kg by"),
         ("chaser.mass=1e-30 kg", "chaser.mass: 0.3 N move 1e-30 kg by"),
         ("chaser.inertia=[1e-300 kg m^2, 1e-300 kg m^2, 1e-300 kg m^2]", "chaser.inertia: 0.025 N m turn it by"),
-        ("tumble.config.rate=1e308 rad/s", "tumble.config.rate: the target turns by inf deg in a step of control"),
-        ("tumble.config.rate=1000 deg/s", "tumble.config.rate: the target turns by 200 deg in a step of control"),
+        ("tumble.config.rate=1e308 rad/s", "tumble.config.rate: the target turns by inf deg in a control step"),
+        ("tumble.config.rate=1000 deg/s", "tumble.config.rate: the target turns by 200 deg in a control step"),
         (
             "mission.tick=1e-9 s",
-            "mission: tick times control_ticks, a step of control, is 2.5e-08 s; it is 0.02 to 1 s",
+            "mission: the control step, tick times control_ticks, is 2.5e-08 s; it must be 0.02 to 1 s",
         ),
-        ("mission.wait_step=1e-9 s", "mission: wait_step: 1e-09 s is no multiple of the step of control"),
+        ("mission.wait_step=1e-9 s", "mission: wait_step: 1e-09 s is not a multiple of the control step"),
         ("mission.wait_limit=1e9 s", "mission: wait_limit (1e+09 s) is more than 1,000 times wait_step (1 s)"),
-        ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s are more than 5,000 steps of control"),
-        ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s are more than 5,000 steps of control"),
+        ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s is more than 5,000 control steps"),
+        ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s is more than 5,000 control steps"),
         ("chaser.limits.cone=200 deg", "chaser.limits.cone: wants a number of 3.14159265358979 or less"),
         ("target={functor: MeshTarget, config: {path: FILES/text}}", "text: the mesh cannot be read (file_type"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.ply}}", "bad.ply: the mesh cannot be read"),
@@ -126,7 +126,7 @@ def test_calls_from_python_say_what_they_take() -> None:
     for number in (-1, 1.5):
         with pytest.raises(ValueError, match="the number of a mission is a whole number of 0 or more"):
             Mission(experiment.config, number)  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match=r"overrides are a list of texts; write \['seed=3'\]"):
+    with pytest.raises(ConfigError, match=r"overrides must be a list of strings; write \['seed=3'\]"):
         load_rendezvous(SHIPPED, "seed=3")
-    with pytest.raises(ConfigError, match="a configuration is a mapping of keys to values, not None"):
+    with pytest.raises(ConfigError, match="a configuration must be a mapping of keys to values, not None"):
         build_rendezvous(None)
