@@ -121,10 +121,12 @@ def test_what_would_hang_or_fail_in_flight_is_refused_before(
 
 def test_calls_from_python_say_what_they_take() -> None:
     experiment = load_rendezvous(SHIPPED)
-    with pytest.raises(TypeError, match=r"a mission is made of a RendezvousConfig, `load_rendezvous\(FILE\)\.config`"):
+    with pytest.raises(
+        TypeError, match=r"a mission needs a RendezvousConfig, such as `load_rendezvous\(FILE\)\.config`"
+    ):
         Mission(experiment)  # type: ignore[arg-type]
     for number in (-1, 1.5):
-        with pytest.raises(ValueError, match="the number of a mission is a whole number of 0 or more"):
+        with pytest.raises(ValueError, match="the number of a mission must be a whole number of 0 or more"):
             Mission(experiment.config, number)  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match=r"overrides must be a list of strings; write \['seed=3'\]"):
         load_rendezvous(SHIPPED, "seed=3")
