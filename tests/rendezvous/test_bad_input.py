@@ -26,7 +26,7 @@ def files(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("target={functor: MeshTarget, config: {path: FILES/open.obj}}", "open.obj: the mesh is no closed surface"),
+        ("target={functor: MeshTarget, config: {path: FILES/open.obj}}", "open.obj: the mesh is not a closed surface"),
         ("target={functor: MeshTarget, config: {path: FILES/none.stl}}", "none.stl: the mesh cannot be read"),
         (
             "target={functor: BoxTarget, config: {inertia: [[1, 0, 0], [0, 1, 0], [0, 0, 3]]}}",
@@ -42,7 +42,7 @@ def files(tmp_path: Path) -> Path:
         ("target.config.mating_point=[0 m, 0 m, 0 m]", "the mating point is the target's centre of mass"),
         ("chaser.position=[0 m, 0 m, 0 m]", "chaser.position: the chaser would overlap the target"),
         ("tumble.config.rate=-5 deg/s", "tumble.config.rate: wants a number of 0 or more"),
-        ("tumble.config.direction=[0, 0, 0]", "is no direction and no attitude"),
+        ("tumble.config.direction=[0, 0, 0]", "is neither a direction nor an attitude"),
         (
             "tumble={functor: RandomTumble, config: {least_rate: 5 deg/s, largest_rate: 2 deg/s}}",
             "least_rate (0.08727 rad/s) is more than largest_rate",

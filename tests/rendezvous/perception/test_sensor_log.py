@@ -128,7 +128,7 @@ def test_the_command_prints_a_mistake_without_a_traceback(tmp_path: Path, capsys
     assert main(["characterise", str(folder), "--pick", "1,2"]) == 2
     assert "--pick 12,80,90,0.3" in capsys.readouterr().err
     assert main(["characterise", str(folder)]) == 2
-    assert "the motion of the target is not found" in capsys.readouterr().err
+    assert "the motion of the target could not be determined" in capsys.readouterr().err
 
 
 def test_a_point_is_picked_above_the_surface(tmp_path: Path) -> None:
