@@ -55,7 +55,7 @@ def plan_mistake(query: PlanQuery, plan: Plan) -> str:
     count = round(plan.duration / query.step) + 1
     since = query.step * np.arange(count, dtype=np.float64)
     if abs(since[-1] - plan.duration) > 1e-6 * query.step or abs(path.duration - plan.duration) > 1e-6 * query.step:
-        return f"the duration of {path.duration:g} s is no multiple of the step of control, {query.step:g} s"
+        return f"the duration of {path.duration:g} s is not a multiple of the control step, {query.step:g} s"
     if min(abs(plan.t_start - query.t0 - wait) for wait in query.waits) > 1e-6:
         return f"it starts after {plan.t_start - query.t0:g} s, which is none of the waits asked for"
     if plan.times.shape != since.shape or not np.allclose(plan.times, plan.t_start + since, rtol=0.0, atol=1e-6):
