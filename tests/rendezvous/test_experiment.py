@@ -67,7 +67,7 @@ def test_overrides_are_checked() -> None:
         load_rendezvous(SHIPPED, ["mission.tick=50 ms"])
     with pytest.raises(ConfigError, match=r"wait_step: 1 s is not a multiple of the control step, 0\.4 s"):
         load_rendezvous(SHIPPED, ["mission.control_ticks=50", "mission.update_ticks=150"])
-    with pytest.raises(ConfigError, match=r"durations: 60\.1 s is no multiple"):
+    with pytest.raises(ConfigError, match=r"durations: 60\.1 s is not a multiple"):
         load_rendezvous(SHIPPED, ["mission.durations=[60.1 s]"])
 
 
@@ -137,7 +137,7 @@ def test_the_shipped_experiments_are_not_doubted() -> None:
             r"imu_ticks: the last inertial sample is up to 48 ms older than a frame; take",
         ),
         ([_ROOM, "chaser.position=[0 m, -4.5 m, 0 m]"], r"chaser\.position: the target's centre is 4\.5 m away"),
-        (["estimator.config.known_target=false"], "known_target: without the known shape .* no approach is planned"),
+        (["estimator.config.known_target=false"], "known_target: without a known shape .* no approach is planned"),
         (
             ["tumble.config.rate=15 deg/s", "chaser.limits.speed=9 m/s"],
             r"tumble\.config\.rate: the target turns by up to",
