@@ -1,1 +1,1 @@
-"""Rendezvous with a tumbling target: planning, control and sensing on plain arrays. No Ray, no Torch."""
+"""Rendezvous with a tumbling target: planning, control and sensing on plain arrays, without Ray or Torch."""

@@ -1,4 +1,4 @@
-"""What the chaser knows of itself and of the target."""
+"""Estimates of the states of the chaser and of the target."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.rendezvous.bound.query import EstimateErrors
 from safe_inspect.types import FloatArray
 
-#: Errors of a target whose motion is not known yet [rad, rad/s, m].
+#: Errors of the estimate of a target whose motion is not known yet [rad, rad/s, m].
 UNKNOWN = EstimateErrors(attitude=np.pi, rate=1.0, centre=1.0, inertia=1.0, velocity=0.1)
 
 
 class BodyState(NamedTuple):
-    """MissionState of one rigid body.
+    """State of one rigid body.
 
     Attributes:
-        position: Of the centre of mass in W [m], shape (3,).
-        velocity: In W [m/s], shape (3,).
+        position: Position of the centre of mass in W [m], shape (3,).
+        velocity: Velocity of the centre of mass in W [m/s], shape (3,).
         orientation: Quaternion [x, y, z, w] from the body's frame to W, shape (4,).
-        angular_velocity: In the body's frame [rad/s], shape (3,).
+        angular_velocity: Angular velocity in the body's frame [rad/s], shape (3,).
     """
 
     position: FloatArray
@@ -33,20 +33,21 @@ class BodyState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StateEstimate:
-    """An estimate at one time.
+    """An estimate of the states of chaser and target at one time.
 
     Attributes:
-        time: When it holds [s].
-        updated: When the camera has last contributed to it [s].
-        chaser: The chaser, in B.
-        target: The target, in T; its velocity is zero.
-        inertia: The target's principal moments, up to one factor, shape (3,).
-        errors: How wrong it is.
-        correlation: Correlation of the errors of two updates that follow each other.
-        problem: Why no approach may be planned with it; empty where one may.
-        alarm: Why an approach must not go on; empty where it may.
-        mismatch: Largest distance in T between where one of the newest frames alone shows the chaser and where it was
-            estimated, with the standard deviation of that frame [m]; infinite where one of them shows nothing.
+        time: Time of the estimate [s].
+        updated: Time of the last camera frame that contributed to the estimate [s].
+        chaser: State of the chaser; its body frame is B.
+        target: State of the target; its body frame is T, and its velocity is zero.
+        inertia: The target's principal moments, up to a common factor, shape (3,).
+        errors: Errors of the estimate.
+        correlation: Correlation of the errors of two consecutive updates.
+        problem: Why no approach may be planned with this estimate; empty if one may be planned.
+        alarm: Why an approach must not continue; empty if it may continue.
+        mismatch: Largest distance in T between the chaser's position as one of the newest frames alone shows it and the
+            estimated position, plus the standard deviation of that frame [m]; infinite if one of these frames does not
+            show the target.
     """
 
     time: float
@@ -67,14 +68,14 @@ class StateEstimate:
 
     @property
     def relative(self) -> FloatArray:
-        """The same relative to the target's centre of mass, shape (6,): what plans are made in."""
+        """Position [m] and velocity [m/s] in W relative to the target's centre of mass, as in plans, shape (6,)."""
         return np.concatenate([self.chaser.position - self.target.position, self.chaser.velocity])
 
     def predict(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the target's attitudes q_WT, shape (K, 4), and angular velocities in T [rad/s], shape (K, 3).
 
         Args:
-            times: Times [s], shape (K,), also before the estimate's.
+            times: Times [s], shape (K,); they may be before the time of the estimate.
         """
         elapsed = np.asarray(times, dtype=np.float64) - self.time
         q, w = tumble(self.inertia, self.target.orientation[None], self.target.angular_velocity[None], elapsed)
@@ -92,11 +93,11 @@ def unknown_estimate(
     """Return the estimate of a target whose motion is not known yet.
 
     Args:
-        time: When it holds [s].
-        updated: When the camera has last contributed to it [s].
-        chaser: The chaser.
-        inertia: The target's principal moments, up to one factor, shape (3,).
-        correlation: Correlation of the errors of two updates that follow each other.
+        time: Time of the estimate [s].
+        updated: Time of the last camera frame that contributed to the estimate [s].
+        chaser: State of the chaser.
+        inertia: The target's principal moments, up to a common factor, shape (3,).
+        correlation: Correlation of the errors of two consecutive updates.
         centre: The target's centre of mass in W [m], shape (3,); None for the origin.
     """
     still, level = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""`load_rendezvous`: from a file and overrides to a checked experiment; all mistakes are reported at once."""
+"""`load_rendezvous`: load an experiment file with overrides, check it, and report all mistakes at once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from safe_inspect.errors import ConfigError, Location, Problem
 from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.version import __version__
 
-#: Keys whose value may be a list of mappings, which are merged from left to right.
+#: Keys whose value may be a list of mappings, which are then merged from left to right.
 _MERGED = ("mission", "chaser")
 
 
@@ -33,7 +33,7 @@ class Rendezvous:
 
     Attributes:
         source: The file that it was loaded from.
-        tree: The resolved configuration with the place of every value; loading it again gives the same experiment.
+        tree: The resolved configuration with the location of every value; loading it again gives the same experiment.
         config: The validated models.
     """
 
@@ -57,14 +57,14 @@ def load_rendezvous(path: str | os.PathLike[str], overrides: Iterable[str] = ())
     """Load and check an experiment file.
 
     Args:
-        path: The file.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
+        path: The experiment file.
+        overrides: One ``path.of.keys=value`` for each value of the file to replace.
 
     Raises:
-        ConfigError: With every mistake, each with its file, line and path of keys.
+        ConfigError: The experiment is not valid; the error lists every mistake with its file, line and path of keys.
     """
     if isinstance(overrides, str):
-        raise ConfigError(Problem("overrides are a list of texts", hint=f"write [{overrides!r}]"))
+        raise ConfigError(Problem("overrides must be a list of strings", hint=f"write [{overrides!r}]"))
     texts = list(overrides)
     tree = apply_overrides(_with_named(_mapping(load(path), path), texts), texts)
     return build_rendezvous(with_absolute_files(tree), os.fspath(path))
@@ -73,8 +73,9 @@ def load_rendezvous(path: str | os.PathLike[str], overrides: Iterable[str] = ())
 def with_absolute_files(tree: LocatedDict) -> LocatedDict:
     """Return a tree in which the names of the files that plugins read are absolute.
 
-    A relative name is looked for beside the file that names it, then where an included file would be; one of the
-    command line is relative to the working directory. So what is stored can be loaded from anywhere.
+    A relative name is looked up next to the configuration file that contains it, then where an included file would be;
+    a name from the command line is relative to the working directory. A stored configuration can therefore be loaded
+    from any working directory.
     """
     import_plugins(tree, ("plugin_paths",))
     for path, value, _ in list(written_values("file", tree, RendezvousConfig)):
@@ -91,7 +92,7 @@ def _absolute(name: str, location: Location | None) -> str:
 
 
 def _with_named(tree: LocatedDict, overrides: Iterable[str]) -> LocatedDict:
-    """Return a tree in which the keys stand that overrides start with, by their defaults where the file has none."""
+    """Return a tree with every top-level key that an override changes; keys missing in the file have their defaults."""
     heads = [text.partition("=")[0].partition(".")[0] for text in overrides]
     for name, info in RendezvousConfig.model_fields.items():
         if name in heads and name not in tree:
@@ -105,7 +106,7 @@ def _with_named(tree: LocatedDict, overrides: Iterable[str]) -> LocatedDict:
 
 
 def is_rendezvous(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is that of a rendezvous: it names some of its parts, and none of an inspection's."""
+    """Return whether a file is a rendezvous experiment: it has keys of one, and none of an inspection experiment."""
     try:
         tree = load(path)
     except ConfigError:
@@ -116,13 +117,17 @@ def is_rendezvous(path: str | os.PathLike[str]) -> bool:
 
 
 def build_rendezvous(tree: Any, source: str = "") -> Rendezvous:
-    """Check a resolved configuration.
+    """Check a resolved configuration and return its experiment.
+
+    Args:
+        tree: The resolved configuration.
+        source: Name of the file that it was loaded from.
 
     Raises:
-        ConfigError: With every mistake.
+        ConfigError: The configuration is not valid; the error lists every mistake.
     """
     if not isinstance(tree, Mapping):
-        raise ConfigError(Problem(f"a configuration is a mapping of keys to values, not {tree!r:.60}"))
+        raise ConfigError(Problem(f"a configuration must be a mapping of keys to values, not {tree!r:.60}"))
     if not isinstance(tree, LocatedDict):
         tree = LocatedDict(tree)
     import_plugins(tree, ("plugin_paths",))
@@ -138,7 +143,8 @@ def _mapping(tree: Any, path: str | os.PathLike[str]) -> LocatedDict:
     if not isinstance(tree, LocatedDict) or not known & set(tree):
         raise ConfigError(
             Problem(
-                "no rendezvous experiment: it has the keys " + ", ".join(f"`{key}`" for key in sorted(known)),
+                "not a rendezvous experiment: the file has none of the keys "
+                + ", ".join(f"`{key}`" for key in sorted(known)),
                 location=locate(tree, ()) if isinstance(tree, LocatedDict) else None,
                 hint=f"give the experiment file, not {os.path.basename(path)!r}",
             )

@@ -1,6 +1,7 @@
-"""What plugins of a rendezvous are called with and what they return, for packages that bring some of their own.
+"""The types that plugins of a rendezvous receive and return, for packages that define such plugins.
 
-The kinds are in `safe_inspect.rendezvous.plugins`; docs/rendezvous.md lists what each is called with and returns.
+The base classes are in `safe_inspect.rendezvous.plugins`; docs/rendezvous.md lists the arguments and the return value
+of each kind.
 """
 
 from safe_inspect.rendezvous.bound.conformal import Bound

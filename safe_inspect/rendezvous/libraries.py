@@ -1,4 +1,4 @@
-"""The libraries that only rendezvous needs, loaded when a function calls for one."""
+"""Import of the libraries that only rendezvous needs, when a function first uses one."""
 
 from __future__ import annotations
 

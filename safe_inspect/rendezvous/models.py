@@ -1,4 +1,4 @@
-"""The models of a rendezvous experiment's files: chaser, mission and experiment."""
+"""The configuration models of a rendezvous experiment: chaser, mission, sensors and experiment."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ PositiveAngle = quantity("rad", gt=0)
 _Vector = tuple[Length, Length, Length]  # type: ignore[valid-type]
 _VelocityVector = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
 
-#: Shortest tick and step of control, and the longest step, which the attitude controller was flown with [s].
+#: Shortest tick, and shortest and longest control step, that the attitude controller was tested with [s].
 _LEAST_TICK, _STEPS = 1e-4, (0.02, 1.0)
-#: Most steps of control of an approach, and most waits that are tried before one.
+#: Largest number of control steps of an approach, and of waits that are tried before one.
 _MOST_STEPS, _MOST_WAITS = 5_000, 1_000
 
 
@@ -51,8 +51,8 @@ class ActuatorConfig(Model):
     Attributes:
         scale_error: Relative error of all forces and torques.
         lag: Time constant of the response [s].
-        force_noise: Half width of the uniform error of a force [N].
-        torque_noise: Half width of the uniform error of a torque [N m].
+        force_noise: Half width of the uniformly distributed error of a force [N].
+        torque_noise: Half width of the uniformly distributed error of a torque [N m].
     """
 
     scale_error: float = Field(default=0.0, gt=-1.0, lt=1.0)
@@ -62,17 +62,17 @@ class ActuatorConfig(Model):
 
 
 class LimitsConfig(Model):
-    """What the chaser may do, along each axis.
+    """Limits of the chaser's motion and of its actuators, along each axis.
 
     Attributes:
-        speed: Largest speed of a plan [m/s].
-        tracking_speed: Largest speed while an error is corrected [m/s].
-        planned_force: Largest force of a plan [N].
+        speed: Largest planned speed [m/s].
+        tracking_speed: Largest speed during tracking, when errors are corrected [m/s].
+        planned_force: Largest planned force [N].
         force: Largest force of the actuators [N].
         torque: Largest torque of the actuators [N m].
-        keep_in: Half sizes of the box about W's origin that the chaser's centre stays in [m]; null for none.
+        keep_in: Half sizes of the box about W's origin that the chaser's centre must stay in [m]; null for none.
         line_of_sight_rate: Largest rate of the direction to the target [rad/s].
-        cone: Half angle of the cone about the mating point's direction in which it is approached [rad]; null for none.
+        cone: Half angle of the approach cone about the mating point's direction [rad]; null for none.
     """
 
     speed: PositiveSpeed = 0.115  # type: ignore[valid-type]
@@ -88,21 +88,21 @@ class LimitsConfig(Model):
     def _leave_force_to_feedback(self) -> LimitsConfig:
         if self.planned_force >= self.force:
             raise ValueError(
-                f"planned_force ({self.planned_force} N) leaves nothing of force ({self.force} N) to feedback; lower it"
+                f"planned_force ({self.planned_force} N) must be below force ({self.force} N); feedback needs the rest"
             )
         return self
 
 
 class ChaserConfig(Model):
-    """The chaser. Defaults: Astrobee.
+    """The chaser. The defaults are those of Astrobee.
 
     Attributes:
         mass: Mass [kg].
         inertia: Principal moments about the axes of B [kg m^2].
-        radius: Radius of the sphere that holds it [m].
-        position: Position at the start, in W [m].
-        velocity: Velocity at the start, in W [m/s].
-        limits: What it may do.
+        radius: Radius of the sphere that contains the chaser [m].
+        position: Initial position in W [m].
+        velocity: Initial velocity in W [m/s].
+        limits: Limits of its motion and of its actuators.
         actuator: Errors of its actuators.
         camera_position: Position of the camera in B [m]; it looks along x of B.
     """
@@ -132,14 +132,15 @@ class ChaserConfig(Model):
 
 
 class Fault(Model):
-    """Something that fails during a mission.
+    """A fault during a mission.
 
     Attributes:
-        kind: ``camera``: it gives nothing; ``imu``: likewise; ``imu_bias``: its biases jump; ``tumble``: something
-            strikes the target at the start, and its motion changes for good; ``planner``: it finds no plan;
-            ``solver``: the tracker's programme gives no solution, and the reference is followed by regulation.
-        start: When it begins [s].
-        duration: How long it lasts [s].
+        kind: ``camera``: the camera takes no frames; ``imu``: the inertial unit gives no samples; ``imu_bias``: the
+            biases of the inertial unit jump; ``tumble``: an impact at the start of the fault changes the target's
+            motion permanently; ``planner``: the planner finds no plan; ``solver``: the tracker's programme has no
+            solution, and the reference is followed by regulation.
+        start: Start of the fault [s].
+        duration: Duration of the fault [s].
     """
 
     kind: Literal["camera", "imu", "imu_bias", "tumble", "planner", "solver"]
@@ -151,37 +152,38 @@ class MissionConfig(Model):
     """Rates, guards and time limits of a mission.
 
     Attributes:
-        tick: Length of a tick of the truth [s].
-        control_ticks: Ticks from one command to the next: the step of control, at which plans are sampled.
-        update_ticks: Ticks from one update of the reference to the next; a multiple of `control_ticks`.
-        checkout: How long all sensors must have worked before the mission starts [s].
-        checkout_limit: When the mission is given up without that [s].
-        observe: How long the target is watched at least [s].
-        observe_limit: How long it is watched at most [s].
-        attitude_sigma: Error of the target's axes below which watching may end [rad].
-        rate_sigma: Error of the target's rate below which watching may end [rad/s].
-        durations: Durations of the approach that are tried, in this order [s].
+        tick: Length of a tick of the simulated truth [s].
+        control_ticks: Number of ticks from one command to the next. They are the control step, at which plans are
+            sampled.
+        update_ticks: Number of ticks from one update of the reference to the next; a multiple of `control_ticks`.
+        checkout: Time for which all sensors must have worked before the mission starts [s].
+        checkout_limit: Time after which the mission is given up if they have not [s].
+        observe: Shortest observation of the target [s].
+        observe_limit: Longest observation of the target [s].
+        attitude_sigma: Error of the target's axes below which the observation may end [rad].
+        rate_sigma: Error of the target's rate below which the observation may end [rad/s].
+        durations: Durations of the approach to try, in this order [s].
         wait_limit: Longest wait before an approach [s].
-        wait_step: Step between two waits that are tried [s].
-        plan_attempts: How often planning may fail before the chaser retreats.
-        bound_attempts: How often a plan may fail against its tube before the target is watched anew.
-        hold: How long the chaser must stay at the mating point [s].
-        hold_limit: When the mission is given up there [s].
-        hold_position: Largest error of position there [m].
-        hold_speed: Largest error of velocity there [m/s].
-        hold_angle: Largest error of pointing there [rad].
-        camera_silence: How long the camera may give nothing; no frame may show the target for one `update_period`
-            longer. It counts in every state [s].
-        imu_silence: How long the inertial unit may give nothing [s].
-        escapes: Durations of a way out that are tried, in this order [s].
-        retreat_limit: When a retreat is given up [s].
-        departure_speed: Speed at which the chaser leaves the target where it gives up or has no poses [m/s].
-        departure_limit: How long it waits for poses on its way out before the mission ends [s].
-        time_limit: When an approach or a wait ends at the latest, by a retreat [s].
-        mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. The axes of W do not turn.
+        wait_step: Step between two waits to try [s].
+        plan_attempts: Number of failures to plan after which the chaser retreats.
+        bound_attempts: Number of plans refused by their tube after which the target is observed again.
+        hold: Time for which the chaser must stay at the mating point [s].
+        hold_limit: Time after which the mission is given up at the mating point [s].
+        hold_position: Largest position error at the mating point [m].
+        hold_speed: Largest velocity error at the mating point [m/s].
+        hold_angle: Largest pointing error at the mating point [rad].
+        camera_silence: Longest time without a camera frame, in every state [s]. The longest time without a frame that
+            shows the target is longer by one `update_period`.
+        imu_silence: Longest time without an inertial sample [s].
+        escapes: Durations of an escape to try, in this order [s].
+        retreat_limit: Time after which a retreat is given up [s].
+        departure_speed: Speed at which the chaser leaves the target after it has given up or lost its poses [m/s].
+        departure_limit: Time for which a departing chaser waits for poses before the mission ends [s].
+        time_limit: Time at which an approach or a wait ends at the latest, with a retreat [s].
+        mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. The axes of W do not rotate.
         length: Length of the scenario [m], about the radius that the target sweeps. The clearances that planner, tube
-            and escape keep for themselves are shares of it, and it is the unit of the planner's optimiser.
-        faults: What fails.
+            and escape reserve are fractions of it, and the planner's optimiser uses it as its unit of length.
+        faults: Faults to simulate.
     """
 
     tick: PositiveDuration = 0.008  # type: ignore[valid-type]
@@ -222,7 +224,7 @@ class MissionConfig(Model):
             )
         if not (_STEPS[0] - 1e-9 <= self.step <= _STEPS[1] + 1e-9 and self.tick >= _LEAST_TICK):
             raise ValueError(
-                f"tick times control_ticks, a step of control, is {self.step:g} s; it is {_STEPS[0]:g} to "
+                f"the control step, tick times control_ticks, is {self.step:g} s; it must be {_STEPS[0]:g} to "
                 f"{_STEPS[1]:g} s, and a tick {_LEAST_TICK:g} s or more"
             )
         for name, seconds in (
@@ -233,10 +235,10 @@ class MissionConfig(Model):
             steps = seconds / self.step
             if steps > _MOST_STEPS:
                 most = _MOST_STEPS * self.step
-                raise ValueError(f"{name}: {seconds:g} s are more than {_MOST_STEPS:,} steps of control, {most:g} s")
+                raise ValueError(f"{name}: {seconds:g} s is more than {_MOST_STEPS:,} control steps, {most:g} s")
             if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
                 raise ValueError(
-                    f"{name}: {seconds:g} s is no multiple of the step of control, {self.step:g} s (tick times "
+                    f"{name}: {seconds:g} s is not a multiple of the control step, {self.step:g} s (tick times "
                     "control_ticks)"
                 )
         if self.wait_limit / self.wait_step > _MOST_WAITS:
@@ -248,12 +250,12 @@ class MissionConfig(Model):
 
     @property
     def step(self) -> float:
-        """The step of control [s]."""
+        """The control step [s]."""
         return float(self.tick * self.control_ticks)
 
     @property
     def impulses(self) -> tuple[float, ...]:
-        """When something strikes the target [s]."""
+        """Times of the impacts on the target [s], ascending."""
         return tuple(sorted(fault.start for fault in self.faults if fault.kind == "tumble"))
 
     @property
@@ -262,7 +264,7 @@ class MissionConfig(Model):
         return float(self.tick * self.update_ticks)
 
     def fails(self, kind: str, time: float) -> bool:
-        """Return whether something fails at a time [s]."""
+        """Return whether there is a fault of a kind at a time [s]."""
         return any(fault.kind == kind and fault.start <= time < fault.start + fault.duration for fault in self.faults)
 
 
@@ -271,15 +273,15 @@ def _plugin(kind: str, default: str | dict[str, Any]) -> Any:
 
 
 class SensorsConfig(Model):
-    """What the chaser measures. A sensor that the estimator does not read is not simulated.
+    """The sensors of the chaser. A sensor that the estimator does not read is not simulated.
 
     Attributes:
         camera: The depth camera.
-        frame_period: Time between two frames [s], a multiple of the step of control.
+        frame_period: Time between two frames [s], a multiple of the control step.
         imu: Errors of the inertial unit.
-        imu_ticks: Ticks of the truth between its samples.
-        poses: Measures relative poses in place of frames, for ``MeasuredPoses``.
-        state: Measures states, for ``MeasuredState``.
+        imu_ticks: Number of ticks between two samples of the inertial unit.
+        poses: Simulated sensor of relative poses, which ``MeasuredPoses`` reads instead of frames.
+        state: Simulated sensor of states, which ``MeasuredState`` reads.
     """
 
     camera: TimeOfFlightCamera = TimeOfFlightCamera()
@@ -292,24 +294,24 @@ class SensorsConfig(Model):
     _check_imu = field_validator("imu")(checked_noise)
 
     def misfits(self, mission: MissionConfig, reads: Collection[Reading]) -> Iterator[tuple[str, str]]:
-        """Yield the name of each field that does not fit the rates of a mission, and why.
+        """Yield the name of each field that does not match the rates of a mission, and the reason.
 
         Args:
             mission: The mission.
-            reads: What the estimator reads.
+            reads: The kinds of measurements that the estimator reads.
         """
         steps = round(self.frame_period / mission.step)
         has_frames = "frames" in reads or "poses" in reads
         if has_frames and (steps < 1 or abs(steps * mission.step - self.frame_period) > 1e-9):
             yield (
                 "frame_period",
-                f"{self.frame_period:g} s is no multiple of the step of control, {mission.step:g} s; round it",
+                f"{self.frame_period:g} s is not a multiple of the control step, {mission.step:g} s; round it",
             )
         if "inertial" in reads and self.imu_ticks > mission.control_ticks:
             yield (
                 "imu_ticks",
-                f"{self.imu_ticks} ticks between two inertial samples are more than a step of control has, "
-                f"{mission.control_ticks}; lower it",
+                f"{self.imu_ticks} ticks between two inertial samples are more than the {mission.control_ticks} ticks "
+                "of a control step; lower it",
             )
 
 
@@ -318,13 +320,13 @@ class RendezvousConfig(Model):
 
     Attributes:
         seed: Seed of all missions.
-        plugin_paths: Modules with further plugins, imported before any name is looked up.
+        plugin_paths: Modules with further plugins, which are imported before any name is looked up.
         mission: Rates, guards and time limits.
         chaser: The chaser.
         target: The target's shape, inertia and mating point.
-        tumble: How it tumbles at the start.
-        sensors: What the chaser measures.
-        estimator: What it knows by that.
+        tumble: The target's initial attitude and angular velocity.
+        sensors: The sensors of the chaser.
+        estimator: Estimates the states of chaser and target from the measurements.
         planner: Plans the approach.
         bound: Bounds the error of the reference.
         tracker: Follows the reference.

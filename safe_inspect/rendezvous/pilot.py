@@ -1,4 +1,4 @@
-"""`Pilot`: flies a mission from readings; it owns the estimator, the planner, the bound and the tracker."""
+"""`Pilot`: flies a mission from the sensors' readings with an estimator, a planner, a bound and a tracker."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from safe_inspect.types import FloatArray
 
 
 def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
-    """Return the limits for the planner, in a scenario of a length [m]."""
+    """Return the limits for the planner in a scenario of a given length [m]."""
     own = chaser.limits
     return Limits(
         speed=own.speed,
@@ -49,11 +49,11 @@ def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
 
 
 class Followed(NamedTuple):
-    """What is followed in a step of control.
+    """The tracker's output and its reference in a control step.
 
     Attributes:
         output: The tracker's output.
-        reference: Position [m] and velocity [m/s] that it follows, in W, shape (6,).
+        reference: Position [m] and velocity [m/s] that the tracker follows, in W, shape (6,).
     """
 
     output: TrackerOutput
@@ -61,19 +61,19 @@ class Followed(NamedTuple):
 
 
 class Pilot:
-    """The flight computer of one mission: from readings to commands.
+    """The flight computer of one mission, which computes commands from readings.
 
     Args:
-        config: What it flies by.
-        target: What is known of the target.
+        config: Configuration of the pilot.
+        target: The known properties of the target.
         estimator: The estimator of the mission.
         streams: The random streams of the mission.
-        report: Called with an event's name and its data.
-        changed: Called at every change of state, with the state before, the guard and the state after.
+        report: Called with the name and the data of each event.
+        changed: Called at every change of state with the state before, the guard and the state after.
 
     Attributes:
-        context: Its memory; there is none before the first readings.
-        followed: What is followed since the last call.
+        context: The pilot's memory; it does not exist before the first readings.
+        followed: The tracker's output and reference of the last call of `act`.
         estimator: The estimator.
     """
 
@@ -99,14 +99,14 @@ class Pilot:
 
     @property
     def arrived(self) -> bool:
-        """Whether the mission has ended at the mating point, as far as the pilot knows."""
+        """Whether the mission has ended at the mating point according to the estimate."""
         return self._coordinator.state is Phase.DONE
 
     def act(self, readings: Readings) -> Command | None:
-        """Return the command to hold for a step of control; None at the end of the mission.
+        """Return the command to hold for a control step; None at the end of the mission.
 
         Args:
-            readings: What the sensors have given since the last call.
+            readings: The measurements since the last call.
         """
         estimate = self.estimator.update(readings)
         if self._pointing is None:
@@ -122,9 +122,10 @@ class Pilot:
         return command
 
     def _in_body(self, force: FloatArray) -> FloatArray:
-        """Return a force of W along the axes of B in the middle of the step [N], shape (3,).
+        """Return a force in W as components along the axes of B in the middle of the control step [N], shape (3,).
 
-        Thrusters have their limit along the axes of B: a force beyond it is shortened, and keeps its direction.
+        The limit of the thrusters applies along the axes of B. A force beyond it is scaled down without a change of its
+        direction.
         """
         chaser, limit = self.context.estimate.chaser, self._config.chaser.limits.force
         turn = quaternion.exp(0.5 * self._config.mission.step * chaser.angular_velocity)
@@ -138,7 +139,7 @@ class Pilot:
 
     def _begin(self, readings: Readings, estimate: StateEstimate) -> None:
         config, chaser = self._config, self._config.chaser
-        assert readings.start is not None, "the first readings have the chaser's state"
+        assert readings.start is not None, "the first readings must contain the chaser's state"
         self._pointing = CameraPointing(readings.start.orientation)
         axis = Axis(chaser.mass, config.mission.step)
         own = chaser.limits
@@ -159,7 +160,7 @@ class Pilot:
         self.context.demands = PlanDemands.first(config.mission.length)
 
     def _sense(self, readings: Readings, estimate: StateEstimate) -> None:
-        """Bring what depends on the estimate up to now."""
+        """Update the context from new readings and their estimate."""
         context, mission = self.context, self._config.mission
         before = context.estimate.updated
         context.readings, context.estimate, context.time = readings, estimate, readings.time
@@ -200,7 +201,7 @@ class Pilot:
             context.settled_since = context.time
 
     def _follow(self) -> tuple[TrackerOutput, FloatArray]:
-        """Return the tracker's output, and the state that it follows, shape (6,)."""
+        """Return the tracker's output and the state that it follows, shape (6,)."""
         context, x = self.context, self.context.estimate.translation
         following = context.following
         if following is not None:
@@ -222,7 +223,7 @@ class Pilot:
         return context.hold.step(x, reference, 0), np.concatenate([reference.position[0], reference.velocity[0]])
 
     def _push(self) -> TrackerOutput:
-        """Return what is left of a departure's push, as far as one step gives it."""
+        """Return the force for the rest of a departure's push, limited to what one control step can apply."""
         context, chaser = self.context, self._config.chaser
         per_step = self._config.mission.step / chaser.mass
         force = np.clip(context.push / per_step, -chaser.limits.force, chaser.limits.force)
@@ -230,13 +231,13 @@ class Pilot:
         return TrackerOutput(force, np.zeros((3, 2)), np.zeros(3), (AxisStatus.SOLVED,) * 3)
 
     def _point(self) -> FloatArray:
-        """Return the torque that turns the camera to where it shall look [N m], shape (3,).
+        """Return the torque that points the camera at its aim [N m], shape (3,).
 
-        It is zero while the inertial unit is silent: a free rotation goes on as it was, which the estimate counts on.
+        It is zero while the inertial unit is silent, because the estimate then assumes a free rotation.
         """
         context, chaser = self.context, self.context.estimate.chaser
         position = context.motion.position if context.phase is Phase.DEPART else chaser.position
-        assert self._pointing is not None, "the camera is pointed from the first readings on"
+        assert self._pointing is not None, "the first readings must come before the camera is pointed"
         command = self._pointing.step(position, context.aim(), self._config.mission.step)
         error = quaternion.multiply(quaternion.conjugate(command.orientation), chaser.orientation)
         context.pointing_error = float(np.linalg.norm(quaternion.log(error)))

@@ -1,4 +1,4 @@
-"""Rigid transforms as homogeneous matrices, with tangents (rotation, translation) that act from the right."""
+"""Rigid transforms as homogeneous matrices; their tangents (rotation, translation) act from the right."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ def pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
 
 
 def check_unit(name: str, quaternion: Sequence[float]) -> None:
-    """Check that a quaternion [x, y, z, w] is one of a rotation.
+    """Check that a quaternion [x, y, z, w] is a unit quaternion.
 
     Raises:
-        ValueError: Its length is not 1.
+        ValueError: The length of the quaternion is not 1.
     """
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > 1e-3:
-        raise ValueError(f"{name} is no unit quaternion [x, y, z, w]: its length is {length:.6g}")
+        raise ValueError(f"{name} is not a unit quaternion [x, y, z, w]: its length is {length:.6g}")
 
 
 def inverse(transform: FloatArray) -> FloatArray:
@@ -55,7 +55,7 @@ def rotation_log(rotation: FloatArray) -> FloatArray:
 
 
 def orthonormal(transform: FloatArray) -> FloatArray:
-    """Return the transform with the rounding errors of its rotation removed."""
+    """Return the transform with an exactly orthonormal rotation, without its rounding errors."""
     q = quaternion.from_matrix(transform[:3, :3])
     return pose(quaternion.to_matrix(q), transform[:3, 3])
 
@@ -78,7 +78,7 @@ def difference(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def adjoint(transform: FloatArray) -> FloatArray:
-    """Return the matrix that takes tangents from the right of T' to the right of T T' T^-1, shape (6, 6)."""
+    """Return the matrix that transforms right tangents of T' into right tangents of T T' T^-1, shape (6, 6)."""
     rotation = transform[:3, :3]
     matrix = np.zeros((6, 6))
     matrix[:3, :3] = matrix[3:, 3:] = rotation

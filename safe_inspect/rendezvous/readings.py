@@ -1,4 +1,4 @@
-"""`Readings`: what the sensors of a chaser give at a step of control. Estimators get these and no truth."""
+"""`Readings`: the measurements of a control step. Estimators receive these and nothing of the true states."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from safe_inspect.rendezvous.sensors.state import StateReading
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
-#: What an estimator may read: depth frames, measured poses in their place, inertial samples, measured states.
+#: What an estimator may read: depth frames, measured poses instead of frames, inertial samples, measured states.
 Reading = Literal["frames", "poses", "inertial", "state"]
 
 
 class Command(NamedTuple):
-    """What the actuators are told.
+    """The commanded force and torque.
 
     Attributes:
-        force: In B [N], shape (3,).
-        torque: In B [N m], shape (3,).
+        force: Force in B [N], shape (3,).
+        torque: Torque in B [N m], shape (3,).
     """
 
     force: FloatArray
@@ -29,16 +29,16 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What the sensors give at a step of control. A sensor that an estimator does not read gives nothing.
+    """The measurements of a control step. A sensor that the estimator does not read measures nothing.
 
     Attributes:
-        time: The time [s].
-        start: The chaser's own state at the first step, as it is told; None later.
-        frame: The depth frame that is taken now; None between frames and where the camera is silent.
-        samples: What the inertial unit has measured since the last step, in order; none where it was silent.
-        command: The command that was held since the last step; None at the first.
-        state: What a sensor of states gives.
-        silent: The sensors that do not answer now: ``camera``, ``imu``.
+        time: Time of the control step [s].
+        start: The chaser's true state at the first step; None later.
+        frame: The depth frame of this step; None between frames and while the camera is silent.
+        samples: The inertial samples since the last step, in order; empty if the inertial unit was silent.
+        command: The command that was held since the last step; None at the first step.
+        state: The measurement of the sensor of states; None without one.
+        silent: The sensors that do not respond now: ``camera``, ``imu``.
     """
 
     time: float

@@ -1,4 +1,4 @@
-"""What can be wrong with an experiment before anything is flown, though each of its values is right by itself."""
+"""Checks of an experiment before a mission is flown: values that are valid each but do not match each other."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ from safe_inspect.rendezvous.plugins import PipelineEstimator
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
-#: Turn of the target from frame to frame beyond which estimation was not flown [rad], by 8 deg/s and 1 Hz.
+#: Largest rotation of the target from frame to frame that estimation was tested with [rad]; tests flew 8 deg/s at 1 Hz.
 _LARGEST_TURN = np.deg2rad(10.0)
-#: Time between the last inertial sample and a frame that moves a pose by less than its error [s].
+#: Time between the last inertial sample and a frame in which a pose moves by less than its error [s].
 _LARGEST_LAG = 0.01
-#: Times at which the mating point's motion is looked at [s].
+#: Times at which the mating point's motion is evaluated [s].
 _TIMES = np.arange(0.0, 600.0, 1.0)
-#: Units in which a bare number is easily taken for degrees.
+#: Units for which a user may have meant degrees where a number has no unit.
 _ANGLES = ("rad", "rad/s")
-#: An hour [s], in which a chaser must be able to get to the target.
+#: Time in which the chaser must be able to reach the target: an hour [s].
 _HOUR = 3600.0
-#: Missions whose tumbles are drawn to look at them.
+#: Largest number of missions whose tumbles are sampled for the checks.
 _MOST_DRAWN = 100
 
 
 def checked_target(config: RendezvousConfig) -> Target:
-    """Return the target of an experiment, whose mating point the chaser can be at.
+    """Return the target of an experiment after checking that the chaser can reach its mating point.
 
     Raises:
-        ConfigError: The target is no rigid body, or its mating point is out of reach at any attitude.
+        ConfigError: The target is not a rigid body, or its mating point is out of reach at every attitude.
     """
     chaser = config.chaser
     try:
         target: Target = config.target()
         principal = target.principal
-    except ConfigError as error:  # of a file, which is no key of the experiment
+    except ConfigError as error:  # The mistake is in a file, which is not a key of the experiment.
         problems = [replace(problem, path=problem.path or "target.config") for problem in error.problems]
         raise ConfigError(problems) from None
     except ValueError as error:
@@ -68,7 +68,7 @@ def checked_target(config: RendezvousConfig) -> Target:
     if box is not None and distance > np.linalg.norm(box):
         raise ConfigError(
             Problem(
-                f"the point is {distance:.3g} m from the centre of mass, and no corner of the keep-in box so far",
+                f"the point is {distance:.3g} m from the centre of mass, farther than any corner of the keep-in box",
                 path,
                 hint="move the point inwards, or enlarge chaser.limits.keep_in",
             )
@@ -81,11 +81,11 @@ def check_start(config: RendezvousConfig, target: Target, orientation: np.ndarra
 
     Args:
         config: The experiment.
-        target: Its target.
+        target: The target of the experiment.
         orientation: The target's attitude q_WT at the start, shape (4,).
 
     Raises:
-        ConfigError: It does.
+        ConfigError: The chaser overlaps the target.
     """
     body = BodyState(np.zeros(3), np.zeros(3), orientation, np.zeros(3))
     spare = clearance(target, np.array(config.chaser.position), body, config.chaser.radius)
@@ -100,14 +100,14 @@ def mission_streams(config: RendezvousConfig, number: int) -> Streams:
 
 
 def check_scenario(experiment: Rendezvous, missions: int = 1) -> list[Problem]:
-    """Check an experiment before it is flown, and return what is doubtful in it, each with its place.
+    """Check an experiment before it is flown, and return its doubtful values, each with its location.
 
     Args:
         experiment: The experiment.
-        missions: Number of missions; the tumbles of the first hundred are drawn.
+        missions: Number of missions; the tumbles of at most the first hundred are sampled.
 
     Raises:
-        ConfigError: It cannot be flown; with the place of the value.
+        ConfigError: The experiment cannot be flown; the error states the location of the value.
     """
     config, tree = experiment.config, experiment.tree
     try:
@@ -129,7 +129,7 @@ def _placed(problem: Problem, tree: LocatedDict) -> Problem:
 
 
 def _bare_angles(tree: LocatedDict) -> Iterator[Problem]:
-    """Yield the numbers without a unit that are read as radians, and may be meant as degrees."""
+    """Yield a problem for each number without a unit that is read as radians but may be meant as degrees."""
     for path, value, symbol in written_values("units", tree, RendezvousConfig):
         if symbol in _ANGLES and isinstance(value, (int, float)) and value != 0.0:
             degrees = f"{np.rad2deg(value):.4g} {symbol.replace('rad', 'deg')}"
@@ -138,23 +138,23 @@ def _bare_angles(tree: LocatedDict) -> Iterator[Problem]:
 
 
 def _check_rates(config: RendezvousConfig, target: Target, rates: FloatArray) -> None:
-    """Check that steps of control follow the target and the chaser, and that the chaser can get there at all.
+    """Check that the control step is short enough for the motion, and that the chaser can reach the target at all.
 
     Raises:
-        ConfigError: They do not, or it cannot.
+        ConfigError: The control step is too long, or the chaser cannot reach the target.
     """
     chaser, step, length = config.chaser, config.mission.step, config.mission.length
     limits = chaser.limits
     turn = max(math.hypot(*rate) for rate in rates) * step
     way = math.hypot(*chaser.position) - math.hypot(*target.mating_point)
-    # Half of the way is flown with the largest acceleration, the rest against it.
+    # The chaser accelerates as much as it can over half of the distance, and decelerates over the rest.
     reached = math.hypot(*chaser.velocity) * _HOUR + 0.25 * math.sqrt(3.0) * limits.force / chaser.mass * _HOUR**2
     moved, turned = (
         0.5 * step**2 * ratio for ratio in (limits.force / chaser.mass, limits.torque / min(chaser.inertia))
     )
     problems = []
     if not turn < math.pi:
-        message = f"the target turns by {math.degrees(turn):.3g} deg in a step of control of {step:g} s"
+        message = f"the target turns by {math.degrees(turn):.3g} deg in a control step of {step:g} s"
         problems.append(
             Problem(message, _rate_path(config), hint="lower the rate; less than half a turn can be followed")
         )
@@ -164,20 +164,20 @@ def _check_rates(config: RendezvousConfig, target: Target, rates: FloatArray) ->
         )
         problems.append(Problem(message, "chaser.mass", hint="correct it, or chaser.limits.force"))
     if not moved <= length:
-        message = f"{limits.force:g} N move {chaser.mass:g} kg by {moved:.2g} m in a step of control of {step:g} s"
+        message = f"{limits.force:g} N move {chaser.mass:g} kg by {moved:.2g} m in a control step of {step:g} s"
         problems.append(Problem(message, "chaser.mass", hint="correct it, or chaser.limits.force"))
     if not turned <= math.pi:
-        message = f"{limits.torque:g} N m turn it by {math.degrees(turned):.2g} deg in a step of control of {step:g} s"
+        message = f"{limits.torque:g} N m turn it by {math.degrees(turned):.2g} deg in a control step of {step:g} s"
         problems.append(Problem(message, "chaser.inertia", hint="correct it, or chaser.limits.torque"))
     if problems:
         raise ConfigError(problems)
 
 
 def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) -> Iterator[Problem]:
-    """Yield what makes it doubtful that the sensors show the target.
+    """Yield a problem for each value with which the sensors may not show the target.
 
     Raises:
-        ConfigError: The camera cannot see it from the start.
+        ConfigError: The camera cannot see the target from the start.
     """
     sensors, mission, reads = config.sensors, config.mission, config.estimator.reads
     if "frames" not in reads and "poses" not in reads:
@@ -208,7 +208,7 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
         )
     if isinstance(config.estimator, PipelineEstimator) and not config.estimator.known_target:
         yield Problem(
-            "without the known shape the directions of the axes stay open, and no approach is planned",
+            "without a known shape the directions of the target's axes are ambiguous, and no approach is planned",
             "estimator.config.known_target",
         )
 
@@ -216,12 +216,12 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
 def _motion_doubts(
     config: RendezvousConfig, target: Target, attitudes: FloatArray, rates: FloatArray
 ) -> Iterator[Problem]:
-    """Yield a problem where the mating point moves too fast at all times for the chaser to stay there."""
+    """Yield a problem if the chaser starts too fast, or if the mating point is at all times too fast to follow."""
     limits, m = config.chaser.limits, target.mating_point
     fastest = max(map(abs, config.chaser.velocity))
     if fastest > limits.tracking_speed:
         yield Problem(
-            f"the chaser starts at {fastest:g} m/s along an axis, and tracking keeps {limits.tracking_speed:g} m/s",
+            f"the chaser starts at {fastest:g} m/s along an axis; the tracking speed is {limits.tracking_speed:g} m/s",
             "chaser.velocity",
             hint="start slower, or raise chaser.limits.tracking_speed",
         )
@@ -235,8 +235,9 @@ def _motion_doubts(
         first = never[0]
         which = "" if len(attitudes) == 1 else f" in {len(never)} of {len(attitudes)} missions, such as {first},"
         yield Problem(
-            f"the mating point moves{which} at {speed[first].min():.3g} m/s and takes {force[first].min():.3g} N to "
-            f"follow at least, along an axis; the limits are {limits.speed:g} m/s and {limits.planned_force:g} N",
+            f"following the mating point{which} takes at least {speed[first].min():.3g} m/s and "
+            f"{force[first].min():.3g} N along an axis; the limits are {limits.speed:g} m/s and "
+            f"{limits.planned_force:g} N",
             _rate_path(config),
             hint="lower the rate, or move the mating point inwards",
         )

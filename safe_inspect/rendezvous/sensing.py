@@ -1,4 +1,4 @@
-"""The sensors of one mission: from its truth to `Readings`. What fails of them is simulated here too."""
+"""The sensors of one mission, which turn its true states into `Readings` and simulate the faults of the sensors."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.rendezvous.truth import ChaserTrace
 from safe_inspect.types import FloatArray
 
-#: Step of the inertial unit's bias where it fails [m/s^2, rad/s].
+#: Jump of the inertial unit's biases during a fault [m/s^2, rad/s].
 _BIAS_STEP = (0.02, 5e-4)
 
 
 def pose_in_model(target: Target, chaser: BodyState, body: BodyState) -> FloatArray:
-    """Return T_MB of the states of a chaser and of the target, shape (4, 4)."""
+    """Return T_MB from the states of the chaser and of the target, shape (4, 4)."""
     R_MW = target.R_MT @ to_matrix(body.orientation).T  # noqa: N806
     return pose(R_MW @ to_matrix(chaser.orientation), R_MW @ (chaser.position - body.position))
 
@@ -41,11 +41,11 @@ class SensorSuite:
 
     Args:
         config: The sensors.
-        chaser: What carries them.
-        mission: Rates, and what fails.
+        chaser: The chaser that carries them.
+        mission: Rates and faults.
         target: The target.
         streams: The random streams of the mission.
-        reads: What is read of them.
+        reads: The kinds of measurements that are read; the others are not simulated.
     """
 
     def __init__(
@@ -78,14 +78,14 @@ class SensorSuite:
         trace: ChaserTrace | None = None,
         command: Command | None = None,
     ) -> Readings:
-        """Return what the sensors give; called once for each step of control.
+        """Return the readings of a control step; called once for each.
 
         Args:
-            time: The time [s].
+            time: Time of the control step [s].
             chaser: The chaser's true state.
             target: The target's true state.
-            trace: The chaser after each tick since the last step; None at the first.
-            command: What was commanded for that time.
+            trace: The chaser after each tick since the last step; None at the first step.
+            command: The command that was held since the last step; None at the first step.
         """
         fails, reads = self._mission.fails, self._reads
         is_blind = fails("camera", time)
@@ -101,7 +101,7 @@ class SensorSuite:
         return Readings(time, start, frame, samples, command, state, silent)
 
     def _samples(self, trace: ChaserTrace) -> tuple[InertialSample, ...]:
-        """Return the samples of the inertial unit over a step; it may have been silent."""
+        """Return the samples of the inertial unit over a control step; none if it was silent."""
         bias = np.repeat(_BIAS_STEP if self._biases else (0.0, 0.0), 3)
         measured = []
         for tick, (wrench, rate) in enumerate(zip(trace.wrench, trace.angular_velocity, strict=True)):
@@ -114,7 +114,7 @@ class SensorSuite:
         return () if self._is_imu_silent else tuple(measured)
 
     def _frame(self, time: float, chaser: BodyState, target: BodyState, *, is_blind: bool) -> DepthFrame | None:
-        """Return the frame that is due; None where the camera is silent, or is not read."""
+        """Return the frame that is due; None if the camera is silent or not read."""
         number, self._frames = self._frames, self._frames + 1
         if is_blind:
             return None
@@ -126,7 +126,7 @@ class SensorSuite:
         return self._measured_poses(time, T_MB, T_MC) if "poses" in self._reads else None
 
     def _measured_poses(self, time: float, T_MB: FloatArray, T_MC: FloatArray) -> PoseFrame:  # noqa: N803
-        """Return a frame of the sensor of poses, which sees what the camera would."""
+        """Return a frame of the pose sensor, whose field of view is that of the camera."""
         number, self._seen = self._seen, self._seen + 1
         camera = self._config.camera.geometry
         centre = -T_MC[:3, :3].T @ T_MC[:3, 3]

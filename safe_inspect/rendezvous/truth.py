@@ -1,4 +1,4 @@
-"""The true motion of one mission: the chaser under its commands, and the target's free tumble."""
+"""The true motion of one mission: the chaser under its commands, and the freely tumbling target."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from safe_inspect.simulators.simulation import Simulation
 from safe_inspect.tasks.rendezvous.actuators import Actuators
 from safe_inspect.types import FloatArray
 
-#: Change of the angular velocity by an impulse, as a share of its magnitude.
+#: Change of the angular velocity by an impact, as a fraction of its magnitude.
 _IMPULSE = 0.5
-#: Steps of control whose target attitudes are computed at a time.
+#: Number of control steps whose target attitudes are computed at a time.
 _BLOCK = 64
-#: Parameters of the initialiser; the state is written after a reset.
+#: Parameters of the initialiser. Their values do not matter: the initial state is written after the reset.
 _AT_ORIGIN = {name: ConstantParameter(value=0.0) for name in PositionVelocityInitializer.parameters}
 
 
 class ChaserTrace(NamedTuple):
-    """The chaser after each tick of a step of control.
+    """The chaser after each tick of a control step.
 
     Attributes:
-        position: In W [m], shape (ticks, 3).
-        velocity: In W [m/s], shape (ticks, 3).
+        position: Position in W [m], shape (ticks, 3).
+        velocity: Velocity in W [m/s], shape (ticks, 3).
         orientation: Quaternion q_WB [x, y, z, w], shape (ticks, 4).
-        angular_velocity: In B [rad/s], shape (ticks, 3).
-        wrench: Force [N] and torque [N m] that act, in B, shape (ticks, 6).
+        angular_velocity: Angular velocity in B [rad/s], shape (ticks, 3).
+        wrench: Force [N] and torque [N m] that act on the chaser, in B, shape (ticks, 6).
     """
 
     position: FloatArray
@@ -46,14 +46,14 @@ class ChaserTrace(NamedTuple):
 
 
 class TruthStep(NamedTuple):
-    """What happened in one step of control.
+    """The true motion in one control step.
 
     Attributes:
-        chaser_before: The chaser before it.
-        target_before: The target before it.
+        chaser_before: The chaser before the step.
+        target_before: The target before the step.
         chaser: The chaser after each tick.
         target: The target's attitude q_WT after each tick, shape (ticks, 4).
-        flown: Force [N] and torque [N m] in B that the actuators made of the command, without their lag, shape (6,).
+        flown: Force [N] and torque [N m] in B that the actuators gave for the command, without their lag, shape (6,).
     """
 
     chaser_before: BodyState
@@ -64,13 +64,13 @@ class TruthStep(NamedTuple):
 
 
 class ChaserFlight:
-    """The chaser of an experiment as a simulation of one free flyer: a step is one of control, a tick one of physics.
+    """A simulation of the chaser as one free flyer; its step is a control step, its physics step a tick.
 
     Args:
         config: The experiment.
-        start: The chaser at the start.
-        time: The time of the start, which counts on an orbit [s].
-        streams: The random streams of the mission, which the actuators' noise is drawn from; None for actuators
+        start: Initial state of the chaser.
+        time: Initial time [s], which matters on an orbit.
+        streams: The random streams of the mission, from which the actuators' noise is sampled; None for actuators
             without limits and errors.
     """
 
@@ -105,18 +105,19 @@ class ChaserFlight:
 
     @property
     def state(self) -> BodyState:
-        """The chaser's state."""
+        """The chaser's current state."""
         return BodyState(*(self._simulation.state[name][0, 0].copy() for name in BodyState._fields))
 
     def step(self, force: FloatArray, torque: FloatArray) -> tuple[ChaserTrace, FloatArray]:
-        """Hold a command for one step of control.
+        """Hold a command for one control step.
 
         Args:
-            force: In B [N], shape (3,).
-            torque: In B [N m], shape (3,).
+            force: Force in B [N], shape (3,).
+            torque: Torque in B [N m], shape (3,).
 
         Returns:
-            The chaser after each tick, and what the actuators made of the command, shape (6,).
+            The chaser after each tick, and the force [N] and torque [N m] that the actuators gave for the command,
+            without their lag, shape (6,).
         """
         simulation = self._simulation
         simulation.step(np.concatenate([force, torque])[None, None])
@@ -130,9 +131,9 @@ def target_motion(
     """Return the target's attitudes q_WT, shape (K, 4), and angular velocities in T [rad/s], shape (K, 3).
 
     Args:
-        inertia: Principal moments, up to one factor, shape (3,).
+        inertia: Principal moments, up to a common factor, shape (3,).
         tumbling: Attitude and angular velocity at time zero, shapes (4,) and (3,).
-        impulses: When an impulse changes the angular velocity [s], ascending: by half its magnitude along axis 1.
+        impulses: Times of impacts [s], ascending. Each adds half of the angular velocity's magnitude along axis 1.
         times: Times [s], ascending, shape (K,).
     """
     q, w = (value[0] for value in tumble(inertia, tumbling[0][None], tumbling[1][None], times))
@@ -151,15 +152,15 @@ def target_motion(
 
 
 class MissionTruth:
-    """The truth of one mission. W has the target's centre of mass at its origin; its axes do not turn.
+    """The truth of one mission. The origin of W is the target's centre of mass; the axes of W do not rotate.
 
     Args:
         config: The experiment.
-        start: The chaser at the start.
-        inertia: The target's principal moments, up to one factor, shape (3,).
-        tumbling: The target's attitude q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,), at the start.
+        start: Initial state of the chaser.
+        inertia: The target's principal moments, up to a common factor, shape (3,).
+        tumbling: The target's initial attitude q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,).
         streams: The random streams of the mission.
-        impulses: When something strikes the target [s]; see `target_motion`.
+        impulses: Times of impacts on the target [s]; see `target_motion`.
     """
 
     def __init__(
@@ -180,7 +181,7 @@ class MissionTruth:
 
     @property
     def time(self) -> float:
-        """The time [s]."""
+        """The current time [s]."""
         return float(self._steps * self._ticks * self._tick)
 
     @property
@@ -196,7 +197,7 @@ class MissionTruth:
         return BodyState(zero, zero, orientations[0], rates[0])
 
     def advance(self, command: Command) -> TruthStep:
-        """Hold a command for one step of control."""
+        """Hold a command for one control step and return the motion."""
         before, target = self.chaser, self.target
         trace, flown = self._flight.step(*command)
         orientations = self._target_ticks()[0][1:]
@@ -204,7 +205,7 @@ class MissionTruth:
         return TruthStep(before, target, trace, orientations, flown)
 
     def _target_ticks(self) -> tuple[FloatArray, FloatArray]:
-        """Return the target's attitudes and rates at the ticks of this step, its start and its end included."""
+        """Return the target's attitudes and rates at all ticks of this step, including its start and its end."""
         block, index = divmod(self._steps, _BLOCK)
         if block != self._block:
             first, count = block * _BLOCK * self._ticks, _BLOCK * self._ticks + 1

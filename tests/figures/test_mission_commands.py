@@ -80,7 +80,7 @@ DAMAGE = {
     "array": (lambda path: _drop(path / "log.npz", "tube_force"), "no array tube_force"),
     "plan": (lambda path: _drop(path / "plan_0.npz", "force"), "plan_0.npz: the file cannot be read (no array force)"),
     "shape": (lambda path: _set(path / "log.npz", "x", np.zeros((3, 6))), "x has the shape (3, 6), not (40, 6)"),
-    "state": (lambda path: _set(path / "log.npz", "state", np.full(STEPS, 99)), "no phase"),
+    "state": (lambda path: _set(path / "log.npz", "state", np.full(STEPS, 99)), "not a phase"),
     "nan": (lambda path: _set(path / "log.npz", "q", np.full((STEPS, 4), np.nan)), "q is not finite"),
     "log": (lambda path: (path / "log.npz").unlink(), "no log.npz; give the folder of a mission"),
     "config": (lambda path: (path / "config.resolved.yml").unlink(), "no config.resolved.yml"),

@@ -26,7 +26,7 @@ def files(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("target={functor: MeshTarget, config: {path: FILES/open.obj}}", "open.obj: the mesh is no closed surface"),
+        ("target={functor: MeshTarget, config: {path: FILES/open.obj}}", "open.obj: the mesh is not a closed surface"),
         ("target={functor: MeshTarget, config: {path: FILES/none.stl}}", "none.stl: the mesh cannot be read"),
         (
             "target={functor: BoxTarget, config: {inertia: [[1, 0, 0], [0, 1, 0], [0, 0, 3]]}}",
@@ -38,11 +38,11 @@ def files(tmp_path: Path) -> Path:
         ),
         ("chaser.inertia=[1 kg m^2, 1 kg m^2, 5 kg m^2]", "inertia: no body has the moments 1, 1 and 5 kg m^2"),
         ("target.config.mating_point=[0.05 m, 0 m, 0 m]", "would overlap the target by 0.302 m there; move the point"),
-        ("target.config.mating_point=[5 m, 0 m, 0 m]", "the point is 5 m from the centre of mass, and no corner"),
+        ("target.config.mating_point=[5 m, 0 m, 0 m]", "the centre of mass, farther than any corner"),
         ("target.config.mating_point=[0 m, 0 m, 0 m]", "the mating point is the target's centre of mass"),
         ("chaser.position=[0 m, 0 m, 0 m]", "chaser.position: the chaser would overlap the target"),
         ("tumble.config.rate=-5 deg/s", "tumble.config.rate: wants a number of 0 or more"),
-        ("tumble.config.direction=[0, 0, 0]", "is no direction and no attitude"),
+        ("tumble.config.direction=[0, 0, 0]", "is neither a direction nor an attitude"),
         (
             "tumble={functor: RandomTumble, config: {least_rate: 5 deg/s, largest_rate: 2 deg/s}}",
             "least_rate (0.08727 rad/s) is more than largest_rate",
@@ -85,16 +85,16 @@ class _Without:
         ("chaser.mass=1e30 kg", "chaser.mass: 0.3 N move 1e+30 kg by"),
         ("chaser.mass=1e-30 kg", "chaser.mass: 0.3 N move 1e-30 kg by"),
         ("chaser.inertia=[1e-300 kg m^2, 1e-300 kg m^2, 1e-300 kg m^2]", "chaser.inertia: 0.025 N m turn it by"),
-        ("tumble.config.rate=1e308 rad/s", "tumble.config.rate: the target turns by inf deg in a step of control"),
-        ("tumble.config.rate=1000 deg/s", "tumble.config.rate: the target turns by 200 deg in a step of control"),
+        ("tumble.config.rate=1e308 rad/s", "tumble.config.rate: the target turns by inf deg in a control step"),
+        ("tumble.config.rate=1000 deg/s", "tumble.config.rate: the target turns by 200 deg in a control step"),
         (
             "mission.tick=1e-9 s",
-            "mission: tick times control_ticks, a step of control, is 2.5e-08 s; it is 0.02 to 1 s",
+            "mission: the control step, tick times control_ticks, is 2.5e-08 s; it must be 0.02 to 1 s",
         ),
-        ("mission.wait_step=1e-9 s", "mission: wait_step: 1e-09 s is no multiple of the step of control"),
+        ("mission.wait_step=1e-9 s", "mission: wait_step: 1e-09 s is not a multiple of the control step"),
         ("mission.wait_limit=1e9 s", "mission: wait_limit (1e+09 s) is more than 1,000 times wait_step (1 s)"),
-        ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s are more than 5,000 steps of control"),
-        ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s are more than 5,000 steps of control"),
+        ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s is more than 5,000 control steps"),
+        ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s is more than 5,000 control steps"),
         ("chaser.limits.cone=200 deg", "chaser.limits.cone: wants a number of 3.14159265358979 or less"),
         ("target={functor: MeshTarget, config: {path: FILES/text}}", "text: the mesh cannot be read (file_type"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.ply}}", "bad.ply: the mesh cannot be read"),
@@ -121,12 +121,14 @@ def test_what_would_hang_or_fail_in_flight_is_refused_before(
 
 def test_calls_from_python_say_what_they_take() -> None:
     experiment = load_rendezvous(SHIPPED)
-    with pytest.raises(TypeError, match=r"a mission is made of a RendezvousConfig, `load_rendezvous\(FILE\)\.config`"):
+    with pytest.raises(
+        TypeError, match=r"a mission needs a RendezvousConfig, such as `load_rendezvous\(FILE\)\.config`"
+    ):
         Mission(experiment)  # type: ignore[arg-type]
     for number in (-1, 1.5):
-        with pytest.raises(ValueError, match="the number of a mission is a whole number of 0 or more"):
+        with pytest.raises(ValueError, match="the number of a mission must be a whole number of 0 or more"):
             Mission(experiment.config, number)  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match=r"overrides are a list of texts; write \['seed=3'\]"):
+    with pytest.raises(ConfigError, match=r"overrides must be a list of strings; write \['seed=3'\]"):
         load_rendezvous(SHIPPED, "seed=3")
-    with pytest.raises(ConfigError, match="a configuration is a mapping of keys to values, not None"):
+    with pytest.raises(ConfigError, match="a configuration must be a mapping of keys to values, not None"):
         build_rendezvous(None)

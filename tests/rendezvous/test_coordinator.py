@@ -83,7 +83,7 @@ def test_a_circle_in_the_table_is_an_error() -> None:
         _row(Phase.CHECKOUT, "a", Phase.OBSERVE),
         _row(Phase.OBSERVE, "a", Phase.CHECKOUT),
     ]
-    with pytest.raises(RuntimeError, match="circle"):
+    with pytest.raises(RuntimeError, match="cycle"):
         Coordinator(table, lambda *step: None).step({"a": 1})
 
 

@@ -242,8 +242,8 @@ _NOT_FINITE = np.full((_STEPS, 4), np.nan)
         (_set("t", np.zeros((2, 2))), "(t has the shape (2, 2), not ('K',))"),
         (_set("t", np.zeros(0)), "(t has the shape (0,), not ('K',))"),
         (_set("clearance", np.zeros(5)), "(clearance has the shape (5,), not (6,))"),
-        (_set("state", np.full(_STEPS, 12)), "(state has a number that is no phase)"),
-        (_set("state", np.full(_STEPS, -1)), "(state has a number that is no phase)"),
+        (_set("state", np.full(_STEPS, 12)), "(state has a number that is not a phase)"),
+        (_set("state", np.full(_STEPS, -1)), "(state has a number that is not a phase)"),
         (_set("q", _NOT_FINITE), "(q is not finite)"), (_set("target_q", _NOT_FINITE), "(target_q is not finite)"),
         (_set("x", np.full((_STEPS, 6), np.inf)), "(x is not finite)"),
         (_with_arrays(lambda arrays: arrays.pop("force"), "plan_1.npz"),
@@ -251,7 +251,7 @@ _NOT_FINITE = np.full((_STEPS, 4), np.nan)
         (lambda folder: (folder / "log.npz").write_bytes(b"none"), "log.npz: the file cannot be read ("),
         (lambda folder: (folder / "log.npz").write_bytes(b""), "log.npz: the file cannot be read (No data"),
         (lambda folder: (folder / "events.jsonl").write_text("{}\n{"), "events.jsonl: the file cannot be read (Exp"),
-        (lambda folder: (folder / "summary.json").write_text("[1]"), "summary.json: the file cannot be read (no map"),
+        (lambda folder: (folder / "summary.json").write_text("[1]"), "summary.json: the file cannot be read (not a m"),
     ],
 )  # fmt: skip
 def test_a_damaged_mission_is_refused_with_its_file(folder: Path, damage: Callable[[Path], None], message: str) -> None:

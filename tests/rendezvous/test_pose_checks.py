@@ -14,5 +14,5 @@ def test_a_quaternion_of_four_digits_is_taken(length: float) -> None:
 
 @pytest.mark.parametrize("length", [0.0, 0.9988, 1.0012, 2.0])
 def test_what_is_no_rotation_is_refused(length: float) -> None:
-    with pytest.raises(ValueError, match=r"orientation is no unit quaternion \[x, y, z, w\]: its length is "):
+    with pytest.raises(ValueError, match=r"orientation is not a unit quaternion \[x, y, z, w\]: its length is "):
         check_unit("orientation", (0.0, 0.6 * length, 0.0, 0.8 * length))

@@ -118,7 +118,7 @@ def test_an_open_mesh_and_a_missing_file_are_refused(tmp_path: Path) -> None:
     mesh = require("trimesh").creation.box()
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     mesh.export(tmp_path / "open.stl")
-    with pytest.raises(ConfigError, match=r"open.stl: the mesh is no closed surface"):
+    with pytest.raises(ConfigError, match=r"open.stl: the mesh is not a closed surface"):
         read_mesh(tmp_path / "open.stl")
     with pytest.raises(ConfigError, match="cannot be read"):
         read_mesh(tmp_path / "none.stl")

@@ -1,1 +1,1 @@
-"""What a mission does next: the coordinator, its table, guards and actions, and the way out."""
+"""The coordinator of a mission with its table, guards and actions, and the escape from the target."""

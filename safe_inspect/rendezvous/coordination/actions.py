@@ -1,4 +1,4 @@
-"""The actions of the coordinator's table: what a mission does when it passes from one state to another."""
+"""The actions of the coordinator's table, which a mission performs at the transitions between its states."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from safe_inspect.rendezvous.planner.certificate import certify
 from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
 
-#: Rounding of references, in metres and metres a second.
+#: Rounding error of references [m, m/s].
 _ROUNDING = 1e-6
-#: Shortest rest of an approach that is planned anew on the way [s].
+#: Shortest duration of a plan for the rest of an approach [s].
 _SHORTEST = 30.0
 
 
@@ -34,7 +34,7 @@ def nothing(context: MissionContext) -> None:
 
 
 def start_observing(context: MissionContext) -> None:
-    """Hold the place where the chaser is, and watch the target."""
+    """Hold the chaser's current position and observe the target."""
     context.hold_point = context.estimate.chaser.position.copy()
     context.plan_failures = context.bound_failures = 0
     context.following, context.on_approach = None, False
@@ -42,32 +42,32 @@ def start_observing(context: MissionContext) -> None:
 
 
 def observe_again(context: MissionContext) -> None:
-    """Watch the target a second time."""
+    """Observe the target a second time."""
     context.has_observed_again = True
     start_observing(context)
 
 
 def return_to_observe(context: MissionContext) -> None:
-    """Watch the target again after a retreat."""
+    """Observe the target again after a retreat."""
     context.has_retreated, context.cause = True, ""
     start_observing(context)
 
 
 def resume_observing(context: MissionContext) -> None:
-    """Watch the target again after a departure."""
+    """Observe the target again after a departure."""
     context.has_resumed, context.cause = True, ""
     start_observing(context)
 
 
 def end_observation_coarse(context: MissionContext) -> None:
-    """Go on without the wanted accuracy, and say so."""
+    """Continue without the required accuracy and report it."""
     context.coarse = True
     errors = context.estimate.errors
     context.report("coarse", {"attitude_sigma": errors.attitude, "rate_sigma": errors.rate})
 
 
 def make_plan(context: MissionContext) -> None:
-    """Plan an approach with waits, from where the chaser is held."""
+    """Plan an approach, with waits, from the position that the chaser holds."""
     mission = context.config.mission
     count = round(mission.wait_limit / mission.wait_step)
     waits = tuple(mission.wait_step * index for index in range(count + 1))
@@ -77,7 +77,7 @@ def make_plan(context: MissionContext) -> None:
 
 
 def make_plan_again(context: MissionContext) -> None:
-    """Plan with what the newest tube asks for; on the way, at once."""
+    """Plan with the requirements of the newest tube; without waits if the chaser has started an approach."""
     if context.on_approach:
         make_plan_now(context)
     else:
@@ -85,13 +85,13 @@ def make_plan_again(context: MissionContext) -> None:
 
 
 def make_plan_now(context: MissionContext) -> None:
-    """Plan an approach that starts at once, with the newest estimate."""
+    """Plan an approach that starts immediately, with the newest estimate."""
     durations = context.config.mission.durations
     _plan(context, (0.0,), durations[:1] if context.plan is None else (context.plan.duration,))
 
 
 def replan_on_the_way(context: MissionContext) -> None:
-    """Plan the rest of the approach anew, from the chaser's own state."""
+    """Plan the rest of the approach again from the chaser's current state."""
     context.replans += 1
     context.on_approach = True
     mission, plan = context.config.mission, context.plan
@@ -149,13 +149,13 @@ def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[fl
 
 
 def make_tube(context: MissionContext) -> None:
-    """Bound the reference's error along the plan, and find its tube; it sets what the next plan must keep."""
+    """Bound the reference's error along the plan, design its tube, and set the requirements on the next plan."""
     plan, config = context.plan, context.config
-    assert plan is not None, "the table asks for a tube of a plan that was found"
+    assert plan is not None, "a tube must only be made for a plan that was found"
     mission, actuator = config.mission, config.chaser.actuator
     bound = reference_bound(context, plan, updated=True)
     in_model = plan.position_target @ context.target.R_MT.T
-    # The tide of what is off the reference; the tube is far narrower than the scenario.
+    # The tide at a distance of the scenario's length from the reference; the tube must be narrower than that.
     tide = config.chaser.mass * largest_tide(mission.mean_motion, mission.length)
     request = DesignRequest(
         plan=plan,
@@ -171,7 +171,7 @@ def make_tube(context: MissionContext) -> None:
     if design.accepted and not is_certified(context, plan, design):
         design = replace(design, refusal="the plan does not keep the tube's clearance")
     if design.accepted and mission.mean_motion and np.sqrt(3.0) * design.tube.position.max() > 0.9 * mission.length:
-        design = replace(design, refusal="tube: it is as wide as the scenario, and the tide in it is not bounded")
+        design = replace(design, refusal="tube: it is as wide as the scenario, so that the tide in it is not bounded")
     context.design = design
     context.bound_failures = 0 if design.accepted else context.bound_failures + 1
     context.demands = context.demands.after(design)
@@ -189,7 +189,7 @@ def make_tube(context: MissionContext) -> None:
 
 
 def reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bound:
-    """Return the bound of the error of a plan's reference, with updates on the way or without."""
+    """Return the bound of the error of a plan's reference, with or without updates during the approach."""
     estimate, config = context.estimate, context.config
     updates = Updates(config.mission.update_period, 0.0, estimate.correlation) if updated else None
     query = BoundQuery(plan, estimate.inertia, estimate.errors, updates, config.chaser.mass)
@@ -198,10 +198,10 @@ def reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bo
 
 
 def start_approach(context: MissionContext) -> None:
-    """Follow the plan."""
+    """Start to follow the plan."""
     plan, design = context.plan, context.design
-    assert plan is not None, "the table starts no approach without a plan"
-    assert design is not None, "nor without its tube"
+    assert plan is not None, "an approach must only start with a plan"
+    assert design is not None, "an approach must only start with a tube"
     context.on_approach = True
     context.infeasible = 0
     context.nominal = np.zeros((3, 2))
@@ -213,26 +213,26 @@ def start_approach(context: MissionContext) -> None:
 
 
 def new_reference(context: MissionContext) -> TrackedReference:
-    """Return the reference of the plan with the newest estimate."""
+    """Return the reference of the plan, computed with the newest estimate."""
     mission, plan = context.config.mission, context.plan
-    assert plan is not None, "the table follows no reference without a plan"
+    assert plan is not None, "a reference must only be followed with a plan"
     tail = round(mission.hold_limit / mission.step) + 1
     return reference_of(plan, context.estimate, context.target.mating_point, tail, mission.step, mission.mean_motion)
 
 
 def renew_reference(context: MissionContext) -> None:
-    """Follow the newest estimate, and note what is wrong with its reference.
+    """Update the reference with the newest estimate, and check it.
 
-    Beyond the limits it asks for a new plan. Beyond the bound that an estimate keeps without updates it is only logged:
-    the path's clearance is kept in the target's frame, which it does not touch.
+    A reference outside of the limits leads to a new plan. A reference outside of the bound without updates is only
+    logged, because the path keeps its clearance in the target's frame, where an update does not change it.
     """
     following, plan, design, bound = context.following, context.plan, context.design, context.unrenewed
-    assert following is not None, "the reference of an approach"
+    assert following is not None, "the reference can only be updated during an approach"
     following.reference = reference = new_reference(context)
     if context.phase is not Phase.TRACK or plan is None or design is None or bound is None:
         return
     k = context.step - following.first_step
-    # The plan has the centre of mass at its origin.
+    # The origin of the plan is the target's centre of mass.
     reference = replace(reference, position=reference.position - context.estimate.target.position)
     rounded = replace(bound, position=bound.position + _ROUNDING, velocity=bound.velocity + _ROUNDING)
     problem = reference_problem(design, plan, rounded, reference, k)
@@ -247,7 +247,7 @@ def renew_reference(context: MissionContext) -> None:
 
 
 def renew_escape(context: MissionContext) -> None:
-    """Look for a way out; without one the last stays, and the log says so."""
+    """Search for an escape; if there is none, keep the last one and log it."""
     mission = context.config.mission
     found = find_escape(context.estimate, context.target, context.limits, mission.escapes, mission.length)
     if found is None:
@@ -257,14 +257,14 @@ def renew_escape(context: MissionContext) -> None:
 
 
 def keep_escape(context: MissionContext) -> None:
-    """Fly a way out to its end, but where there is none, or the target is found to turn into it, look for another."""
+    """Search for another escape only if there is none or the target is found to rotate into the current one."""
     escape, estimate = context.escape, context.estimate
     if escape is None or (estimate.alarm and not remains_clear(escape, estimate, context.target, context.limits)):
         renew_escape(context)
 
 
 def retreat(context: MissionContext) -> None:
-    """Leave for a place outside of what the target sweeps."""
+    """Retreat to a position outside of the sphere that the target sweeps."""
     late = f"out of time in {context.phase.value}" if out_of_time(context) else ""
     context.cause = fault_name(context) or late or f"retreat from {context.phase.value}"
     renew_escape(context)
@@ -278,15 +278,15 @@ def finish(context: MissionContext) -> None:
 
 
 def give_up(context: MissionContext) -> None:
-    """Leave the target for good."""
+    """Leave the target and give up the mission."""
     context.cause = f"given up in {context.phase.value}"
     depart(context)
 
 
 def depart(context: MissionContext) -> None:
-    """Push off once, to a small velocity away from the target, and coast.
+    """Depart from the target: one push to a small velocity away from it, then coasting.
 
-    What the push must change is known from the last pose and the commands since then. No sensor steers it.
+    The push is computed from the velocity at the last pose and the commands since then. No sensor controls it.
     """
     mission, motion = context.config.mission, context.motion
     away = motion.position - context.estimate.target.position
@@ -298,8 +298,8 @@ def depart(context: MissionContext) -> None:
 
 
 def is_certified(context: MissionContext, plan: Plan, design: TubeDesign) -> bool:
-    """Return whether a plan keeps the clearance of its tube, between its samples too."""
-    assert context.query is not None, "a plan that was found has a query"
-    assert plan.path is not None, "and a path, or it was refused"
+    """Return whether a plan keeps the clearance of its tube at all times, including those between its samples."""
+    assert context.query is not None, "a plan that was found must have a query"
+    assert plan.path is not None, "a plan that was found must have a path"
     query = replace(context.query, margin=design.margin_at)
     return certify(query, plan.path, plan.t_start - query.t0).certified

@@ -1,4 +1,4 @@
-"""The memory of one mission: where things are, what is planned and followed, and what has happened."""
+"""The pilot's memory of one mission: estimates, plan and reference, and what has happened."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from safe_inspect.types import FloatArray
 
 
 class PilotConfig(NamedTuple):
-    """What a pilot flies by: all of an experiment but the world.
+    """The configuration of a pilot: the experiment without the simulated world.
 
     Attributes:
         chaser: The chaser.
-        mission: Rates, guards and time limits, with the faults of the flight computer alone.
+        mission: Rates, guards and time limits, with only the faults of the flight computer.
         planner: Plans the approach.
         bound: Bounds the error of the reference.
         tracker: Follows the reference.
@@ -48,7 +48,7 @@ class PilotConfig(NamedTuple):
 
     @classmethod
     def of(cls, config: RendezvousConfig) -> PilotConfig:
-        """Return that of an experiment."""
+        """Return the pilot's configuration from an experiment."""
         own = tuple(fault for fault in config.mission.faults if fault.kind in ("planner", "solver"))
         mission = config.mission.model_copy(update={"faults": own})
         return cls(config.chaser, mission, config.planner, config.bound, config.tracker)
@@ -56,12 +56,12 @@ class PilotConfig(NamedTuple):
 
 @dataclass(eq=False)
 class Following:
-    """A reference that is followed.
+    """A reference and its tracker.
 
     Attributes:
-        reference: Positions and velocities at the steps of control.
-        first_step: The mission's step of control at which the reference starts.
-        tracker: What follows it.
+        reference: Positions and velocities at the control steps.
+        first_step: Number of the control step at which the reference starts.
+        tracker: The tracker that follows the reference.
     """
 
     reference: TrackedReference
@@ -71,52 +71,52 @@ class Following:
 
 @dataclass(eq=False)
 class MissionContext:
-    """The memory of one mission.
+    """The pilot's memory of one mission.
 
     Attributes:
-        config: What the pilot flies by.
+        config: Configuration of the pilot.
         target: The target.
         limits: The chaser's limits.
-        axis: The chaser along one axis.
-        tracking_limits: What tracking must keep.
+        axis: Model of the chaser along one axis.
+        tracking_limits: Limits of tracking.
         streams: The random streams of the mission.
-        hold: Follows a reference without a tube, for all that is no approach.
-        report: Called with an event's name and its data.
-        readings: What the sensors have given.
+        hold: Tracker without a tube, for everything except an approach.
+        report: Called with the name and the data of each event.
+        readings: The newest readings of the sensors.
         estimate: The newest estimate.
-        step: Number of the step of control.
-        time: The time [s].
+        step: Number of the control step.
+        time: The current time [s].
         phase: The coordinator's state.
-        since: When the state was entered [s].
-        hold_point: Where the chaser waits, in W [m], shape (3,).
+        since: Time at which the state was entered [s].
+        hold_point: Position that the chaser holds while it waits, in W [m], shape (3,).
         plan: The newest plan.
-        query: What it was made for.
-        planned_at: When it was made [s].
-        design: The tube of the plan, and what is left of force.
-        unrenewed: Bound of the error of the plan's reference without updates on the way.
-        reference_problem: Which limit the newest reference breaks; empty for none.
-        has_left_bound: Whether a reference of this approach was beyond that bound.
-        demands: What the next plan must keep.
-        following: The reference of the approach.
-        escape: The newest way out.
-        plan_failures: Plans in a row that failed.
-        bound_failures: Tubes in a row that failed.
-        replans: How often the approach was planned anew on the way.
-        infeasible: Steps in a row without a solution of the tracker.
+        query: The query of the newest plan.
+        planned_at: Time at which the newest plan was made [s].
+        design: The tube of the plan, with its reserves.
+        unrenewed: Bound of the error of the plan's reference without updates during the approach.
+        reference_problem: Which limit the newest reference violates; empty for none.
+        has_left_bound: Whether a reference of this approach was outside of that bound.
+        demands: The requirements on the next plan.
+        following: The reference of the approach and its tracker.
+        escape: The newest escape.
+        plan_failures: Number of consecutive failures to plan.
+        bound_failures: Number of consecutive refusals of a tube.
+        replans: Number of plans made during the approach.
+        infeasible: Number of consecutive control steps without a solution of the tracker.
         nominal: Nominal error of the last step, position [m] and velocity [m/s], shape (3, 2).
-        on_approach: Whether the chaser is on its way, so that it cannot wait for another plan.
-        has_observed_again: Whether the target was watched a second time.
-        has_retreated: Whether the chaser has come back from a retreat.
-        has_resumed: Whether it has come back from a departure.
-        awaits_poses: Whether it did not see the target when it departed.
-        coarse: Whether watching ended without the wanted accuracy.
-        settled_since: Since when the chaser is at the mating point [s]; None while it is not.
-        camera_time: When the camera last worked [s].
-        imu_time: When the inertial unit last worked [s].
-        motion: The chaser's motion since the last pose, by what was commanded.
-        poses: Number of poses since they were missing for longer than is tolerated.
-        push: What is left of the change of velocity of a departure [m/s], shape (3,).
-        pointing_error: Angle between the commanded and the true attitude [rad].
+        on_approach: Whether the chaser has started an approach, so that it cannot wait for another plan.
+        has_observed_again: Whether the target was observed a second time.
+        has_retreated: Whether the chaser has returned from a retreat.
+        has_resumed: Whether the chaser has returned from a departure.
+        awaits_poses: Whether the chaser did not see the target when it departed.
+        coarse: Whether the observation ended without the required accuracy.
+        settled_since: Time since which the chaser is at the mating point [s]; None while it is not.
+        camera_time: Time at which the camera last worked [s].
+        imu_time: Time at which the inertial unit last worked [s].
+        motion: The chaser's motion since the last pose, computed from the commands.
+        poses: Number of poses since they were last missing for longer than is tolerated.
+        push: Remaining change of velocity of a departure [m/s], shape (3,).
+        pointing_error: Angle between the commanded and the estimated attitude [rad].
         cause: Why the mission ended.
     """
 
@@ -171,15 +171,16 @@ class MissionContext:
         return self.time - self.since
 
     def fails(self, kind: str) -> bool:
-        """Return whether a part of the flight computer is failing now: ``planner`` or ``solver``."""
+        """Return whether a part of the flight computer fails now: ``planner`` or ``solver``."""
         return self.config.mission.fails(kind, self.time)
 
     def aim(self) -> FloatArray:
-        """Return where the camera looks, in W [m], shape (3,).
+        """Return the point at which the camera looks, in W [m], shape (3,).
 
-        It is the centre of mass from afar, and the corner nearest to the mating point from there; between twice that
-        distance from the centre and the mating point it moves from one to the other. Near the target one face may fill
-        the image, which does not show where the chaser is along it; a corner does.
+        Far from the target it is the centre of mass. At the mating point's distance from the centre it is the corner
+        nearest to the mating point. Between twice that distance and that distance it moves linearly from one to the
+        other. Near the target one face may fill the image, which does not show the chaser's position along the face; a
+        corner does.
         """
         target, chaser = self.estimate.target, self.estimate.chaser
         distance = np.linalg.norm(chaser.position - target.position) / np.linalg.norm(self.target.mating_point)
@@ -192,25 +193,25 @@ class MissionContext:
 
 
 def clearance(target: Target, position: FloatArray, body: Any, radius: float) -> float:
-    """Return the distance of the chaser's sphere to the target's boxes [m].
+    """Return the distance of the chaser's sphere from the target's boxes [m].
 
     Args:
         target: The target.
-        position: Of the chaser in W [m], shape (3,).
-        body: The target's state.
-        radius: Of the chaser's sphere [m].
+        position: Position of the chaser in W [m], shape (3,).
+        body: State of the target.
+        radius: Radius of the chaser's sphere [m].
     """
     return float(clearances(target, (position - body.position)[None], body.orientation[None], radius)[0])
 
 
 def clearances(target: Target, positions: FloatArray, orientations: FloatArray, radius: float) -> FloatArray:
-    """Return the distances of the chaser's sphere to the target's boxes [m], shape (K,).
+    """Return the distances of the chaser's sphere from the target's boxes [m], shape (K,).
 
     Args:
         target: The target.
-        positions: Of the chaser relative to the target's centre of mass, in W [m], shape (K, 3).
+        positions: Positions of the chaser relative to the target's centre of mass in W [m], shape (K, 3).
         orientations: Attitudes q_WT of the target, shape (K, 4).
-        radius: Of the chaser's sphere [m].
+        radius: Radius of the chaser's sphere [m].
     """
     in_target = rotate(conjugate(orientations), positions)
     return target.boxes.distance(in_target @ target.R_MT.T) - radius

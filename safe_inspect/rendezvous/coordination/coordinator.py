@@ -1,4 +1,4 @@
-"""The coordinator: a table of (state, guard) -> (action, state)."""
+"""The coordinator: a state machine given by a table of (state, guard) -> (action, state)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ C = TypeVar("C")
 
 
 class Phase(enum.Enum):
-    """What a mission does."""
+    """The state of a mission."""
 
     CHECKOUT = "CHECKOUT"
     OBSERVE = "OBSERVE"
@@ -29,19 +29,19 @@ class Phase(enum.Enum):
 
 #: States that a mission does not leave.
 FINAL = frozenset({Phase.DONE, Phase.ABORTED})
-#: Most transitions at one time: more would be a circle in the table.
+#: Largest number of transitions in a step; more mean that the table has a cycle.
 _MOST_TRANSITIONS = 50
 
 
 @dataclass(frozen=True)
 class TableRow(Generic[C]):
-    """One row of the table.
+    """A row of the table: a transition.
 
     Attributes:
-        state: The state that it leaves, or stays in.
-        guard: Whether it applies.
-        action: What is done then.
-        next: The state after it.
+        state: The state before the transition.
+        guard: Function that returns whether the transition applies.
+        action: Function that is called if the transition is taken.
+        next: The state after the transition, which may be the same one.
     """
 
     state: Phase
@@ -51,12 +51,12 @@ class TableRow(Generic[C]):
 
 
 class Coordinator(Generic[C]):
-    """Goes through a table; of a state's rows the first whose guard holds is taken.
+    """A state machine that takes, of the rows of its state, the first one whose guard holds.
 
-    A row that stays in its state ends the step, so that an action may be tried again at the next.
+    A row that does not change the state ends the step, so that its action may be tried again at the next step.
 
     Args:
-        table: The rows.
+        table: The rows of the table.
         report: Called with the state before, the row's guard and the state after.
     """
 
@@ -71,7 +71,7 @@ class Coordinator(Generic[C]):
         return self.state in FINAL
 
     def step(self, context: C) -> None:
-        """Take transitions until no guard holds, or a row stays in its state."""
+        """Take transitions until no guard holds or a row does not change the state."""
         for _ in range(_MOST_TRANSITIONS):
             row = next((row for row in self._rows[self.state] if row.guard(context)), None)
             if row is None:
@@ -81,4 +81,4 @@ class Coordinator(Generic[C]):
             self._report(before, row.guard.__name__, row.next)
             if row.next is before:
                 return
-        raise RuntimeError(f"the coordinator's table goes in a circle at state {self.state.value}")
+        raise RuntimeError(f"the coordinator's table has a cycle at state {self.state.value}")

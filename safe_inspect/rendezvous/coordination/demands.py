@@ -1,4 +1,4 @@
-"""What the tube of a plan that was refused asks of the next plan."""
+"""The requirements on the next plan, so that its tube is not refused like that of the last plan."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from safe_inspect.rendezvous.control.design import TubeDesign
 from safe_inspect.rendezvous.planner.query import ALLOWANCE, Limits
 from safe_inspect.types import FloatArray
 
-# Lengths are shares of the scenario's, which is 1 m in a room.
+# Lengths are fractions of the scenario's length, which is 1 m by default.
 #: Clearance that a plan keeps beyond the chaser's radius before a tube is known.
 FIRST_MARGIN = 0.08
-#: What a plan is asked for less than the margin of its tube: the certificate's allowance, less a little for what
-#: lies between the plan's samples.
+#: Difference between the margin of a tube and the margin required from the plan: a part of the certificate's allowance.
+#: The rest of the allowance is for the times between the plan's samples.
 _PLANNED_ALLOWANCE = 0.6 * ALLOWANCE
-#: What the plans after a refusal are asked for more, and at most: the bound, and with it the tube, differs from
-#: plan to plan by a few millimetres.
+#: Increase of the required margin after each refusal, and its largest value: the bound, and with it the tube, differs
+#: from plan to plan by a few millimetres.
 _GROWTH = 0.003
 _MOST_GROWTH = 0.015
-#: What is left beyond a tube that has exceeded a limit, of the keep-in box, and of the force as a share of its limit.
+#: Reserve after a tube has exceeded a limit: of the keep-in box, and of the force as a fraction of its limit.
 _SPARE_LENGTH = 0.002
 _SPARE_FORCE = 0.005 / 0.30
-#: How far a chaser that is held may drift from where a plan starts.
+#: Distance by which a chaser that holds its position may drift from the start of a plan.
 _DRIFT = 0.02
-#: Least share of a limit that is left to a plan.
+#: Smallest fraction of a limit that a plan may use.
 _LEAST_SHARE = 0.3
 
 
@@ -37,13 +37,14 @@ def first_margin(times: FloatArray, length: float = 1.0) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class PlanDemands:
-    """What a plan must keep so that its tube fits.
+    """The requirements on a plan, so that its tube is accepted.
 
     Attributes:
-        margin: Clearance to keep beyond the chaser's radius [m], of times since a plan's start [s].
-        gain: Feedback gain of the tube that the margin belongs to, shape (2,) or (K, 2); None before a tube is known,
-            and where the best is to be chosen anew.
-        growth: What the margin is more than that of the last tube [m]; grows where a tube of a known gain is refused.
+        margin: Function from times since a plan's start [s] to the clearance required beyond the chaser's radius [m].
+        gain: Feedback gain of the tube to which the margin belongs, shape (2,) or (K, 2); None before a tube is known,
+            or if the gain must be chosen again.
+        growth: Difference between the margin and that of the last tube [m]; it grows after each refusal of a tube with
+            a known gain.
         keep_in: Half sizes of the box in which the tube of a plan stays within the keep-in box [m], shape (3,).
         speed: Largest speed of a plan whose tube stays within the speed limit [m/s].
         force: Largest force of a plan that leaves the tube its feedback [N].
@@ -60,11 +61,11 @@ class PlanDemands:
 
     @classmethod
     def first(cls, length: float) -> PlanDemands:
-        """Return the demands before a tube is known, in a scenario of a length [m]."""
+        """Return the requirements before a tube is known, in a scenario of a given length [m]."""
         return cls(margin=lambda times: first_margin(times, length), length=length)
 
     def limits(self, limits: Limits, position: FloatArray) -> Limits:
-        """Return the limits for a plan; the box always holds the position that it starts from [m], shape (3,)."""
+        """Return the limits for a plan; the box always contains the position [m], shape (3,), from which it starts."""
         box = limits.keep_in
         if box is not None:
             box = np.asarray(box)
@@ -77,15 +78,15 @@ class PlanDemands:
         )
 
     def later(self, elapsed: float) -> PlanDemands:
-        """Return the demands on the rest of a plan after a time [s]; its gain is chosen anew."""
+        """Return the requirements on the rest of a plan after a time [s]; its gain is chosen again."""
         margin = self.margin
         return replace(self, margin=lambda times: margin(np.asarray(times) + elapsed), gain=None)
 
     def after(self, design: TubeDesign) -> PlanDemands:
-        """Return the demands on the next plan.
+        """Return the requirements on the next plan.
 
-        The gain is kept, so that the next tube has the margin that the next plan is made for; it differs only as far as
-        the bound of the reference does.
+        The gain stays the same, so that the margin of the next tube differs from the one in these requirements only as
+        far as the bound of the reference does.
 
         Args:
             design: The tube of the last plan.

@@ -1,4 +1,4 @@
-"""A departure: one push away from the target, then free flight, which needs neither poses nor accelerometers."""
+"""A departure: one push away from the target, then free flight without the need for poses and accelerometers."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from safe_inspect.dynamics.tide import to_hill
 from safe_inspect.rendezvous.estimate import StateEstimate
 from safe_inspect.types import FloatArray
 
-#: Least cosine between the direction to leave in and the direction away from the target.
+#: Smallest cosine between the direction of a departure and the direction away from the target.
 _LEAST_OPENING = 0.5
-#: Directions to the middles of the faces and edges of a cube, and to its corners.
+#: Directions to the centres of the faces and edges of a cube, and to its corners.
 _DIRECTIONS = np.array([d / np.linalg.norm(d) for d in np.array([*np.ndindex(3, 3, 3)]) - 1.0 if d.any()])
-#: Number of times at which free flight is looked at.
+#: Number of times at which free flight is evaluated.
 _SAMPLES = 200
-#: Decrease of the range that is rounding, as a share of it.
+#: Decrease of the range that counts as a rounding error, as a fraction of the range.
 _ROUNDING = 1e-9
 
 
 @dataclass(eq=False)
 class CommandedMotion:
-    """The chaser's motion since the last pose, by the forces that were commanded.
+    """The chaser's motion since the last pose, computed from the commanded forces.
 
-    An accelerometer with a bias b is wrong by ``b t`` after a time t, also where nothing moves. Commands are wrong by a
-    share of the forces that were asked for, and not at all while the thrusters are off.
+    The velocity from an accelerometer with a bias b is wrong by ``b t`` after a time t, even at rest. The velocity from
+    the commands is wrong by a fraction of the commanded change, and exact while the thrusters are off.
 
     Attributes:
-        position: In W [m], shape (3,).
-        velocity: In W [m/s], shape (3,).
+        position: Position in W [m], shape (3,).
+        velocity: Velocity in W [m/s], shape (3,).
     """
 
     position: FloatArray
@@ -38,7 +38,7 @@ class CommandedMotion:
 
     @classmethod
     def of(cls, estimate: StateEstimate) -> CommandedMotion:
-        """Start from an estimate to which a pose has just contributed."""
+        """Return the motion that starts from an estimate to which a pose has just contributed."""
         return cls(estimate.chaser.position.copy(), estimate.chaser.velocity.copy())
 
     def advance(self, acceleration: FloatArray, duration: float) -> None:
@@ -57,16 +57,16 @@ def departure_velocity(
     """Return a velocity at which free flight leaves the target [m/s], shape (3,).
 
     The candidates are the direction away from the target, and the axes and diagonals of W within 60 degrees of it. In
-    free space the range grows along all of them. On an orbit those are kept along which it falls least below its
-    present value during one revolution. Of these the one that stays in the keep-in box for longest within the duration
-    is taken, and of several such the one that leads away most directly.
+    free space the range grows along all of them. On an orbit only those candidates remain along which the range falls
+    least below its present value during one revolution. Of these the function returns the one that stays longest in the
+    keep-in box within the duration; if there are several, the one that leads away most directly.
 
     Args:
-        position: Of the chaser relative to the target, in W [m], shape (3,).
-        speed: The speed [m/s].
-        duration: For how long the chaser should stay in the keep-in box [s].
+        position: Position of the chaser relative to the target in W [m], shape (3,).
+        speed: Speed of the departure [m/s].
+        duration: Time for which the chaser should stay in the keep-in box [s].
         keep_in: Half sizes of the box about the target [m], shape (3,); None for no box.
-        orbit: Mean motion of the target's orbit [rad/s], 0 for free space, and the time now [s].
+        orbit: Mean motion of the target's orbit [rad/s], 0 for free space, and the current time [s].
     """
     mean_motion, time = orbit
     distance = float(np.linalg.norm(position))

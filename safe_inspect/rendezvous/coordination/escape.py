@@ -1,4 +1,4 @@
-"""A way out: a path from any state to rest outside the sphere that the target sweeps."""
+"""An escape: a path from any state to rest outside of the sphere that the target sweeps."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from safe_inspect.rendezvous.planner.query import Limits
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import BoolArray, FloatArray
 
-# Lengths are shares of the scenario's, which is 1 m in a room.
-#: Distance beyond the swept sphere and the chaser's radius at which an escape ends.
+# Lengths are fractions of the scenario's length, which is 1 m by default.
+#: Distance from the end of an escape to the swept sphere, beyond the chaser's radius.
 STANDOFF = 0.3
-#: How far within the keep-in box an escape ends, so that an approach and its tube may start there.
+#: Distance from the end of an escape to the sides of the keep-in box, so that an approach and its tube can start there.
 _INSET = 0.25
 #: Clearance that an escape keeps beyond the chaser's radius.
 ESCAPE_CLEARANCE = 0.02
-#: Share of the force that an escape may use; the rest is left to feedback.
+#: Fraction of the force that an escape may use; the rest is for feedback.
 _FORCE_SHARE = 0.8
-#: Times at which a path is checked; between them the Lipschitz constant of the distance counts.
+#: Number of times at which a path is checked; between them the Lipschitz constant of the distance gives a bound.
 _SAMPLES = 161
-#: The faces and the diagonals of a cube.
+#: Directions to the faces and corners of a cube.
 _DIRECTIONS = np.array(
     [[*axis] for axis in (*np.eye(3), *-np.eye(3))] + [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
     dtype=np.float64,
@@ -37,8 +37,8 @@ class Escape:
 
     Attributes:
         times: Times of the samples [s], shape (K,).
-        position: Relative to the target's centre of mass, in W [m], shape (K, 3).
-        velocity: In W [m/s], shape (K, 3).
+        position: Position relative to the target's centre of mass in W [m], shape (K, 3).
+        velocity: Velocity in W [m/s], shape (K, 3).
     """
 
     times: FloatArray
@@ -46,8 +46,8 @@ class Escape:
     velocity: FloatArray
 
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return position [m] and velocity [m/s] at times [s], each of shape (K, 3); at rest after the end."""
-        from scipy.interpolate import CubicHermiteSpline  # slow to import
+        """Return position [m] and velocity [m/s] at times [s], shape (K, 3) each; those of the end after it."""
+        from scipy.interpolate import CubicHermiteSpline  # This import is slow.
 
         inside = np.clip(times, self.times[0], self.times[-1])
         path = CubicHermiteSpline(self.times, self.position, self.velocity)
@@ -55,27 +55,29 @@ class Escape:
 
 
 def safe_radius(target: Target, limits: Limits, length: float = 1.0) -> float:
-    """Return the distance from the target's centre at which an escape ends [m], in a scenario of a length [m]."""
+    """Return the distance from the target's centre at which an escape ends [m], in a scenario of a given length [m]."""
     return target.swept_radius + limits.radius + STANDOFF * length
 
 
 def find_escape(
     estimate: StateEstimate, target: Target, limits: Limits, durations: Sequence[float], length: float = 1.0
 ) -> Escape | None:
-    """Return the shortest escape that is certified, of those outwards and along the faces and diagonals of T.
+    """Return the shortest certified escape, outwards or along the axes and diagonals of T; None without one.
 
-    An escape is ``p = R_WT(tau) s``: s a polynomial of degree five from the chaser's state to a goal at rest. With
-    tau = 0 it is one in W; otherwise tau' goes from 1 to 0, and the path first turns with the target.
+    An escape is ``p = R_WT(tau) s``, where s is a polynomial of degree five from the chaser's state to a goal at rest.
+    With tau = 0 the polynomial is in W. Otherwise tau' decreases from 1 to 0, and the path first rotates with the
+    target.
 
-    Certified is a path that stays clear of the target's boxes, as they are predicted to turn, between its samples too:
-    the distance changes at most by ``(|v| + |w| |p|) dt``. It keeps the limits of force and the keep-in box,
-    from outside of which it leads back; the limit of speed is that of plans and does not count.
+    A certified path keeps its clearance from the target's boxes, with the predicted rotation of the target, also
+    between its samples, because the distance changes at most by ``(|v| + |w| |p|) dt``. It satisfies the limits of
+    force and the keep-in box; from outside of the box it leads back into it. The speed limit is that of plans and does
+    not apply.
 
     Args:
-        estimate: Where all things are.
-        target: The target's shape.
+        estimate: The estimate of chaser and target.
+        target: The target.
         limits: The chaser's limits.
-        durations: Durations that are tried, the shortest first [s].
+        durations: Durations to try, the shortest first [s].
         length: Length of the scenario [m].
     """
     position = estimate.chaser.position - estimate.target.position
@@ -98,12 +100,12 @@ def find_escape(
 
 
 def remains_clear(escape: Escape, estimate: StateEstimate, target: Target, limits: Limits) -> bool:
-    """Return whether the rest of an escape is clear of the target as it is predicted to turn now.
+    """Return whether the rest of an escape is clear of the target with its newest predicted rotation.
 
     Args:
-        escape: The escape, which is being flown.
-        estimate: Where all things are.
-        target: The target's shape.
+        escape: The escape that the chaser follows.
+        estimate: The newest estimate of chaser and target.
+        target: The target.
         limits: The chaser's limits.
     """
     later = escape.times >= estimate.time
@@ -116,7 +118,7 @@ def remains_clear(escape: Escape, estimate: StateEstimate, target: Target, limit
 
 
 def _goals(directions: FloatArray, radius: float, keep_in: FloatArray | None, length: float) -> FloatArray:
-    """Return the points at a radius along directions, where possible moved within the keep-in box less an inset."""
+    """Return the points at a radius along directions, moved into the keep-in box less an inset where possible."""
     goals = radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     if keep_in is None:
         return np.asarray(goals)
@@ -131,13 +133,13 @@ def _goals(directions: FloatArray, radius: float, keep_in: FloatArray | None, le
 
 
 def _paths(estimate: StateEstimate, goals: FloatArray, duration: float, turning: bool) -> tuple[FloatArray, FloatArray]:
-    """Return positions [m] and velocities [m/s] in W of the paths to some goals, shape (G, K, 3) each."""
+    """Return positions [m] and velocities [m/s] in W of the paths to each goal, shape (G, K, 3) each."""
     share = np.linspace(0.0, 1.0, _SAMPLES)
     start = estimate.chaser.position - estimate.target.position
     velocity = estimate.chaser.velocity
     if not turning:
         return _polynomials(start, velocity, goals, duration, share)
-    # tau' = 1 - 3 s^2 + 2 s^3 goes from 1 to 0 with the share s of the time.
+    # tau' = 1 - 3 s^2 + 2 s^3 decreases from 1 to 0 with the fraction s of the duration.
     tau = duration * (share - share**3 + 0.5 * share**4)
     slope = 1.0 - 3.0 * share**2 + 2.0 * share**3
     q, w = estimate.predict(estimate.time + tau)
@@ -150,7 +152,7 @@ def _paths(estimate: StateEstimate, goals: FloatArray, duration: float, turning:
 def _polynomials(
     position: FloatArray, velocity: FloatArray, goals: FloatArray, duration: float, share: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return positions and velocities from a state without acceleration to rest at goals, shape (G, K, 3) each."""
+    """Return positions and velocities from a state with zero acceleration to rest at goals, shape (G, K, 3) each."""
     first = velocity * duration
     rest = goals - position - first
     zero = np.zeros_like(rest)
@@ -170,12 +172,12 @@ def _polynomials(
 
 
 def _within_limits(position: FloatArray, velocity: FloatArray, duration: float, limits: Limits) -> BoolArray:
-    """Return which paths keep the limit of force and the keep-in box, shape (G,)."""
+    """Return a mask of the paths that satisfy the limit of force and the keep-in box, shape (G,)."""
     acceleration = np.diff(velocity, axis=1) / (duration / (_SAMPLES - 1))
     fits: BoolArray = limits.mass * np.abs(acceleration).max(axis=(1, 2)) <= _FORCE_SHARE * limits.force
     if limits.keep_in is not None:
         keep_in = np.asarray(limits.keep_in) + 1e-9
-        allowed = np.where(np.abs(position[:, :1]) > keep_in, np.inf, keep_in)  # from outside it must brake first
+        allowed = np.where(np.abs(position[:, :1]) > keep_in, np.inf, keep_in)  # From outside it must brake first.
         fits &= (np.abs(position) <= allowed).all(axis=(1, 2))
     return fits
 
@@ -188,16 +190,17 @@ def _lowest_distances(
     duration: float,
     limits: Limits,
 ) -> FloatArray:
-    """Return lower bounds of the distances of paths to the boxes [m], shape (G,).
+    """Return lower bounds of the distances between paths and boxes [m], shape (G,).
 
-    Samples h apart with distances a and b bound what is between them by ``(a + b - L h) / 2``.
+    Between two samples with a time difference h and the distances a and b, the distance is at least
+    ``(a + b - L h) / 2``.
 
     Args:
-        target: The target's shape.
-        turning: Its attitudes, shape (K, 4), and rates [rad/s], shape (K, 3), at the samples.
-        position: Of the paths in W [m], shape (G, K, 3).
-        velocity: Of the paths in W [m/s], shape (G, K, 3).
-        duration: Of the paths [s].
+        target: The target.
+        turning: Attitudes of the target, shape (K, 4), and its rates [rad/s], shape (K, 3), at the samples.
+        position: Positions of the paths in W [m], shape (G, K, 3).
+        velocity: Velocities of the paths in W [m/s], shape (G, K, 3).
+        duration: Duration of the paths [s].
         limits: The chaser's limits.
     """
     q, w = turning

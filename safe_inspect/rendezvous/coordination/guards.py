@@ -1,4 +1,4 @@
-"""The guards of the coordinator's table: questions about a mission, without effect."""
+"""The guards of the coordinator's table: conditions on a mission, without side effects."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.coordination.escape import safe_radius
 
-#: Nominal error of the tracker beyond which an approach is planned anew, as a share of the scenario's length: what the
-#: margin of clearance leaves it.
+#: Nominal error of the tracker above which an approach is planned again, as a fraction of the scenario's length; the
+#: margin of clearance allows for it.
 _NOMINAL_ERROR = 0.01
-#: How often an approach may be planned anew on the way.
+#: Largest number of new plans during an approach.
 _MOST_REPLANS = 10
-#: Speed below which the chaser is at rest [m/s].
+#: Speed below which the chaser counts as at rest [m/s].
 _REST = 0.01
-#: Clearance of the sphere that the target sweeps beyond which a chaser without poses departs, as a share of the
+#: Clearance from the sphere that the target sweeps above which a chaser without poses departs, as a fraction of the
 #: scenario's length.
 _CLEAR = 0.1
-#: Poses in a row after which the chaser watches the target again, and the age of the last of them in update periods.
+#: Number of consecutive poses after which the target is observed again, and largest age of the last, in update periods.
 _RESUMED, _NEWEST = 5, 2.0
-#: Change of velocity below which a push is over [m/s].
+#: Remaining change of velocity below which a push is over [m/s].
 _LEAST_PUSH = 1e-9
-#: Rounding of times [s].
+#: Rounding error of times [s].
 _ROUNDING = 1e-9
 
 
 def always(context: MissionContext) -> bool:
-    """Return that it holds."""
+    """Return True."""
     return True
 
 
@@ -37,24 +37,24 @@ def checked_out(context: MissionContext) -> bool:
 
 
 def checkout_too_long(context: MissionContext) -> bool:
-    """Return whether the sensors do not all work in time."""
+    """Return whether the time for all sensors to work is over."""
     return bool(context.elapsed >= context.config.mission.checkout_limit - _ROUNDING)
 
 
 def fault(context: MissionContext) -> bool:
-    """Return whether something fails that makes it unsafe to go on."""
+    """Return whether there is a fault with which it is unsafe to continue."""
     return bool(fault_name(context))
 
 
 def fault_name(context: MissionContext) -> str:
-    """Return what fails: a sensor, the estimate, or the clearance; empty for nothing."""
+    """Return the name of the current fault of a sensor, the estimate or the clearance; empty without a fault."""
     mission = context.config.mission
     if (
         not np.isfinite(context.estimate.translation).all()
         or not np.isfinite(context.estimate.target.orientation).all()
     ):
         return "estimate not finite"
-    is_awaited = context.phase is Phase.CHECKOUT  # it has until `checkout_limit` then
+    is_awaited = context.phase is Phase.CHECKOUT  # The inertial unit may be silent until `checkout_limit`.
     if context.time - context.imu_time > mission.imu_silence + _ROUNDING and not is_awaited:
         return "inertial unit silent"
     if unseen(context):
@@ -77,12 +77,12 @@ def unseen(context: MissionContext) -> bool:
 
 
 def out_of_time(context: MissionContext) -> bool:
-    """Return whether the mission takes too long."""
+    """Return whether the mission has reached its time limit."""
     return bool(context.time >= context.config.mission.time_limit - _ROUNDING)
 
 
 def observed(context: MissionContext) -> bool:
-    """Return whether the target was watched long enough and is known well enough."""
+    """Return whether the target was observed long enough and its estimate is accurate enough."""
     mission, estimate = context.config.mission, context.estimate
     errors = estimate.errors
     accurate = errors.attitude <= mission.attitude_sigma and errors.rate <= mission.rate_sigma
@@ -90,17 +90,17 @@ def observed(context: MissionContext) -> bool:
 
 
 def observed_at_most(context: MissionContext) -> bool:
-    """Return whether the target was watched as long as is allowed."""
+    """Return whether the observation of the target has reached its longest duration."""
     return bool(context.elapsed >= context.config.mission.observe_limit - _ROUNDING)
 
 
 def characterised(context: MissionContext) -> bool:
-    """Return whether the target's axes and its motion are known."""
+    """Return whether the target's axes and motion are known."""
     return bool(np.isfinite(context.estimate.target.angular_velocity).all()) and not context.estimate.problem
 
 
 def may_observe_again(context: MissionContext) -> bool:
-    """Return whether the target was watched only once, from a place where the chaser can stay."""
+    """Return whether the target was observed only once, and the chaser has not started an approach."""
     return not context.has_observed_again and not context.on_approach
 
 
@@ -110,7 +110,7 @@ def plan_found(context: MissionContext) -> bool:
 
 
 def plans_exhausted(context: MissionContext) -> bool:
-    """Return whether no further plan may be tried: after too many, or where the chaser cannot wait for one."""
+    """Return whether no further plan may be tried: after too many failures, or during an approach."""
     return context.plan_failures >= context.config.mission.plan_attempts or context.on_approach
 
 
@@ -120,17 +120,17 @@ def estimate_is_new(context: MissionContext) -> bool:
 
 
 def tube_fits(context: MissionContext) -> bool:
-    """Return whether the plan leaves enough force and clearance to its tube."""
+    """Return whether the plan leaves enough force and clearance for its tube."""
     return context.design is not None and context.design.accepted
 
 
 def may_bound_again(context: MissionContext) -> bool:
-    """Return whether a further plan may be tried with the margin of the newest tube."""
+    """Return whether another plan may be tried with the margin of the newest tube."""
     return context.bound_failures < context.config.mission.bound_attempts
 
 
 def start_is_planned(context: MissionContext) -> bool:
-    """Return whether it is time to start, with a plan that was made now."""
+    """Return whether it is time to start, and the plan was made now."""
     return start_reached(context) and context.planned_at == context.time
 
 
@@ -140,24 +140,24 @@ def start_reached(context: MissionContext) -> bool:
 
 
 def arrived(context: MissionContext) -> bool:
-    """Return whether the plan is over."""
+    """Return whether the plan has ended."""
     plan = context.plan
     return plan is not None and context.time >= plan.t_start + plan.duration - _ROUNDING
 
 
 def off_plan(context: MissionContext) -> bool:
-    """Return whether the tracker, or the error that it started with, asks for a new plan."""
+    """Return whether the tracker, its nominal error or the reference requires a new plan."""
     too_far = float(np.linalg.norm(context.nominal[:, 0])) > _NOMINAL_ERROR * context.config.mission.length
     return context.infeasible >= 2 or too_far or bool(context.reference_problem)
 
 
 def may_replan(context: MissionContext) -> bool:
-    """Return whether the approach asks for a new plan and may have one."""
+    """Return whether the approach requires a new plan and another one is allowed."""
     return off_plan(context) and context.replans < _MOST_REPLANS
 
 
 def settled(context: MissionContext) -> bool:
-    """Return whether the chaser has stayed at the mating point, and the newest frames alone show it there too."""
+    """Return whether the chaser has stayed at the mating point, and each of the newest frames alone confirms it."""
     since, mission = context.settled_since, context.config.mission
     if since is None or context.time - since < mission.hold - _ROUNDING:
         return False
@@ -165,19 +165,19 @@ def settled(context: MissionContext) -> bool:
 
 
 def hold_too_long(context: MissionContext) -> bool:
-    """Return whether the chaser does not settle at the mating point."""
+    """Return whether the time to settle at the mating point is over."""
     return bool(context.elapsed >= context.config.mission.hold_limit - _ROUNDING)
 
 
 def escaped(context: MissionContext) -> bool:
-    """Return whether the chaser is at rest outside of what the target sweeps, in the keep-in box."""
+    """Return whether the chaser is at rest in the keep-in box, outside of the sphere that the target sweeps."""
     length = context.config.mission.length
     is_far = _distance(context) >= safe_radius(context.target, context.limits, length) - 0.02 * length
     return is_far and _is_kept_in(context) and float(np.linalg.norm(context.estimate.chaser.velocity)) <= _REST
 
 
 def unseen_outside(context: MissionContext) -> bool:
-    """Return whether the chaser has no poses, and is outside of what the target sweeps: there it need not steer."""
+    """Return whether the chaser has no poses and is outside of the swept sphere, where it need not manoeuvre."""
     swept = context.target.swept_radius + context.limits.radius + _CLEAR * context.config.mission.length
     return unseen(context) and _distance(context) >= swept
 
@@ -188,23 +188,23 @@ def may_return(context: MissionContext) -> bool:
 
 
 def retreat_too_long(context: MissionContext) -> bool:
-    """Return whether the chaser does not come to rest outside."""
+    """Return whether the time for a retreat is over."""
     return bool(context.elapsed >= context.config.mission.retreat_limit - _ROUNDING)
 
 
 def may_resume(context: MissionContext) -> bool:
-    """Return whether a chaser that waits for poses on its way out sees the target again."""
+    """Return whether a departing chaser that waits for poses sees the target again."""
     return _may_wait(context) and sees_target(context) and _is_kept_in(context)
 
 
 def departed(context: MissionContext) -> bool:
-    """Return whether the chaser is on its way out, and poses may not come back or have not in time."""
+    """Return whether the push of a departure is over and the chaser need not wait longer for poses."""
     is_over = context.elapsed >= context.config.mission.departure_limit - _ROUNDING
     return float(np.linalg.norm(context.push)) < _LEAST_PUSH and (is_over or not _may_wait(context))
 
 
 def sees_target(context: MissionContext) -> bool:
-    """Return whether the sensors work, and frames show the target again and again."""
+    """Return whether the sensors work, and the target was seen recently and in enough consecutive frames."""
     age = context.time - context.estimate.updated
     is_fresh = age <= _NEWEST * context.config.mission.update_period + _ROUNDING
     return bool(not context.readings.silent and is_fresh and context.poses >= _RESUMED)
@@ -220,7 +220,7 @@ def _camera_is_silent(context: MissionContext) -> bool:
 
 
 def _is_kept_in(context: MissionContext) -> bool:
-    """Return whether the chaser is estimated to be in the keep-in box."""
+    """Return whether the chaser's estimated position is in the keep-in box."""
     keep_in = context.limits.keep_in
     return keep_in is None or bool((np.abs(context.estimate.relative[:3]) <= np.asarray(keep_in)).all())
 

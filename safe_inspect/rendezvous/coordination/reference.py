@@ -1,4 +1,4 @@
-"""From a plan and the newest estimate to the reference that is followed."""
+"""The reference that the tracker follows, from a plan and the newest estimate."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from safe_inspect.types import FloatArray
 def reference_of(
     plan: Plan, estimate: StateEstimate, mating_point: FloatArray, tail: int, step: float, mean_motion: float
 ) -> TrackedReference:
-    """Return what to follow: the plan's path in the target's frame, moved as the target is estimated to move.
+    """Return the reference to follow: the plan's path in the target's frame, moved with the estimated target.
 
-    ``r = p_CoM + R p_T`` and ``v = R (v_T + w x p_T)``; after the plan's end the mating point.
+    The reference is ``r = p_CoM + R p_T`` and ``v = R (v_T + w x p_T)``; after the plan's end it is the mating point.
 
     Args:
         plan: The plan.
         estimate: The newest estimate.
-        mating_point: In T [m], shape (3,).
-        tail: Steps for which the mating point is held after the plan.
-        step: The step of control [s].
+        mating_point: The mating point in T [m], shape (3,).
+        tail: Number of control steps for which the mating point is held after the plan.
+        step: The control step [s].
         mean_motion: Mean motion of the target's orbit [rad/s].
     """
     times = np.concatenate([plan.times, plan.times[-1] + step * np.arange(1, tail + 1)])

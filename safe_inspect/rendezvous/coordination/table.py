@@ -1,4 +1,4 @@
-"""The table of a mission: what leads from each state to which other."""
+"""The table of a mission: the transitions from each state."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from safe_inspect.rendezvous.coordination import actions, guards
 from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.coordination.coordinator import Phase, TableRow
 
-#: States in which the chaser may be near the target: a mission that is out of time retreats from them.
+#: States in which the chaser may be near the target, so that a mission that is out of time retreats.
 _NEAR = (Phase.PLAN, Phase.BOUND, Phase.WAIT, Phase.TRACK, Phase.MP_HOLD)
 
-#: States in which a fault leads to a retreat, with the rows that are looked at before their others.
+#: States in which a fault leads to a retreat. The rows of the faults come before the other rows of these states.
 _ACTIVE = (Phase.CHECKOUT, Phase.OBSERVE, Phase.CHARACTERISE, *_NEAR)
 
 TABLE: tuple[TableRow[MissionContext], ...] = (

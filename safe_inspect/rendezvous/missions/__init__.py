@@ -1,1 +1,1 @@
-"""One mission, what it leaves behind, and many of them."""
+"""Missions: running one, its log, its summary and its files."""

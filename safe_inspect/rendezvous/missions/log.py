@@ -1,4 +1,4 @@
-"""What a mission leaves behind: events, arrays of every step, and a summary."""
+"""The log of a mission: events, arrays with a row for each control step, and a summary."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class MissionLog:
 
     Attributes:
         events: What happened, in order: tick, t, state, event and data.
-        rows: The arrays of every step of control, by name.
-        plans: The plans that were flown.
+        rows: The rows of each array, one for each control step, by name.
+        plans: The plans that the chaser has followed.
     """
 
     events: list[dict[str, Any]] = field(default_factory=list)
@@ -34,16 +34,16 @@ class MissionLog:
         self.events.append({"tick": tick, "t": round(time, 6), "state": state, "event": name, "data": data})
 
     def add(self, **values: Any) -> None:
-        """Add one step of control."""
+        """Add the values of one control step, by name."""
         for name, value in values.items():
             self.rows.setdefault(name, []).append(np.array(value))
 
     def arrays(self) -> dict[str, AnyArray]:
-        """Return the arrays, the steps first."""
+        """Return the arrays by name; their first axis is the control steps."""
         return {name: np.stack(rows) for name, rows in self.rows.items()}
 
     def write(self, folder: Path, config: str, summary: dict[str, Any]) -> None:
-        """Write the files of a mission into a folder that exists."""
+        """Write the files of a mission into an existing folder."""
         (folder / CONFIG).write_text(config, encoding="utf-8")
         lines = [json.dumps(json_value(event), allow_nan=False) for event in self.events]
         (folder / EVENTS).write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -64,7 +64,7 @@ class MissionLog:
 
 
 def json_value(value: Any) -> Any:
-    """Return a value as JSON knows it; what is not finite becomes null."""
+    """Return a value that JSON can store; numbers that are not finite become null."""
     if isinstance(value, dict):
         return {key: json_value(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):

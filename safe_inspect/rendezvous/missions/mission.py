@@ -1,4 +1,4 @@
-"""One mission: the loop of truth, sensors and pilot, and its log."""
+"""One mission: the loop of truth, sensors and pilot, and the log that it writes."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from safe_inspect.rendezvous.scenario import check_start, checked_target, missio
 from safe_inspect.rendezvous.sensing import SensorSuite
 from safe_inspect.rendezvous.truth import MissionTruth, TruthStep
 
-#: Called at every change of state with the time [s], the state before, the guard and the state after.
+#: Function called at every change of state with the time [s], the state before, the guard and the state after.
 _Progress = Callable[[float, Phase, str, Phase], None]
 
 
 @dataclass(frozen=True, eq=False)
 class MissionResult:
-    """How a mission ended.
+    """The result of a mission.
 
     Attributes:
         summary: Success, cause of failure, clearance, errors, effort; see `summarise_mission`.
-        log: Everything that happened.
+        log: The log of the mission.
     """
 
     summary: dict[str, Any]
@@ -42,10 +42,10 @@ class MissionResult:
 
 
 class MissionStep(NamedTuple):
-    """What is at the beginning of a step of control.
+    """The readings and the true states at the start of a control step.
 
     Attributes:
-        readings: What the sensors have given.
+        readings: The readings of the sensors.
         chaser: The chaser's true state.
         target: The target's true state, in its principal axes T.
     """
@@ -56,17 +56,17 @@ class MissionStep(NamedTuple):
 
 
 class Mission:
-    """One mission of an experiment.
+    """A mission of an experiment.
 
     Args:
         config: The experiment.
-        number: Number of the mission; it draws its own tumble and noise.
+        number: Number of the mission, from which its tumble and noise are sampled.
         progress: Called at every change of state.
-        watch: Called at every step of control, with the pilot's memory as it is then; it must not change it.
-        reads: What is measured beside what the estimator reads.
+        watch: Called at every control step with the pilot's current memory, which it must not change.
+        reads: Kinds of measurements to simulate in addition to those that the estimator reads.
 
     Attributes:
-        pilot: What flies it.
+        pilot: The pilot that flies the mission.
     """
 
     def __init__(
@@ -79,10 +79,10 @@ class Mission:
     ) -> None:
         if not isinstance(config, RendezvousConfig):
             raise TypeError(
-                f"a mission is made of a RendezvousConfig, `load_rendezvous(FILE).config`, not {config!r:.60}"
+                f"a mission needs a RendezvousConfig, such as `load_rendezvous(FILE).config`, not {config!r:.60}"
             )
         if not isinstance(number, (int, np.integer)) or number < 0:
-            raise ValueError(f"the number of a mission is a whole number of 0 or more, not {number!r}")
+            raise ValueError(f"the number of a mission must be a whole number of 0 or more, not {number!r}")
         self._config, self._progress, self._watch = config, progress, watch
         self._streams = mission_streams(config, number)
         self._log = MissionLog()
@@ -90,7 +90,7 @@ class Mission:
         self._target = target = checked_target(config)
         tumbling = config.tumble(self._streams)
         check_start(config, target, tumbling[0])
-        # At the start the camera looks at the target.
+        # The initial attitude points the camera at the target.
         position = np.array(chaser.position)
         orientation = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
         start = BodyState(position, np.array(chaser.velocity), orientation, np.zeros(3))
@@ -101,9 +101,10 @@ class Mission:
         self.pilot = Pilot(PilotConfig.of(config), target, estimator, self._streams, self._event, self._changed)
 
     def run(self) -> MissionResult:
-        """Fly the mission to its end.
+        """Fly the mission to its end and return the result.
 
-        The linear algebra has one thread meanwhile: its matrices are small, and threads would only wait for each other.
+        The linear algebra runs in one thread, because its matrices are small and several threads would only wait for
+        each other.
         """
         with threadpool_limits(limits=1, user_api="blas"):
             for _ in self.steps():
@@ -112,7 +113,7 @@ class Mission:
         return MissionResult(summary, self._log)
 
     def steps(self) -> Iterator[MissionStep]:
-        """Fly the mission, and yield each step of control before the pilot acts; the last one ends the mission."""
+        """Fly the mission and yield each control step before the pilot acts; it ends the mission at the last one."""
         truth, pilot = self._truth, self.pilot
         readings = self._sensors.read(0.0, truth.chaser, truth.target)
         while True:

@@ -1,4 +1,4 @@
-"""`read_mission`: a mission as its files have it, for replays and pictures."""
+"""`read_mission`: read the files of a mission, for replays and figures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import AnyArray, FloatArray
 
-#: The arrays of a log that every reader may use, with the shape of a step.
+#: The arrays that every log must have, with the shape of one control step.
 _STEP_SHAPES = {
     "t": (), "state": (), "x": (6,), "q": (4,), "w": (3,), "target_q": (4,), "target_w": (3,),
     "estimated_target_q": (4,), "reference": (6,), "z": (3, 2), "v": (3,), "force": (3,), "torque": (3,),
@@ -31,13 +31,13 @@ _DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.er
 
 
 class FlownPlan(NamedTuple):
-    """A plan as the log has it.
+    """A plan that the chaser has followed, as read from its file.
 
     Attributes:
         times: Times of the samples [s], shape (K,).
-        position: In W [m], shape (K, 3).
-        force: In W [N], shape (K, 3).
-        position_target: In T [m], shape (K, 3).
+        position: Position in W [m], shape (K, 3).
+        force: Force in W [N], shape (K, 3).
+        position_target: Position in T [m], shape (K, 3).
     """
 
     times: FloatArray
@@ -47,12 +47,12 @@ class FlownPlan(NamedTuple):
 
 
 class PhaseInterval(NamedTuple):
-    """A time in one phase.
+    """A period of a mission in one phase.
 
     Attributes:
         phase: The phase.
-        start: When it was entered [s].
-        end: When it was left [s].
+        start: Time at which the phase was entered [s].
+        end: Time at which the phase was left [s].
     """
 
     phase: Phase
@@ -62,15 +62,15 @@ class PhaseInterval(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MissionRecord:
-    """A mission that was flown.
+    """A mission that was flown, as read from its files.
 
     Attributes:
         config: The experiment.
         target: The target.
-        arrays: The arrays of every step of control, by name, the steps first.
-        plans: The plans that were flown.
-        events: What happened, in order.
-        summary: How it ended.
+        arrays: The arrays by name; their first axis is the control steps.
+        plans: The plans that the chaser has followed.
+        events: The events, in order.
+        summary: The summary; see `summarise_mission`.
     """
 
     config: RendezvousConfig
@@ -81,7 +81,7 @@ class MissionRecord:
     summary: dict[str, Any]
 
     def phases(self) -> list[PhaseInterval]:
-        """Return the phases in order; those that were left within a step of control are not seen."""
+        """Return the phases in order, without those that were entered and left in the same control step."""
         time, state = self.arrays["t"], self.arrays["state"]
         starts = np.flatnonzero(np.diff(state, prepend=state[0] - 1))
         ends = np.append(time[starts[1:]], time[-1] + self.config.mission.step)
@@ -91,7 +91,7 @@ class MissionRecord:
         ]
 
     def approach(self) -> int:
-        """Return the step at which the first approach starts, or 0 without one."""
+        """Return the control step at which the first approach starts, or 0 if there is none."""
         return int(np.argmax(self.arrays["state"] == list(Phase).index(Phase.TRACK)))
 
     def until(self, time: float) -> MissionRecord:
@@ -117,16 +117,16 @@ class MissionRecord:
 
 
 def read_mission(folder: str | os.PathLike[str]) -> MissionRecord:
-    """Read the folder of a mission.
+    """Read a mission from its folder.
 
     Raises:
         CheckpointError: A file is missing or damaged.
-        ConfigError: The experiment is not valid any more.
+        ConfigError: The experiment is no longer valid.
     """
     path = Path(folder).expanduser()
     for name in (CONFIG, ARRAYS, EVENTS, SUMMARY):
         if not (path / name).is_file():
-            raise CheckpointError(f"{path}: no {name}; give the folder of a mission")
+            raise CheckpointError(f"{path}: there is no {name}; give the folder of a mission")
     config = load_rendezvous((path / CONFIG).resolve()).config
     arrays = _arrays(path / ARRAYS)
     _check_shapes(path / ARRAYS, arrays)
@@ -159,7 +159,7 @@ def _check_shapes(file: Path, arrays: dict[str, AnyArray]) -> None:
         if not steps or arrays[name].shape != (steps, *shape):
             raise _damaged(file, f"{name} has the shape {arrays[name].shape}, not {(steps or 'K', *shape)}")
     if not np.isin(arrays["state"], np.arange(len(Phase))).all():
-        raise _damaged(file, "state has a number that is no phase")
+        raise _damaged(file, "state has a number that is not a phase")
     for name in ("x", "q", "target_q"):
         if not np.isfinite(arrays[name]).all():
             raise _damaged(file, f"{name} is not finite")
@@ -171,7 +171,7 @@ def _json(file: Path, text: str) -> dict[str, Any]:
     except ValueError as error:
         raise _damaged(file, str(error)) from None
     if not isinstance(value, dict):
-        raise _damaged(file, "no mapping of names to values")
+        raise _damaged(file, "not a mapping of names to values")
     return value
 
 

@@ -1,4 +1,4 @@
-"""What a mission's log says of it: success, clearance, errors at the mating point, effort."""
+"""The summary of a mission's log: success, clearance, errors at the mating point, effort."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import AnyArray, FloatArray
 
-#: Half width of a tube below which its gauge is rounding [m].
+#: Half width of a tube below which its gauge consists of rounding errors [m].
 _LEAST_TUBE = 1e-9
 
 
@@ -27,25 +27,35 @@ def summarise_mission(
     Args:
         config: The experiment.
         target: The target.
-        mission_log: What was logged.
-        success: Whether the chaser has stayed at the mating point, as far as it knows.
+        mission_log: The log of the mission.
+        success: Whether the chaser has stayed at the mating point according to its estimate.
         cause: Why the mission has failed.
 
     Returns:
-        ``success``: it has stayed there in truth, touched nothing, and never left the keep-in box; ``cause``,
-        ``time`` [s], ``time_on_approach`` [s], ``least_clearance`` between the chaser's sphere
-        and the target's boxes at all ticks [m], ``mating_position_error`` [m] and ``mating_speed_error`` [m/s] at the
-        end, ``delta_v`` [m/s], ``largest_force`` along an axis of B [N], ``largest_gauge``: the distance from the true
-        reference along an axis relative to the tube's half width, ``plans`` that were made, ``planning_time`` [s],
-        ``worst_status`` of the tracker, ``attitude_error`` of the target as the chaser sees it [rad] and
-        ``nees`` of its attitude and rate (squared error over covariance, 6 expected), both when its motion is first
-        characterised, null where it never is and without a covariance,
-        ``tumble_axis`` that the target turns about (0: at a constant rate), ``tumble_rate`` at the start [rad/s],
-        ``detail``: why the last plan or tube was refused; null without, ``keep_in_excursion``: how far the chaser was
-        outside of the keep-in box at most [m], null without a box, ``contact_speed`` relative to the target's surface
-        where they first touch [m/s]; null without contact, ``given_up``: whether the chaser has left the target for
-        good, and at the end its ``final_speed`` [m/s], its distance ``final_range`` from the target's centre of mass
-        [m], and ``final_range_rate`` [m/s], which is positive where it flies away.
+        A dictionary with the following values; null means None.
+
+        - ``success``: whether the chaser has truly stayed at the mating point, touched nothing, and never left the
+          keep-in box; ``cause``: why it failed.
+        - ``time`` [s] and ``time_on_approach`` [s].
+        - ``least_clearance``: between the chaser's sphere and the target's boxes at all ticks [m].
+        - ``mating_position_error`` [m] and ``mating_speed_error`` [m/s]: at the end.
+        - ``delta_v`` [m/s], ``largest_force`` along an axis of B [N].
+        - ``largest_gauge``: distance from the true reference along an axis relative to the tube's half width.
+        - ``plans``: number of plans that were made; ``planning_time`` [s].
+        - ``worst_status``: of the tracker.
+        - ``attitude_error``: of the target as the chaser sees it [rad], and ``nees``: of the target's attitude and
+          rate (squared error over covariance, 6 expected), both when the target's motion is first characterised; null
+          if it never is, and for ``nees`` without a covariance.
+        - ``tumble_axis``: axis about which the target rotates (0: at a constant rate); ``tumble_rate``: at the start
+          [rad/s].
+        - ``detail``: why the last plan or tube was refused; empty without a refusal.
+        - ``escape_missing``: number of control steps without an escape.
+        - ``keep_in_excursion``: largest distance of the chaser from the keep-in box, outside of it [m]; null without
+          a box.
+        - ``contact_speed``: relative to the target's surface at the first contact [m/s]; null without a contact.
+        - ``given_up``: whether the mission ended with a departure from the target.
+        - ``final_speed`` [m/s], ``final_range``: distance from the target's centre of mass [m], and
+          ``final_range_rate`` [m/s], positive if the chaser moves away; all at the end.
     """
     arrays = mission_log.arrays()
     mission = config.mission
@@ -88,7 +98,7 @@ def summarise_mission(
 
 
 def _excursion(arrays: dict[str, AnyArray], config: RendezvousConfig) -> float | None:
-    """Return how far the chaser was outside of the keep-in box at most [m]; None without a box."""
+    """Return the largest distance by which the chaser was outside of the keep-in box [m]; None without a box."""
     keep_in = config.chaser.limits.keep_in
     if keep_in is None:
         return None
@@ -96,7 +106,7 @@ def _excursion(arrays: dict[str, AnyArray], config: RendezvousConfig) -> float |
 
 
 def _contact_speed(arrays: dict[str, AnyArray]) -> float | None:
-    """Return the chaser's speed relative to the target's body in the first step with a contact [m/s]."""
+    """Return the chaser's speed relative to the target's body at the first contact [m/s]; None without a contact."""
     touching = np.flatnonzero(arrays["clearance"] <= 0.0)
     if not len(touching):
         return None
@@ -105,7 +115,7 @@ def _contact_speed(arrays: dict[str, AnyArray]) -> float | None:
 
 
 def _final_motion(x: FloatArray) -> dict[str, float]:
-    """Return speed [m/s], range [m] and range rate [m/s] of a state in W."""
+    """Return the speed [m/s], range [m] and range rate [m/s] of a state in W."""
     distance = float(np.linalg.norm(x[:3]))
     return {
         "final_speed": float(np.linalg.norm(x[3:])),
@@ -115,7 +125,7 @@ def _final_motion(x: FloatArray) -> dict[str, float]:
 
 
 def _consistency(arrays: dict[str, AnyArray]) -> dict[str, float | None]:
-    """Return the error of attitude and the NEES at the first step after the target was characterised."""
+    """Return the attitude error [rad] and the NEES at the first step after the target was characterised."""
     order = [*Phase]
     known = np.isin(
         arrays["state"], [order.index(phase) for phase in (Phase.PLAN, Phase.BOUND, Phase.WAIT, Phase.TRACK)]
@@ -126,12 +136,12 @@ def _consistency(arrays: dict[str, AnyArray]) -> dict[str, float | None]:
     error = relative_error(
         (arrays["estimated_q"][k], arrays["estimated_target_q"][k]), (arrays["q"][k], arrays["target_q"][k])
     )
-    nees = float(arrays["nees"][k])  # NaN where the estimator states no covariance
+    nees = float(arrays["nees"][k])  # NaN if the estimator states no covariance
     return {"attitude_error": float(np.linalg.norm(error)), "nees": nees if np.isfinite(nees) else None}
 
 
 def _last_refusal(mission_log: MissionLog) -> str:
-    """Return why the last plan or tube was refused; empty where it was not."""
+    """Return why the last plan or tube was refused; an empty string if it was not."""
     for event in reversed(mission_log.events):
         if event["event"] in ("plan", "tube"):
             data = event["data"]
@@ -140,7 +150,7 @@ def _last_refusal(mission_log: MissionLog) -> str:
 
 
 def _mating_error(arrays: dict[str, AnyArray], mating_point: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the errors of position [m] and velocity [m/s] relative to the true mating point, at every step."""
+    """Return the errors of position [m] and velocity [m/s] relative to the true mating point at every step."""
     q, w, x = arrays["target_q"], arrays["target_w"], arrays["x"]
     point = np.broadcast_to(mating_point, w.shape)
     return (
@@ -150,7 +160,7 @@ def _mating_error(arrays: dict[str, AnyArray], mating_point: FloatArray) -> tupl
 
 
 def _gauge(arrays: dict[str, AnyArray], moves: AnyArray) -> float | None:
-    """Return the largest distance to nominal motion about the true reference, relative to the tube's half width."""
+    """Return the largest distance from the nominal path, relative to the tube's half width; None without a tube."""
     tube = arrays["tube"][moves]
     if not len(tube) or not np.isfinite(tube).all():
         return None
@@ -160,9 +170,10 @@ def _gauge(arrays: dict[str, AnyArray], moves: AnyArray) -> float | None:
 
 
 def nominal_path(arrays: dict[str, AnyArray]) -> FloatArray:
-    """Return the true reference plus the nominal error z: what the tube is about, in W [m], shape (K, 3).
+    """Return the true reference plus the nominal error z, the centre of the tube, in W [m], shape (K, 3).
 
-    The reference of the log follows the estimate; in T it is the plan, which the true attitude moves.
+    The reference in the log follows the estimated attitude. This function takes it into the estimated T, where it is
+    the plan, and from there into W with the true attitude.
 
     Args:
         arrays: The arrays of a log.

@@ -1,4 +1,4 @@
-"""The figures of a mission with their labels and units, and the table of one."""
+"""The metrics of a mission with their labels and units, and a table of them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-#: Label and unit of the figures of a summary, by their keys; delta-v [m/s] is an episode's own.
+#: Label and unit of the metrics of a summary, by key, without delta-v [m/s], a metric of every episode.
 MISSION_FIGURES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "time": ("time", "s"),
@@ -35,7 +35,7 @@ MISSION_FIGURES: Mapping[str, tuple[str, str]] = MappingProxyType(
 
 
 def mission_table(summary: Mapping[str, Any]) -> str:
-    """Return the table of one mission: how it ended, and why the last plan or tube was refused, and its figures."""
+    """Return the table of one mission: its result, why the last plan or tube was refused, and its metrics."""
     detail = f" ({summary['detail']})" if summary.get("detail") else ""
     lines = ["success" if summary["success"] else f"failed: {summary['cause']}{detail}"]
     for key, (label, unit) in {**MISSION_FIGURES, "delta_v": ("delta-v", "m/s")}.items():

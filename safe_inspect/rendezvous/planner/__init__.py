@@ -1,1 +1,1 @@
-"""Plans an approach to a point fixed in the body of a tumbling target."""
+"""Planning of an approach to a point that is fixed in the body of a tumbling target."""

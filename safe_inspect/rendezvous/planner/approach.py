@@ -1,4 +1,4 @@
-"""The planner: from a query to a certified plan."""
+"""The planner, which returns a certified plan for a query."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from safe_inspect.rendezvous.planner.units import PlanUnits
 from safe_inspect.rendezvous.planner.waiting import ranked_problems
 from safe_inspect.types import FloatArray
 
-_TRIED = 3  # of the ranked waits and durations
-#: How far a start is bent to the side where the cheapest spline leads nowhere [m].
+_TRIED = 3  # Number of ranked waits and durations to optimise.
+#: Sideways bend of the starts that are tried if the cheapest spline does not lead to a plan [m].
 _BEND = 0.5
 
 
 class ApproachPlanner(Plugin):
-    """Base of planners."""
+    """Base class of approach planners."""
 
     kind: ClassVar[str] = "approach_planner"
 
     @abstractmethod
     def __call__(self, query: PlanQuery) -> Plan:
-        """Return a plan, whose status says if it may be flown."""
+        """Return a plan, whose status states whether it may be flown."""
 
 
 class SplineSCPPlanner(ApproachPlanner):
-    """Splines of degree five by sequential convex programming, with a certificate of clearance between the samples.
+    """Planner of splines of degree five by sequential convex programming, with a certificate of their clearance.
 
-    Waits and durations are ranked by their cheapest splines; the three best are optimised, from their cheapest splines
-    and, where that fails, from bent ones.
+    Waits and durations are ranked by the cost of their cheapest splines. The three best are optimised, starting from
+    their cheapest splines and, if that fails, from bent ones.
 
     Attributes:
-        control_points: Control points of each axis.
-        samples: Samples at which the constraints are held.
-        multi_start: Whether bent splines are tried too where the cheapest one leads to a plan.
+        control_points: Number of control points of each axis.
+        samples: Number of samples at which the constraints must hold.
+        multi_start: Whether to also try bent splines if the cheapest one leads to a plan.
     """
 
     control_points: int = Field(default=20, ge=8)
@@ -53,9 +53,9 @@ class SplineSCPPlanner(ApproachPlanner):
     multi_start: bool = False
 
     def __call__(self, query: PlanQuery) -> Plan:
-        """Return the cheapest certified plan that is found.
+        """Return the certified plan with the lowest cost that is found.
 
-        A query without one gives a status, not an exception.
+        If there is none, the plan's status states why; this is not an exception.
 
         Raises:
             MissingLibraryError: The solver is not installed.
@@ -78,14 +78,14 @@ class SplineSCPPlanner(ApproachPlanner):
                     starts += _bent_starts(problem)
                 for start in starts:
                     best = _better(best, self._plan_from(problem, start))
-            assert best is not None, "each problem has a start"
+            assert best is not None, "each problem must have a start"
             if best.solved:
                 break
-        assert best is not None, "as said"
+        assert best is not None, "each problem must have a start"
         return replace(best, report=replace(best.report, seconds=time.perf_counter() - began))
 
     def _plan_from(self, problem: ApproachProblem, start: FloatArray) -> Plan:
-        """Return the plan of one start; without a certificate the samples are doubled once."""
+        """Return the plan from one start; if its clearance cannot be certified, the samples are doubled once."""
         query, wait, duration = problem.query, problem.wait, problem.basis.duration
         iterations = 0
         for samples in (self.samples, 2 * self.samples - 1):
@@ -95,9 +95,9 @@ class SplineSCPPlanner(ApproachPlanner):
             iterations += result.iterations
             report = PlanReport(cost=result.cost, iterations=iterations, starts=1, violation=result.violation)
             if not result.feasible:
-                message = f"a constraint is broken by {result.violation:.2g} m"
+                message = f"a constraint is violated by {result.violation:.2g} m"
                 if not np.isfinite(result.violation):
-                    message = "no spline of this duration keeps the limits of speed, force and keep-in"
+                    message = "no spline of this duration satisfies the limits of speed, force and keep-in box"
                 return Plan(
                     PlanStatus.NOT_CONVERGED, query.t0 + wait, duration, report=replace(report, message=message)
                 )
@@ -128,7 +128,7 @@ def _without(status: PlanStatus, query: PlanQuery, message: str, began: float) -
 
 
 def _bent_starts(problem: ApproachProblem) -> list[FloatArray]:
-    """Return the cheapest approach bent by 0.5 m sin(pi s) to four sides of its chord, each of shape (n, 3)."""
+    """Return the cheapest splines bent by 0.5 m sin(pi s) to four sides of the chord, shape (n, 3) each."""
     cold = problem.cold()
     chord = problem.end[0] - problem.start[0]
     chord = chord / max(float(np.linalg.norm(chord)), 1e-9)

@@ -1,8 +1,8 @@
-"""A proof that a plan keeps clear of the target between its samples too.
+"""A proof that a plan keeps its clearance from the target at all times, including those between its samples.
 
-In T the chaser moves at most at ``L = max |v| + max |w| max |p|``, with the first and last factor bounded by the path
-(`ApproachPath`), and the distance is 1-Lipschitz. So an interval of length h is clear by d(mid) - L h / 2; those that
-are not shown to be clear are halved.
+In T the chaser's speed is at most ``L = max |v| + max |w| max |p|``, where the path (`ApproachPath`) bounds the first
+and the last factor, and the distance is 1-Lipschitz. In an interval of length h the distance is therefore at least
+d(mid) - L h / 2. Intervals for which this does not prove the clearance are halved.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ _INTERVALS = 60
 
 
 class Certificate(NamedTuple):
-    """The outcome: whether the plan is clear, and by how much.
+    """The result of a proof of clearance.
 
     Attributes:
         certified: Whether the clearance is proved.
-        clearance: Lower bound of (distance - radius - margin) where certified, else a value that is reached [m].
-        time: Where the proof failed, since the plan's start [s]; nan where certified.
-        evaluations: Number of distances computed.
+        clearance: Lower bound of (distance - radius - margin) if certified, else a value that the path reaches [m].
+        time: Time since the plan's start at which the proof failed [s]; NaN if certified.
+        evaluations: Number of computed distances.
     """
 
     certified: bool
@@ -36,15 +36,15 @@ class Certificate(NamedTuple):
 
 
 def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution: float = 1e-3) -> Certificate:
-    """Return whether ``distance >= radius + margin - 1 cm`` at all times of a path, 1 cm for a length of 1 m.
+    """Prove that ``distance >= radius + margin - 1 cm`` at all times of a path; the 1 cm scales with the length of 1 m.
 
-    The margin over an interval is taken as the largest of its values at the two ends and in the middle.
+    The margin in an interval is the largest of its values at the two ends and in the middle.
 
     Args:
         query: The query.
         path: The path of a plan.
         wait: Time before the approach starts [s].
-        resolution: Uncertainty of the distance below which an interval counts as not clear [length].
+        resolution: Uncertainty of the distance below which an interval is not halved but counts as not clear [length].
     """
     allowance, resolution = ALLOWANCE * query.length, resolution * query.length
     rate = largest_rate(query.inertia, query.angular_velocity[None])[0]

@@ -1,4 +1,4 @@
-"""What a query must satisfy before anything is optimised."""
+"""Checks of a query before the optimisation, and of the plan that a planner returns."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
 from safe_inspect.rendezvous.planner.spline import FIXED
 from safe_inspect.types import FloatArray
 
-_CLEAR_FOR = 2.0  # s: the chaser must not touch the target that soon, whatever it does
-_AT_REST = 5e-3  # m/s: the chaser holds its position during a wait
-#: What a plan's ends may differ from those that were asked for [length, length/s], and what its samples may exceed a
-#: limit by, as a share of it.
+_CLEAR_FOR = 2.0  # s: The coasting chaser must not touch the target within this time.
+_AT_REST = 5e-3  # m/s: Below this speed the chaser can hold its position during a wait.
+#: Largest difference of a plan's ends from those of the query [length, length/s], and largest excess of its samples
+#: over a limit, as a fraction of the limit.
 _END_ERROR, _EXCESS = 1e-3, 0.01
 
 
 def start_problem(query: PlanQuery) -> str:
-    """Return what is wrong with the start, or an empty string."""
+    """Return the problem of the start; an empty string if there is none."""
     limits, p, v = query.limits, query.state[:3], query.state[3:]
     if limits.keep_in is not None and (np.abs(p) > limits.keep_in).any():
         return f"the start {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
@@ -40,14 +40,14 @@ def start_problem(query: PlanQuery) -> str:
 
 
 def plan_mistake(query: PlanQuery, plan: Plan) -> str:
-    """Return why a plan that its planner calls solved is not what was asked for; empty where it is.
+    """Return why a solved plan does not match its query; an empty string if it does.
 
-    A planner may come from another package. What follows relies on the samples, on the path that the certificate
-    evaluates, and on the limits, so they are compared with the query. The clearance is the certificate's.
+    A planner may come from another package. The mission relies on the samples, on the path that the certificate
+    evaluates, and on the limits, so they are compared with the query. The clearance is checked by the certificate.
 
     Args:
-        query: What the planner was asked.
-        plan: Its answer.
+        query: The query.
+        plan: The plan that the planner returned for it.
     """
     path, limits = plan.path, query.limits
     if path is None:
@@ -55,9 +55,9 @@ def plan_mistake(query: PlanQuery, plan: Plan) -> str:
     count = round(plan.duration / query.step) + 1
     since = query.step * np.arange(count, dtype=np.float64)
     if abs(since[-1] - plan.duration) > 1e-6 * query.step or abs(path.duration - plan.duration) > 1e-6 * query.step:
-        return f"the duration of {path.duration:g} s is no multiple of the step of control, {query.step:g} s"
+        return f"the duration of {path.duration:g} s is not a multiple of the control step, {query.step:g} s"
     if min(abs(plan.t_start - query.t0 - wait) for wait in query.waits) > 1e-6:
-        return f"it starts after {plan.t_start - query.t0:g} s, which is none of the waits asked for"
+        return f"it starts after {plan.t_start - query.t0:g} s, which is none of the waits in the query"
     if plan.times.shape != since.shape or not np.allclose(plan.times, plan.t_start + since, rtol=0.0, atol=1e-6):
         return f"its samples are not {query.step:g} s apart from its start to its end"
     position, velocity, _ = path.at(since)
@@ -94,7 +94,7 @@ def plan_mistake(query: PlanQuery, plan: Plan) -> str:
 
 
 def hover_clearance(query: PlanQuery, times: FloatArray, coasting: bool = False) -> FloatArray:
-    """Return distance less radius of a chaser that stays where it is, or coasts [m], shape (k,).
+    """Return the clearance of a chaser that holds its position or coasts [m], shape (k,).
 
     Args:
         query: The query.
@@ -109,7 +109,7 @@ def hover_clearance(query: PlanQuery, times: FloatArray, coasting: bool = False)
 
 
 def possible_waits(query: PlanQuery) -> tuple[float, ...]:
-    """Return the waits during which the chaser, at rest, keeps clear of the target: the first ones, up to a touch."""
+    """Return the waits during which a chaser at rest keeps its margin from the target; only 0 s if it moves."""
     waits = tuple(sorted(query.waits))
     if np.linalg.norm(query.state[3:]) > _AT_REST:
         return tuple(wait for wait in waits if wait == 0.0)
@@ -121,7 +121,7 @@ def possible_waits(query: PlanQuery) -> tuple[float, ...]:
 
 
 def terminal_problem(problem: ApproachProblem) -> str:
-    """Return what is wrong with the state at the mating point, or an empty string."""
+    """Return the problem of the state at the mating point; an empty string if there is none."""
     limits, (p, v, _) = problem.limits, problem.end
     rate = float(np.linalg.norm(np.cross(p, v)) / (p @ p))
     spare = float(problem.query.boxes.distance((problem.R_MW[-1] @ p)[None])[0] - limits.radius - problem.margin[-1])
@@ -131,7 +131,7 @@ def terminal_problem(problem: ApproachProblem) -> str:
     fast = np.abs(ends[np.abs(problem.basis.velocity_hull[:, free]).max(axis=1) == 0.0]).max()
     hard = np.abs(pushes[np.abs(problem.basis.acceleration_hull[:, free]).max(axis=1) == 0.0]).max()
     if limits.keep_in is not None:
-        outside = (np.abs(problem.ends) - limits.keep_in).max(axis=1) > 1e-9  # control points: a hull of the ends
+        outside = (np.abs(problem.ends) - limits.keep_in).max(axis=1) > 1e-9  # Control points are a hull of the ends.
         if outside[-FIXED:].any():
             return f"the mating point {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
         if outside[:FIXED].any():

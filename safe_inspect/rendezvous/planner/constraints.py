@@ -1,4 +1,4 @@
-"""The constraints g >= 0 that are not linear in the control points, at the samples, with their gradients."""
+"""The constraints g >= 0 that are not linear in the control points, with their gradients, at the samples."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from safe_inspect.rendezvous.planner.problem import ApproachProblem
 from safe_inspect.types import FloatArray, IntArray
 
-_NEXT_BOX = 0.1  # m: boxes so much farther away than the nearest one are left out
+_NEXT_BOX = 0.1  # m: Boxes farther away than the nearest one by this distance are ignored.
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,11 +17,11 @@ class ConstraintRows:
     """Linearised constraints: ``value + to_position . dp + to_velocity . dv >= -slack[group]``.
 
     Attributes:
-        value: Values, in m or on the scale of m, shape (m,).
-        to_position: Gradients with regard to the position in W, shape (m, 3).
-        to_velocity: Gradients with regard to the velocity in W, shape (m, 3).
-        sample: Index of the sample, shape (m,).
-        group: Rows of one group, the boxes near one sample, share a violation, shape (m,).
+        value: Values of the constraints, in m or scaled to m, shape (m,).
+        to_position: Gradients with respect to the position in W, shape (m, 3).
+        to_velocity: Gradients with respect to the velocity in W, shape (m, 3).
+        sample: Index of each row's sample, shape (m,).
+        group: Index of each row's group, shape (m,); the rows of a group, e.g. all boxes near a sample, share a slack.
     """
 
     value: FloatArray
@@ -38,7 +38,7 @@ class ConstraintRows:
 
 
 def clearance_rows(problem: ApproachProblem, p: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return values, gradients and samples of ``d_j(R_MW p) - radius - margin`` for the boxes that are near."""
+    """Return values, gradients and samples of ``d_j(R_MW p) - radius - margin`` for the boxes near each sample."""
     points = np.einsum("kij,kj->ki", problem.R_MW, p)
     distance, gradient = problem.query.boxes.distances(points)
     sample, box = np.nonzero(distance < distance.min(axis=1, keepdims=True) + _NEXT_BOX)
@@ -49,8 +49,8 @@ def clearance_rows(problem: ApproachProblem, p: FloatArray) -> tuple[FloatArray,
 def line_of_sight_rows(rate: float, p: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return values and gradients of the limit ``|p x v| / |p|^2 <= rate`` on the rate of the line of sight.
 
-    With c = p x v, A = rate^2, r = |p| and N = A r^4 - c.c the constraint is ``h = N / (2 A r^3)``, on the scale of m,
-    ``dh/dp = (4 A r^2 p - 2 v x c) / (2 A r^3) - 3 N p / (2 A r^5)`` and ``dh/dv = -c x p / (A r^3)``.
+    With c = p x v, A = rate^2, r = |p| and N = A r^4 - c.c the constraint, scaled to m, is ``h = N / (2 A r^3)``. Its
+    gradients are ``dh/dp = (4 A r^2 p - 2 v x c) / (2 A r^3) - 3 N p / (2 A r^5)`` and ``dh/dv = -c x p / (A r^3)``.
 
     Args:
         rate: The limit [rad/s].
@@ -70,8 +70,8 @@ def cone_rows(axis: FloatArray, half_angle: float, p: FloatArray) -> tuple[Float
     """Return values and gradients of ``axis . p - cos(half_angle) |p|``.
 
     Args:
-        axis: Unit vectors, shape (K, 3).
-        half_angle: Half angle of the cone about them [rad].
+        axis: Unit vectors along the axis of the cone, shape (K, 3).
+        half_angle: Half angle of the cone [rad].
         p: Positions [m], shape (K, 3).
     """
     r = np.sqrt(np.maximum((p * p).sum(axis=1), 1e-6))
@@ -80,7 +80,7 @@ def cone_rows(axis: FloatArray, half_angle: float, p: FloatArray) -> tuple[Float
 
 
 def constraint_rows(problem: ApproachProblem, points: FloatArray) -> ConstraintRows:
-    """Return all rows at the samples between the two ends.
+    """Return the rows of all constraints at the samples between the two ends.
 
     Args:
         problem: The approach.
@@ -97,12 +97,12 @@ def constraint_rows(problem: ApproachProblem, points: FloatArray) -> ConstraintR
         (sight, sight_p, sight_v, k),
         (r - limits.least_range, p / r[:, None], np.zeros_like(p), k),
     ]
-    if limits.cone is not None:  # within the cone, or far enough away: whichever is nearer
+    if limits.cone is not None:  # within the cone or far enough away
         cone, cone_p = cone_rows(problem.mating_direction, limits.cone, p)
         far = r - limits.cone_range > cone
         cone = np.where(far, r - limits.cone_range, cone)
         parts.append((cone, np.where(far[:, None], p / r[:, None], cone_p), np.zeros_like(p), k))
     value, to_position, to_velocity, sample = (np.concatenate(column) for column in zip(*parts, strict=True))
     group = np.concatenate([i * len(p) + part[3] for i, part in enumerate(parts)])
-    inner = (sample > 0) & (sample < len(p) - 1)  # the ends are given
+    inner = (sample > 0) & (sample < len(p) - 1)  # The ends are fixed.
     return ConstraintRows(value[inner], to_position[inner], to_velocity[inner], sample[inner], group[inner])

@@ -1,4 +1,4 @@
-"""Paths of an approach: what a planner gives, and what the certificate and the sampling of a plan need."""
+"""Paths of an approach, which planners return and from which plans are certified and sampled."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from safe_inspect.types import FloatArray
 
 
 class ApproachPath(Protocol):
-    """A path of the chaser relative to the target's centre of mass, along the axes of W, over [0, duration].
+    """A path of the chaser relative to the target's centre of mass, along the axes of W, for times in [0, duration].
 
-    Its velocity is continuous. The two bounds must hold at all times: the certificate of clearance uses them between
+    The velocity must be continuous. The two bounds must hold at all times: the certificate uses them between
     the times at which it evaluates the path.
     """
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration of the approach [s]."""
 
     @property
     def largest_speed(self) -> float:
@@ -31,21 +31,21 @@ class ApproachPath(Protocol):
         """Upper bound of the distance from the target's centre of mass [m]."""
 
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since its start [s], (K, 3) each."""
+        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since the start [s], (K, 3) each."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledPath:
-    """The path through samples of position and velocity, a cubic polynomial between each two of them.
+    """A path through samples of position and velocity, with a cubic polynomial between each two consecutive samples.
 
-    On a segment of length h the polynomial has the Bezier points ``p0, p0 + h v0 / 3, p1 - h v1 / 3, p1``; it and its
-    derivative stay in the convex hulls of these points and of three times their differences over h, which gives the
-    bounds. Source: Farin, "Curves and Surfaces for CAGD", 2002.
+    On a segment of length h the polynomial has the Bezier points ``p0, p0 + h v0 / 3, p1 - h v1 / 3, p1``. The
+    polynomial stays in the convex hull of these points, and its derivative in the convex hull of three times their
+    differences over h, which gives the bounds. Source: Farin, "Curves and Surfaces for CAGD", 2002.
 
     Attributes:
         times: Times of the samples since the start, ascending from 0 [s], shape (K,).
-        position: Relative to the target's centre of mass, along the axes of W [m], shape (K, 3).
-        velocity: Its derivative [m/s], shape (K, 3).
+        position: Position relative to the target's centre of mass, along the axes of W [m], shape (K, 3).
+        velocity: Derivative of the position [m/s], shape (K, 3).
     """
 
     times: FloatArray
@@ -56,7 +56,7 @@ class SampledPath:
         """Check the samples.
 
         Raises:
-            ValueError: The times do not ascend from 0, or the arrays are not finite or of other shapes.
+            ValueError: The times do not ascend from 0, or an array is not finite or has another shape.
         """
         for name in ("times", "position", "velocity"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
@@ -70,7 +70,7 @@ class SampledPath:
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration of the approach [s]."""
         return float(self.times[-1])
 
     @cached_property
@@ -92,8 +92,8 @@ class SampledPath:
         return np.stack((p[:-1], p[:-1] + reach, p[1:] - back, p[1:]), axis=1)
 
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since its start [s], (K, 3) each."""
-        from scipy.interpolate import CubicHermiteSpline  # slow to import
+        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since the start [s], (K, 3) each."""
+        from scipy.interpolate import CubicHermiteSpline  # This import is slow.
 
         spline = CubicHermiteSpline(self.times, self.position, self.velocity)
         return spline(times), spline(times, 1), spline(times, 2)

@@ -1,4 +1,4 @@
-"""An approach of one start time and duration, with the target's motion predicted at its samples."""
+"""An approach with a given start time and duration, with the target's motion predicted at its samples."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class ApproachProblem:
-    """What an optimiser of control points needs.
+    """The problem of optimising the control points of an approach.
 
     Attributes:
         query: The query.
         wait: Time before the approach starts [s].
-        basis: The spline.
-        ends: Control points of the two ends, zero between them [m], shape (n, 3).
-        start: Position, velocity and acceleration at the start in W, shape (3, 3).
-        end: The same at the mating point, shape (3, 3).
-        R_MW: Takes coordinates in W to M at the samples, shape (K, 3, 3).
+        basis: Basis of the spline.
+        ends: Control points at the two ends, zero between them [m], shape (n, 3).
+        start: Rows with position, velocity and acceleration in W at the start, shape (3, 3).
+        end: Rows with the same at the mating point, shape (3, 3).
+        R_MW: Rotations that take coordinates in W to M at the samples, shape (K, 3, 3).
         mating_direction: Unit vectors to the mating point in W at the samples [-], shape (K, 3).
-        margin: Clearance to keep beyond the chaser's radius at the samples [m], shape (K,).
+        margin: Clearance required beyond the chaser's radius at the samples [m], shape (K,).
     """
 
     query: PlanQuery
@@ -61,7 +61,7 @@ class ApproachProblem:
         return np.asarray(self.limits.mass**2 * self.basis.gram)
 
     def cold(self) -> FloatArray:
-        """Return the control points of the cheapest approach that nothing is in the way of."""
+        """Return the control points with the lowest cost, without regard to the constraints."""
         return self.basis.cheapest(self.ends)
 
 
@@ -73,7 +73,7 @@ def approach_problem(query: PlanQuery, wait: float, duration: float, count: int,
         wait: Time before the approach starts [s].
         duration: Duration of the approach [s].
         count: Number of control points of an axis.
-        samples: Number of samples at which the constraints are held.
+        samples: Number of samples at which the constraints must hold.
     """
     basis = spline_basis(count, samples, float(duration))
     times = basis.times
@@ -84,7 +84,7 @@ def approach_problem(query: PlanQuery, wait: float, duration: float, count: int,
 def approach_problems(
     query: PlanQuery, waits: tuple[float, ...], duration: float, count: int, samples: int
 ) -> list[ApproachProblem]:
-    """Return the problems of several waits, the target's motion computed together; see `approach_problem`."""
+    """Return the problems of several waits, with the target's motion computed together; see `approach_problem`."""
     basis = spline_basis(count, samples, float(duration))
     times = (np.asarray(waits)[:, None] + basis.times).ravel()
     q, w = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], times)
@@ -111,19 +111,19 @@ def _with_motion(
 
 
 def start_state(query: PlanQuery) -> FloatArray:
-    """Return position, velocity and acceleration (zero) at the start in W, one a row, shape (3, 3)."""
+    """Return rows with position, velocity and acceleration (zero) in W at the start, shape (3, 3)."""
     return np.stack((query.state[:3], query.state[3:], np.zeros(3)))
 
 
 def mating_state(query: PlanQuery, q: FloatArray, w: FloatArray) -> FloatArray:
-    """Return position [m], velocity [m/s] and acceleration [m/s^2] of the mating point in W, one a row, shape (3, 3).
+    """Return rows with position [m], velocity [m/s] and acceleration [m/s^2] of the mating point in W, shape (3, 3).
 
-    ``p = R m, v = R (w x m), a = R (w' x m + w x (w x m))``.
+    They are ``p = R m``, ``v = R (w x m)`` and ``a = R (w' x m + w x (w x m))``.
 
     Args:
         query: The query.
         q: The target's attitude q_WT, shape (4,).
-        w: Its angular velocity in T [rad/s], shape (3,).
+        w: The target's angular velocity in T [rad/s], shape (3,).
     """
     m, turning = query.mating_point, np.cross(w, query.mating_point)
     acceleration = np.cross(angular_acceleration(query.inertia, w), m) + np.cross(w, turning)
@@ -131,13 +131,13 @@ def mating_state(query: PlanQuery, q: FloatArray, w: FloatArray) -> FloatArray:
 
 
 def sampled_plan(query: PlanQuery, path: ApproachPath, wait: float = 0.0, report: PlanReport | None = None) -> Plan:
-    """Return the solved plan of a path, with samples at the query's step, or a little less.
+    """Return the solved plan of a path, sampled at the query's step or at a slightly smaller one.
 
     Args:
         query: The query.
         path: The path.
-        wait: Time before the approach starts [s], one of the query's.
-        report: How the plan was found.
+        wait: Time before the approach starts [s], one of the waits in the query.
+        report: Report of how the plan was found.
     """
     count = int(np.ceil(path.duration / query.step - 1e-9)) + 1
     times = np.linspace(0.0, path.duration, count)

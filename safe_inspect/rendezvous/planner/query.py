@@ -1,4 +1,4 @@
-"""What a planner is asked, and what it answers."""
+"""The input and the output of a planner: `PlanQuery` and `Plan`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.planner.path import ApproachPath
 from safe_inspect.types import FloatArray
 
-#: What the clearance may be below the margin between samples, as a share of the scenario's length.
+#: Amount by which the clearance may be below the margin between samples, as a fraction of the scenario's length.
 ALLOWANCE = 0.01
 
 
@@ -29,20 +29,20 @@ def _jem_keep_in() -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What the chaser can do and where it may be. Defaults: Astrobee in the Japanese Experiment Module.
+    """The limits of the chaser. The defaults are those of Astrobee in the Japanese Experiment Module.
 
     Attributes:
         speed: Largest speed along each axis of W [m/s].
-        planned_force: Largest force along each axis of W that a plan may ask for [N].
-        force: Largest force along each axis that the actuators give [N]; the rest is left to feedback.
+        planned_force: Largest force of a plan along each axis of W [N].
+        force: Largest force of the actuators along each axis [N]; what a plan does not use is for feedback.
         torque: Largest torque about each axis [N m].
-        keep_in: Half sizes of the box about the origin of W that the chaser's centre stays in [m], shape (3,), or None.
-        radius: Radius of the sphere that holds the chaser [m].
+        keep_in: Half sizes of the box about W's origin that the chaser's centre must stay in [m], shape (3,), or None.
+        radius: Radius of the sphere that contains the chaser [m].
         line_of_sight_rate: Largest rate of the direction to the target's centre of mass [rad/s].
         mass: Mass of the chaser [kg].
         cone: Half angle of the approach cone about the mating point's direction [rad], or None for no cone.
-        cone_range: Distance from the target's centre of mass below which the cone holds [m].
-        least_range: Least distance from the target's centre of mass [m].
+        cone_range: Distance from the target's centre of mass below which the cone applies [m].
+        least_range: Smallest distance from the target's centre of mass [m].
     """
 
     speed: float = 0.115
@@ -60,25 +60,29 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class PlanQuery:
-    """An approach to plan. Frames: W inertial, at the target's centre of mass; T principal axes; M model of the target.
+    """A query for the plan of an approach.
+
+    W is the inertial frame at the target's centre of mass, T the frame of the target's principal axes, and M the frame
+    of the target's model.
 
     Attributes:
-        t0: Time of the state [s].
+        t0: Time of the chaser's and the target's state [s].
         state: The chaser's position [m] and velocity [m/s] in W, shape (6,).
         orientation: Quaternion q_WT [x, y, z, w] of the target at t0, shape (4,).
         angular_velocity: The target's angular velocity in T at t0 [rad/s], shape (3,).
-        inertia: The target's principal moments J1 <= J2 <= J3, up to one factor, shape (3,).
-        mating_point: Where the chaser's centre shall be, fixed in T [m], shape (3,).
-        boxes: The target's shape in M.
-        R_MT: Takes coordinates in T to M, shape (3, 3).
+        inertia: The target's principal moments J1 <= J2 <= J3, up to a common factor, shape (3,).
+        mating_point: Position, fixed in T, that the chaser's centre must reach [m], shape (3,).
+        boxes: Boxes that cover the target's shape, in M.
+        R_MT: Rotation that takes coordinates in T to M, shape (3, 3).
         limits: The chaser's limits.
-        margin: Gives, for times since the plan's start [s], shape (K,), the clearance to keep beyond the chaser's
-            radius [m], shape (K,).
-        durations: Durations of the approach to try [s]; the cheapest plan is returned.
-        waits: Times to wait before the approach [s] to choose from.
-        mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. W does not turn, see `dynamics.tide`.
-        length: Length of the scenario [m], about the radius that the target sweeps: unit of the optimiser.
-        step: Step of control [s], at which plans are sampled; durations are multiples of it.
+        margin: Function from times since the plan's start [s], shape (K,), to the clearance required beyond the
+            chaser's radius [m], shape (K,).
+        durations: Durations of the approach to try [s]; the plan with the lowest cost is returned.
+        waits: Waits before the approach [s] from which the planner chooses.
+        mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. The axes of W do not rotate, see
+            `dynamics.tide`.
+        length: Length of the scenario [m], about the radius that the target sweeps; the optimiser's unit of length.
+        step: Control step [s], at which plans are sampled; durations are multiples of it.
     """
 
     t0: float
@@ -123,34 +127,34 @@ class PlanQuery:
 
     @property
     def planned_acceleration(self) -> float:
-        """Largest acceleration along each axis that a plan may have, less the largest tide in the box [m/s^2]."""
+        """Largest acceleration of a plan along each axis, less the largest tidal acceleration in the box [m/s^2]."""
         limits = self.limits
         reach = 0.0 if limits.keep_in is None else float(np.linalg.norm(limits.keep_in))
         return limits.planned_force / limits.mass - largest_tide(self.mean_motion, reach)
 
 
 class PlanStatus(enum.Enum):
-    """How planning ended; only a SOLVED plan may be flown."""
+    """The result of planning. Only a SOLVED plan may be flown."""
 
     SOLVED = "solved"
-    TERMINAL_INFEASIBLE = "terminal infeasible"  # the state at the mating point breaks a limit
-    START_INFEASIBLE = "start infeasible"  # the start breaks a limit, or is about to
-    NOT_CONVERGED = "not converged"  # no start of the optimiser led to a feasible plan
-    NOT_CERTIFIED = "not certified"  # feasible at the samples, but not shown to be clear between them
-    REFUSED = "refused"  # called solved by its planner, but it is not what was asked for
+    TERMINAL_INFEASIBLE = "terminal infeasible"  # The state at the mating point violates a limit.
+    START_INFEASIBLE = "start infeasible"  # The start violates a limit, or leads to a violation.
+    NOT_CONVERGED = "not converged"  # No start of the optimiser led to a feasible plan.
+    NOT_CERTIFIED = "not certified"  # Feasible at the samples, but the clearance between them is not proved.
+    REFUSED = "refused"  # Solved according to its planner, but the plan does not match the query.
 
 
 @dataclass(frozen=True, eq=False)
 class PlanReport:
-    """How a plan was found.
+    """A report of how a plan was found.
 
     Attributes:
-        message: What failed, and the value; empty for a solved plan.
-        cost: The cost that was minimised, by default half the integral of the squared force [N^2 s].
-        iterations: Iterations of the optimiser, over all its starts.
+        message: Reason of the failure with the value; empty for a solved plan.
+        cost: The minimised cost, by default half the integral of the squared force [N^2 s].
+        iterations: Number of iterations of the optimiser over all starts.
         starts: Number of starts of the optimiser that were tried.
-        violation: Largest violation of a constraint at the samples [m, or m/s for the line of sight].
-        clearance: Certified lower bound of (clearance - radius - margin) [m]; nan without a certificate.
+        violation: Largest violation of a constraint at the samples [m; m/s for the line of sight].
+        clearance: Certified lower bound of (clearance - radius - margin) [m]; NaN without a certificate.
         seconds: Computing time [s].
     """
 
@@ -169,26 +173,26 @@ def _no_rows() -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """An approach. Without status SOLVED it has no path, and the arrays are empty.
+    """A plan of an approach. Unless its status is SOLVED, it has no path and its arrays are empty.
 
-    A planner returns a path; `planner.problem.sampled_plan` makes the plan of it.
+    `planner.problem.sampled_plan` makes a plan from the path that a planner has found.
 
     Attributes:
-        status: How planning ended.
-        t_start: When the approach starts, with the wait [s].
-        duration: How long it takes [s].
-        path: Where the chaser is at every time, which the certificate of clearance needs; None without a plan.
+        status: Result of planning.
+        t_start: Time at which the approach starts, after the wait [s].
+        duration: Duration of the approach [s].
+        path: The chaser's path at all times, which the certificate of clearance needs; None without a plan.
         times: Times of the samples [s], t_start to t_start + duration, shape (K,).
         position: Position in W [m], shape (K, 3).
         velocity: Velocity in W [m/s], shape (K, 3).
         acceleration: Acceleration in W [m/s^2], shape (K, 3).
-        force: Force in W, without what the tide does [N], shape (K, 3).
+        force: Force in W, without that of the tide [N], shape (K, 3).
         position_target: Position in T [m], shape (K, 3).
-        velocity_target: Its derivative in T [m/s], shape (K, 3).
-        acceleration_target: Its second derivative in T [m/s^2], shape (K, 3).
+        velocity_target: Derivative of the position in T [m/s], shape (K, 3).
+        acceleration_target: Second derivative of the position in T [m/s^2], shape (K, 3).
         orientation: The target's predicted attitude q_WT, shape (K, 4).
         angular_velocity: The target's predicted angular velocity in T [rad/s], shape (K, 3).
-        report: How the plan was found.
+        report: Report of how the plan was found.
         tide: Tidal acceleration on an orbit [m/s^2], shape (K, 3); None in free space.
     """
 

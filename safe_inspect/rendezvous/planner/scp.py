@@ -1,8 +1,8 @@
 """Sequential convex programming of the free control points, with a trust region and an exact penalty.
 
-Each iteration linearises the constraints, gives each group of rows a slack of L1 cost, keeps the linear limits hard,
-and solves ``min cost + weight sum(slack)`` within the trust region. Source: Nocedal and Wright, "Numerical
-Optimization", Springer 2006, chapter 18 (Sl1QP).
+Each iteration linearises the constraints, gives each group of rows a slack with L1 cost, treats the linear limits as
+hard constraints, and solves ``min cost + weight sum(slack)`` within the trust region. Source: Nocedal and Wright,
+"Numerical Optimization", Springer 2006, chapter 18 (Sl1QP).
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from safe_inspect.types import FloatArray, IntArray
 
 #: Largest number of iterations.
 ITERATIONS = 25
-#: Initial bound of the change of each coordinate of a control point [m], and initial cost of a violation [1/m].
+#: Initial bound of the change of each coordinate of a control point [m], and initial weight of a violation [1/m].
 _TRUST, _WEIGHT = 0.3, 10.0
-#: Largest change of a coordinate [m] and relative predicted decrease of the merit at which the iteration has converged.
+#: Change of a coordinate [m] and relative predicted decrease of the merit below which the iteration has converged.
 _STEP, _GAIN = 2e-3, 1e-3
 #: Largest violation of a feasible plan [m].
 _TOLERANCE = 1e-6
-#: What the linearised constraints ask for beyond zero, for the error of the linearisation [m].
+#: Value that the linearised constraints must exceed, because of the error of the linearisation [m].
 RESERVE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class ScpResult:
-    """Where an iteration ended.
+    """The result of the optimisation.
 
     Attributes:
         points: Control points [m], shape (n, 3).
         cost: The cost.
         violation: Largest violation at the samples [m].
-        iterations: Number of quadratic programmes.
+        iterations: Number of solved quadratic programmes.
         feasible: Whether the violation is within the tolerance, and the linear limits hold.
     """
 
@@ -50,7 +50,7 @@ class ScpResult:
 
 @dataclass(frozen=True, eq=False)
 class LinearLimits:
-    """Limits on the hulls of velocity and acceleration: ``lower <= rows @ free points <= upper``, an axis a column."""
+    """Limits of the hulls of velocity and acceleration, ``lower <= rows @ free points <= upper``, a column per axis."""
 
     rows: FloatArray
     lower: FloatArray
@@ -59,7 +59,7 @@ class LinearLimits:
 
     @classmethod
     def of(cls, problem: ApproachProblem) -> LinearLimits:
-        """Return the limits of an approach on its free control points."""
+        """Return the limits of an approach as limits on its free control points."""
         limits, basis = problem.limits, problem.basis
         hulls = np.concatenate((basis.velocity_hull, basis.acceleration_hull))
         bound = np.repeat(
@@ -73,18 +73,18 @@ class LinearLimits:
         return cls(hulls[touched][:, basis.free] * scale, -1.0 - fixed * scale, 1.0 - fixed * scale, box)
 
     def hold(self, free: FloatArray, tolerance: float = 1e-6) -> bool:
-        """Whether free control points keep the limits."""
+        """Return whether free control points satisfy the limits."""
         hull = self.rows @ free
         inside = (np.abs(free) <= self.box + tolerance).all()
         return bool(inside and (hull >= self.lower - tolerance).all() and (hull <= self.upper + tolerance).all())
 
 
 def within_limits(problem: ApproachProblem, points: FloatArray) -> FloatArray | None:
-    """Return the nearest control points that keep the linear limits, or None where there are none.
+    """Return the nearest control points that satisfy the linear limits, or None if there are none.
 
     Args:
         problem: The approach.
-        points: Control points [m], shape (n, 3); those of the ends are kept.
+        points: Control points [m], shape (n, 3); those of the ends do not change.
     """
     linear, free = LinearLimits.of(problem), problem.basis.free
     wanted = points[free]
@@ -106,11 +106,11 @@ def within_limits(problem: ApproachProblem, points: FloatArray) -> FloatArray | 
 
 
 def optimise_scp(problem: ApproachProblem, points: FloatArray) -> ScpResult:
-    """Return the approach that the iteration reaches from a start.
+    """Optimise an approach from initial control points.
 
     Args:
         problem: The approach.
-        points: Control points to start from [m], shape (n, 3); those of the ends are kept.
+        points: Initial control points [m], shape (n, 3); those of the ends do not change.
     """
     feasible_points = within_limits(problem, points)
     if feasible_points is None:
@@ -157,14 +157,14 @@ def _step(
     trust: float,
     weight: float,
 ) -> tuple[FloatArray | None, float, float]:
-    """Return the solution of the convex subproblem, its modelled cost and its slacks' sum; None without a solution."""
+    """Return the solution of the convex subproblem, its modelled cost and the sum of its slacks; None if unsolved."""
     basis = problem.basis
     free, values = basis.free, basis.values[:, :, basis.free]
     current, size = points[free], 3 * (basis.gram.shape[0] - 6)
     row = values[0][rows.sample][:, :, None] * rows.to_position[:, None]
     row += values[1][rows.sample][:, :, None] * rows.to_velocity[:, None]
     row = row.reshape(len(rows.value), size)
-    active = rows.value < RESERVE + trust * np.abs(row).sum(axis=1)  # no other can be broken within the trust region
+    active = rows.value < RESERVE + trust * np.abs(row).sum(axis=1)  # The others hold in all of the trust region.
     row, value = row[active], rows.value[active] - RESERVE
     used, slack = np.unique(rows.group[active], return_inverse=True)
     hull = np.kron(linear.rows, np.eye(3))
@@ -201,15 +201,15 @@ def _step(
 
 
 def _with_slacks(columns: FloatArray, height: int, rows: IntArray, counts: IntArray) -> Any:
-    """Return a sparse matrix of dense columns and of columns of ones.
+    """Return a sparse matrix of given columns, followed by columns of ones and zeros.
 
     Args:
-        columns: The dense columns, one a row, shape (n, m).
+        columns: The given columns, as rows of this dense array, shape (n, m).
         height: Number of rows of the result, at least m.
-        rows: Where the columns of ones are one, column by column.
-        counts: Number of ones of each, shape (k,).
+        rows: Row indices of the ones, column by column.
+        counts: Number of ones in each of the further columns, shape (k,).
     """
-    from scipy.sparse import csc_matrix  # slow to import
+    from scipy.sparse import csc_matrix  # This import is slow.
 
     column, row = np.nonzero(columns)
     data = np.concatenate((columns[column, row], np.ones(len(rows))))
@@ -226,8 +226,8 @@ def _solve(
     row_bounds: tuple[FloatArray, FloatArray],
     bounds: tuple[FloatArray, FloatArray],
 ) -> FloatArray | None:
-    """Return the solution of a convex quadratic programme, its matrices dense or sparse, or None."""
-    from scipy.sparse import csc_matrix  # slow to import
+    """Solve a convex quadratic programme with dense or sparse matrices; return None without a solution."""
+    from scipy.sparse import csc_matrix  # This import is slow.
 
     piqp = require("piqp")
     solver = piqp.SparseSolver()
@@ -235,4 +235,4 @@ def _solve(
     solver.setup(csc_matrix(hessian), gradient, None, None, csc_matrix(matrix), *row_bounds, *bounds)
     if solver.solve() != piqp.PIQP_SOLVED:
         return None
-    return np.array(solver.result.x)  # a copy: the next solve overwrites it
+    return np.array(solver.result.x)  # Copy the result: the next solve overwrites it.

@@ -1,8 +1,8 @@
 """Clamped uniform B-splines of degree 5 over [0, T]: values, derivatives, their hulls, and the cost of acceleration.
 
-A derivative is a B-spline too, with control points ``D_i = 5 (c_{i+1} - c_i) / (tau_{i+6} - tau_{i+1})``, and a
-B-spline stays in the convex hull of its control points: limits on these hold at all times. Source: de Boor, "A
-Practical Guide to Splines", Springer 1978.
+The derivative is a B-spline with the control points ``D_i = 5 (c_{i+1} - c_i) / (tau_{i+6} - tau_{i+1})``. A B-spline
+stays in the convex hull of its control points, so that limits on the control points hold at all times. Source: de Boor,
+"A Practical Guide to Splines", Springer 1978.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ import numpy as np
 from safe_inspect.types import FloatArray
 
 DEGREE = 5
-#: Control points at each end that position, velocity and acceleration there determine.
+#: Number of control points at each end that are determined by the position, velocity and acceleration there.
 FIXED = 3
 
 
 @dataclass(frozen=True, eq=False)
 class SplineBasis:
-    """Matrices from n control points to what a spline over [0, T] is there.
+    """Matrices from n control points to values, derivatives and hulls of a spline over [0, T].
 
     Attributes:
-        duration: T [s].
-        values: To the values at the sample times and to their first two derivatives, shape (3, K, n).
-        velocity_hull: To the control points of the first derivative, shape (n - 1, n).
-        acceleration_hull: To the control points of the second derivative, shape (n - 2, n).
+        duration: Duration T [s].
+        values: Matrices to the values and the first two derivatives at the sample times, shape (3, K, n).
+        velocity_hull: Matrix to the control points of the first derivative, shape (n - 1, n).
+        acceleration_hull: Matrix to the control points of the second derivative, shape (n - 2, n).
         gram: Integrals of the products of second derivatives of the basis functions, shape (n, n).
         knots: The knots [s], shape (n + 6,).
     """
@@ -46,15 +46,15 @@ class SplineBasis:
 
     @property
     def free(self) -> slice:
-        """The control points that the two ends leave free."""
+        """Slice of the control points that the two ends do not determine."""
         return slice(FIXED, self.gram.shape[0] - FIXED)
 
     def ends(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return control points that are zero except for the first and last three, shape (n, 3).
 
         Args:
-            start: Position [m], velocity [m/s] and acceleration [m/s^2] at 0, shape (3, 3), one a row.
-            end: The same at T, shape (3, 3).
+            start: Rows with position [m], velocity [m/s] and acceleration [m/s^2] at 0, shape (3, 3).
+            end: Rows with the same at T, shape (3, 3).
         """
         points = np.zeros((self.gram.shape[0], 3))
         for rows, sample, state in ((slice(0, FIXED), 0, start), (slice(-FIXED, None), -1, end)):
@@ -62,7 +62,7 @@ class SplineBasis:
         return points
 
     def cheapest(self, points: FloatArray) -> FloatArray:
-        """Return the control points of the least integral of squared acceleration, those at the ends kept.
+        """Return the control points with the smallest integral of squared acceleration and unchanged ends.
 
         Args:
             points: Control points [m], shape (n, 3).
@@ -74,8 +74,8 @@ class SplineBasis:
         return result
 
     def at(self, points: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return value, first and second derivative at some times, each of shape (K, 3)."""
-        from scipy.interpolate import BSpline  # slow to import
+        """Return value, first and second derivative at times [s], shape (K, 3) each."""
+        from scipy.interpolate import BSpline  # This import is slow.
 
         spline = BSpline(self.knots, points, DEGREE)
         return spline(times), spline(times, 1), spline(times, 2)
@@ -83,11 +83,11 @@ class SplineBasis:
 
 @dataclass(frozen=True, eq=False)
 class SplinePath:
-    """A spline with its control points, as an `ApproachPath`.
+    """An `ApproachPath` given by a spline and its control points.
 
     Attributes:
-        basis: The basis.
-        points: Control points, in W [m], shape (n, 3).
+        basis: The basis of the spline.
+        points: Control points in W [m], shape (n, 3).
     """
 
     basis: SplineBasis
@@ -95,7 +95,7 @@ class SplinePath:
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration of the approach [s]."""
         return self.basis.duration
 
     @property
@@ -109,14 +109,14 @@ class SplinePath:
         return float(np.sqrt((self.points**2).sum(axis=1)).max())
 
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since its start [s], (K, 3) each."""
+        """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since the start [s], (K, 3) each."""
         return self.basis.at(self.points, times)
 
 
 @functools.lru_cache(maxsize=8)
 def _unit_basis(count: int, samples: int) -> SplineBasis:
     """Return the basis over [0, 1]."""
-    from scipy.interpolate import BSpline  # slow to import
+    from scipy.interpolate import BSpline  # This import is slow.
 
     spans = count - DEGREE
     knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
@@ -124,20 +124,20 @@ def _unit_basis(count: int, samples: int) -> SplineBasis:
     times = np.linspace(0.0, 1.0, samples)
     first = _difference(knots, DEGREE, count)
     second = _difference(knots[1:-1], DEGREE - 1, count - 1) @ first
-    nodes, weights = _gauss(spans, 4)  # exact for products of cubics
+    nodes, weights = _gauss(spans, 4)  # Exact for products of cubics.
     bend = basis(nodes, 2)
     gram = bend.T @ (bend * weights[:, None])
     return SplineBasis(1.0, np.stack([basis(times, k) for k in range(3)]), first, second, gram, knots)
 
 
 def _gauss(spans: int, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights of Gauss's quadrature in each of equal spans of [0, 1]."""
+    """Return nodes and weights of Gauss-Legendre quadrature for equal spans of [0, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return ((np.arange(spans)[:, None] + 0.5 * (nodes + 1.0)) / spans).ravel(), np.tile(0.5 * weights / spans, spans)
 
 
 def _difference(knots: FloatArray, degree: int, count: int) -> FloatArray:
-    """Return the map from control points to those of the derivative, shape (count - 1, count)."""
+    """Return the matrix from control points to those of the derivative, shape (count - 1, count)."""
     widths = knots[degree + 1 : degree + count] - knots[1:count]
     scale: FloatArray = (degree / widths)[:, None] * (np.eye(count)[1:] - np.eye(count)[:-1])
     return scale
@@ -145,12 +145,15 @@ def _difference(knots: FloatArray, degree: int, count: int) -> FloatArray:
 
 @functools.lru_cache(maxsize=32)
 def spline_basis(count: int, samples: int, duration: float) -> SplineBasis:
-    """Return a basis; the same arguments give the same one.
+    """Return a basis; calls with the same arguments return the same cached object.
 
     Args:
         count: Number of control points, at least 8.
-        samples: Number of sample times, the ends included.
-        duration: T [s].
+        samples: Number of sample times, including the ends.
+        duration: Duration T [s].
+
+    Raises:
+        ValueError: There are fewer than 8 control points.
     """
     if count < 2 * FIXED + 2:
         raise ValueError(f"planner: control_points must be at least {2 * FIXED + 2}, got {count}")

@@ -12,12 +12,12 @@ from safe_inspect.types import FloatArray
 
 
 class TargetMotion(NamedTuple):
-    """How the target turns, at some times.
+    """The rotation of the target at some times.
 
     Attributes:
-        orientation: q_WT [x, y, z, w], shape (..., 4).
-        angular_velocity: w in T [rad/s], shape (..., 3).
-        angular_acceleration: Its derivative in T [rad/s^2], shape (..., 3).
+        orientation: Quaternion q_WT [x, y, z, w], shape (..., 4).
+        angular_velocity: Angular velocity w in T [rad/s], shape (..., 3).
+        angular_acceleration: Derivative of w in T [rad/s^2], shape (..., 3).
     """
 
     orientation: FloatArray
@@ -26,12 +26,12 @@ class TargetMotion(NamedTuple):
 
 
 class Path(NamedTuple):
-    """A point's motion in one frame: the components, and their first and second derivatives.
+    """The motion of a point in one frame: its components and their first and second derivatives.
 
     Attributes:
-        position: [m], shape (..., 3).
-        velocity: [m/s], shape (..., 3).
-        acceleration: [m/s^2], shape (..., 3).
+        position: Position [m], shape (..., 3).
+        velocity: Velocity [m/s], shape (..., 3).
+        acceleration: Acceleration [m/s^2], shape (..., 3).
     """
 
     position: FloatArray
@@ -43,22 +43,22 @@ def torque_free(inertia: FloatArray, orientation: FloatArray, angular_velocity: 
     """Return the motion of a body without torque, ``w' = -J^-1 (w x J w)``.
 
     Args:
-        inertia: Principal moments, up to one factor, shape (..., 3).
-        orientation: q_WT, shape (..., 4).
-        angular_velocity: In T [rad/s], shape (..., 3).
+        inertia: Principal moments, up to a common factor, shape (..., 3).
+        orientation: Attitude q_WT, shape (..., 4).
+        angular_velocity: Angular velocity in T [rad/s], shape (..., 3).
     """
     return TargetMotion(orientation, angular_velocity, angular_acceleration(inertia, angular_velocity))
 
 
 def to_inertial(motion: TargetMotion, path: Path, centre: FloatArray | float = 0.0) -> Path:
-    """Return a path of T in W.
+    """Transform a path from T to W.
 
-    ``r = c + R p``, ``r' = R (v + w x p)``, ``r'' = R (a + 2 w x v + w' x p + w x (w x p))``, with p, v and a the
-    components in T and their derivatives, and a centre of mass c at rest.
+    ``r = c + R p``, ``r' = R (v + w x p)`` and ``r'' = R (a + 2 w x v + w' x p + w x (w x p))``, where p, v and a are
+    the components in T and their derivatives, and the centre of mass c is at rest.
 
     Args:
-        motion: How the target turns.
-        path: In T.
+        motion: The rotation of the target.
+        path: The path in T.
         centre: The target's centre of mass in W [m], shape (..., 3).
     """
     q, w, dw = motion
@@ -72,7 +72,7 @@ def to_inertial(motion: TargetMotion, path: Path, centre: FloatArray | float = 0
 
 
 def to_target(motion: TargetMotion, path: Path, centre: FloatArray | float = 0.0) -> Path:
-    """Return a path of W in T, the inverse of `to_inertial`.
+    """Transform a path from W to T, the inverse of `to_inertial`.
 
     ``p = R' (r - c)``, ``v = R' r' - w x p``, ``a = R' r'' - 2 w x v - w' x p - w x (w x p)``.
     """

@@ -1,7 +1,8 @@
-"""Units in which an approach of any size looks like one of a free flyer in a room, for which the optimiser is set.
+"""Units that scale an approach of any size to that of Astrobee, for which the optimiser is tuned.
 
-The unit of length is the scenario's, that of mass is such that the chaser has Astrobee's, and that of time such that
-the largest planned acceleration is Astrobee's too: trust region, weights and steps of the optimiser then fit.
+The unit of length is the length of the scenario. The unit of mass is such that the chaser has the mass of Astrobee, and
+the unit of time such that its largest planned acceleration is that of Astrobee. The trust region, weights and steps of
+the optimiser then apply.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ _ROOM = Limits()
 
 @dataclass(frozen=True, eq=False)
 class PlanUnits:
-    """The units of a query.
+    """The units for a query.
 
     Attributes:
         original: The query.
-        query: The same in these units, of length 1.
+        query: The query in these units, with a length of 1.
         length: The unit of length [m].
         mass: The unit of mass [kg].
         time: The unit of time [s].
@@ -38,7 +39,7 @@ class PlanUnits:
 
     @classmethod
     def of(cls, query: PlanQuery) -> PlanUnits:
-        """Return the units of a query."""
+        """Return the units for a query."""
         limits, length = query.limits, query.length
         mass = limits.mass / _ROOM.mass
         time = float(np.sqrt(length * (_ROOM.planned_force / _ROOM.mass) / (limits.planned_force / limits.mass)))
@@ -73,10 +74,10 @@ class PlanUnits:
         return cls(query, scaled, length, mass, time)
 
     def restored(self, plan: Plan, seconds: float) -> Plan:
-        """Return a plan of these units in metres, kilograms and seconds.
+        """Return a plan in these units converted to metres, kilograms and seconds.
 
         Args:
-            plan: The plan.
+            plan: The plan in these units.
             seconds: Computing time [s].
         """
         wait = _nearest(self.original.waits, self.time * (plan.t_start - self.query.t0))
@@ -98,6 +99,6 @@ class PlanUnits:
 
 
 def _nearest(values: tuple[float, ...], wanted: float) -> float:
-    """Return the value that is nearest, which differs by the rounding of a change of units; else what is wanted."""
+    """Return the nearest value if it differs only by the rounding errors of a change of units, else `wanted`."""
     found = min(values, key=lambda value: abs(value - wanted))
     return found if abs(found - wanted) < 1e-6 * max(1.0, wanted) else wanted

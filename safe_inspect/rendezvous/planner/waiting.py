@@ -1,4 +1,4 @@
-"""Which waits and durations are worth an optimisation."""
+"""The ranking of waits and durations before the optimisation."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from safe_inspect.rendezvous.planner.checks import possible_waits, terminal_prob
 from safe_inspect.rendezvous.planner.problem import ApproachProblem, approach_problems
 from safe_inspect.rendezvous.planner.query import PlanQuery
 
-_PRICE = 0.05  # N^2 of a metre of penetration
+_PRICE = 0.05  # N^2 per metre of penetration
 
 
 def ranked_problems(query: PlanQuery, count: int, samples: int) -> tuple[list[ApproachProblem], str]:
-    """Return the approaches whose ends are admissible, the most promising first, and why the first other one is not.
+    """Return the approaches with admissible ends, the most promising first, and why the first of the others is not.
 
     They are ordered by the cost of the cheapest spline plus 0.05 N^2/m times the integral of its penetration
     max(0, radius + margin - distance).
@@ -24,7 +24,7 @@ def ranked_problems(query: PlanQuery, count: int, samples: int) -> tuple[list[Ap
     """
     waits, admissible, reason = possible_waits(query), [], ""
     if not waits:
-        return [], "the chaser moves, and can wait only at rest; offer a wait of 0 s"
+        return [], "the chaser moves, and it can only wait at rest; include a wait of 0 s"
     for duration in query.durations:
         for problem in approach_problems(query, waits, duration, count, samples):
             wrong = terminal_problem(problem)

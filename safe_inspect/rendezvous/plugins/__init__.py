@@ -1,6 +1,6 @@
-"""The plugin kinds of rendezvous, and the built-in plugins. Importing registers them.
+"""The plugin kinds of rendezvous and the built-in plugins. Importing this module registers them.
 
-A plugin is its options, and called it returns a result, or a run that holds the state of one mission.
+A plugin instance contains the options. Calling it returns a result, or a run that contains the state of one mission.
 """
 
 from safe_inspect.rendezvous.control.lqr import LQRTracker

@@ -1,4 +1,4 @@
-"""The plugin kind of estimators: frozen recipes without memory that build the run of one mission."""
+"""The plugin kind of estimators: immutable options whose call builds the estimator of one mission."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ class EstimatorRun(Protocol):
     """The estimator of one mission."""
 
     def update(self, readings: Readings) -> StateEstimate:
-        """Return the newest estimate; called once for each step of control.
+        """Return the newest estimate; called once for each control step.
 
         Args:
-            readings: What the sensors have given since the last call.
+            readings: The measurements since the last call.
         """
 
 
 class StateEstimator(Plugin):
-    """Base of estimators: what the chaser knows of itself and of the target."""
+    """Base class of estimators of the states of chaser and target."""
 
     kind: ClassVar[str] = "state_estimator"
 
@@ -33,5 +33,5 @@ class StateEstimator(Plugin):
 
     @property
     def reads(self) -> tuple[Reading, ...]:
-        """What it reads of the sensors; the others are not simulated."""
+        """The kinds of measurements that the estimator reads; the others are not simulated."""
         return ("frames", "inertial")

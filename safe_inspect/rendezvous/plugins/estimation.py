@@ -1,4 +1,4 @@
-"""The estimator of a mission that sees by depth frames and an inertial unit."""
+"""The estimator that uses depth frames and an inertial unit."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from safe_inspect.rendezvous.readings import Reading
 
 
 class PipelineEstimator(StateEstimator):
-    """Knows what depth frames and an inertial unit tell, by a factor graph and a fit of the target's motion.
+    """Estimator from depth frames and an inertial unit, with a factor graph and a fit of the target's motion.
 
     Attributes:
-        front_end: From frames to relative poses.
-        back_end: From relative poses and inertial samples to states.
-        characteriser: From the history to the target's motion.
-        correlation: Correlation of the errors of two updates that follow each other.
+        front_end: Computes relative poses from frames.
+        back_end: Estimates states from relative poses and inertial samples.
+        characteriser: Estimates the target's motion from the history.
+        correlation: Correlation of the errors of two consecutive updates.
         known_target: Whether the target's shape and inertia are known.
     """
 
@@ -39,7 +39,7 @@ class PipelineEstimator(StateEstimator):
 
     @property
     def reads(self) -> tuple[Reading, ...]:
-        """What it reads of the sensors."""
+        """The kinds of measurements that the estimator reads."""
         return (self.front_end.reads, "inertial")
 
     def __call__(self, context: EstimatorContext) -> PipelineEstimatorRun:

@@ -1,4 +1,4 @@
-"""The estimator that passes on measured states."""
+"""The estimator that returns measured states."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from safe_inspect.rendezvous.readings import Reading
 
 
 class MeasuredState(StateEstimator):
-    """Knows the states that the sensor ``sensors.state`` measures; between two measurements the target moves freely."""
+    """Estimator that returns the states measured by ``sensors.state``, with free motion of the target in between."""
 
     @property
     def reads(self) -> tuple[Reading, ...]:
-        """What it reads of the sensors."""
+        """The kinds of measurements that the estimator reads."""
         return ("state",)
 
     def __call__(self, context: EstimatorContext) -> MeasuredStateRun:

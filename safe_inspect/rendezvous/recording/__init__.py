@@ -1,1 +1,1 @@
-"""Sensor logs: what camera and inertial unit have measured, on disk, without the simulator."""
+"""Sensor logs: measurements of the camera and the inertial unit on disk, independent of the simulator."""

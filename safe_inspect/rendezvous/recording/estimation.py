@@ -1,4 +1,4 @@
-"""Estimation on a sensor log: the pipeline of a mission, without a simulator."""
+"""Estimation from a sensor log with the pipeline of a mission, but without a simulator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
-#: Columns of `LogEstimate.online`: what was known after each frame.
+#: Columns of `LogEstimate.online`: the estimate after each frame.
 ONLINE_COLUMNS = (
     "time", "points", "edges", "q_WT_x", "q_WT_y", "q_WT_z", "q_WT_w", "rate_x", "rate_y", "rate_z",
     "attitude_sigma", "rate_sigma", "k1", "k2", "centre_x", "centre_y", "centre_z", "centre_sigma",
@@ -32,12 +32,12 @@ ONLINE_COLUMNS = (
 
 @dataclass(frozen=True)
 class Estimators:
-    """The plugins that estimate.
+    """The plugins of the estimation pipeline.
 
     Attributes:
-        front_end: From frames to relative poses.
-        back_end: From relative poses and inertial samples to states.
-        characteriser: From the history to the target's motion.
+        front_end: Computes relative poses from frames.
+        back_end: Estimates states from relative poses and inertial samples.
+        characteriser: Estimates the target's motion from the history.
     """
 
     front_end: FrontEnd
@@ -47,16 +47,16 @@ class Estimators:
 
 @dataclass(frozen=True, eq=False)
 class LogEstimate:
-    """What a log tells.
+    """The estimate from a log.
 
     Attributes:
-        online: What was known after each frame, rows of `ONLINE_COLUMNS`, NaN where nothing was, shape (n, 18).
-        target: The motion at the end.
-        graph: The factor graph's states at the end.
-        chaser_positions: Of the chaser in W as known after each frame [m], shape (n, 3).
+        online: The estimate after each frame, in the columns `ONLINE_COLUMNS`, NaN if unknown, shape (n, 18).
+        target: The target's motion, estimated from all frames.
+        graph: The states of the factor graph after the last frame.
+        chaser_positions: Positions of the chaser in W, as estimated after each frame [m], shape (n, 3).
         history: Attitudes of the frames, and the edges.
         edges: All edges.
-        target_model: The known target, or None.
+        target_model: The known target; None if its shape is unknown.
     """
 
     online: FloatArray
@@ -68,14 +68,14 @@ class LogEstimate:
     target_model: Target | None
 
     def attitudes(self, times: FloatArray) -> FloatArray:
-        """Return q_WT of the motion at times [s], shape (n, 4)."""
+        """Return q_WT of the estimated motion at times [s], shape (n, 4)."""
         return self.target.predict(times)[0]
 
     def attitude_error(self, times: FloatArray, truth: FloatArray) -> FloatArray:
-        """Return the angle between the motion and the true q_WT at times [s], shape (n,) [rad].
+        """Return the angle between the estimated and the true q_WT [rad], shape (n,).
 
-        Where no pose to the model tells the directions of the axes, the best of the four choices that differ by half a
-        turn about an axis is taken for all times.
+        If no pose to the model determines the directions of the axes, there are four choices that differ by half a turn
+        about an axis. The choice with the smallest median error is used for all times.
 
         Args:
             times: Times [s], shape (n,).
@@ -93,7 +93,7 @@ class LogEstimate:
 
 
 class _Recorder:
-    """A front end whose edges and clouds are kept."""
+    """A front end that stores all of its edges and the number of the newest ones."""
 
     def __init__(self, run: FrontEndRun) -> None:
         self._run = run
@@ -110,16 +110,16 @@ class _Recorder:
 def estimate_log(
     log_: SensorLog, estimators: Estimators, target: Target | None, progress: Callable[[int, int], None] | None = None
 ) -> LogEstimate:
-    """Estimate chaser and target from a log. The linear algebra has one thread meanwhile, as in a mission.
+    """Estimate the motion of chaser and target from a log. The linear algebra runs in one thread, as in a mission.
 
     Args:
         log_: The log.
-        estimators: The plugins.
-        target: The target where its shape and inertia are known.
-        progress: Called with the number of frames that are done, and of all.
+        estimators: The plugins of the estimation pipeline.
+        target: The target if its shape and inertia are known, else None.
+        progress: Called after each frame with the number of frames that are done and the number of all frames.
 
     Raises:
-        ConfigError: The log does not show the motion of a body.
+        ConfigError: The motion of the target cannot be determined from the log.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         return _estimate(log_, estimators, target, progress)
@@ -154,8 +154,8 @@ def _estimate(
     if pipeline.graph is None or pipeline.target is None:
         seen = sum(row[2] > 0 for row in online)
         raise ConfigError(
-            f"{log_.folder}: the motion of the target is not found; {seen} of {len(log_)} frames gave a relative pose. "
-            "Check the unit and sign of depths and rates and the camera's orientation, or record for longer"
+            f"{log_.folder}: the motion of the target could not be determined; {seen} of {len(log_)} frames gave a "
+            "relative pose. Check the unit and sign of depths and rates and the camera's orientation, or record longer"
         )
     edges = tuple(recorder.edges)
     return LogEstimate(
@@ -180,7 +180,7 @@ def _row(pipeline: EstimationPipeline, frame: DepthFrame, edges: int) -> FloatAr
 
 
 def measured_rates(estimate: LogEstimate) -> tuple[FloatArray, FloatArray]:
-    """Return mid times [s], shape (n,), and angular velocities in T [rad/s], shape (n, 3), from about 5 s each."""
+    """Return the middles of intervals of about 5 s [s], shape (n,), and their mean rates in T [rad/s], shape (n, 3)."""
     times, q_WG = estimate.history.in_inertial  # noqa: N806
     q_WT = multiply(q_WG, np.broadcast_to(estimate.target.q_GT, q_WG.shape))  # noqa: N806
     last = np.minimum(np.searchsorted(times, times + 5.0), len(times) - 1)

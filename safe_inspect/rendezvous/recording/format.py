@@ -1,4 +1,4 @@
-"""The files of a sensor log, and the model of its description."""
+"""The names and columns of a sensor log's files, and the model of its description."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.units import Length, PositiveLength, Speed
 
-#: Description of the sensors; list of the frames; what the inertial unit measured, as CSV or Parquet; the truth.
+#: Files with the description of the sensors, the list of the frames, and the truth; inertial samples as CSV or Parquet.
 DESCRIPTION, FRAMES, TRUTH = "sensors.yml", "frames.csv", "truth.csv"
 IMU_FILES = ("imu.csv", "imu.parquet")
 FRAME_COLUMNS = ("time", "file")
@@ -36,23 +36,23 @@ _Quaternion = tuple[float, float, float, float]
 
 
 class CameraDescription(Model):
-    """The depth camera: a pinhole without distortion.
+    """The depth camera: a pinhole camera without distortion.
 
     C has z forward, x right and y down. A depth is the coordinate z in C. (cx, cy) is 0 at the centre of the first
     pixel, as in OpenCV.
 
     Attributes:
-        width: Pixels of a row.
-        height: Pixels of a column.
+        width: Number of pixels in a row.
+        height: Number of pixels in a column.
         fx: Focal length along a row [px].
         fy: Focal length along a column [px].
         cx: Column of the principal point [px].
         cy: Row of the principal point [px].
-        least_range: Nearer points are not used [m].
-        largest_range: Farther points are not used [m].
-        depth_unit: What an integer of a PNG file means [m].
-        position: Of the camera in B [m].
-        orientation: Quaternion [x, y, z, w] from C to B; the default looks along x of B with y to the right.
+        least_range: Range below which points are not used [m].
+        largest_range: Range above which points are not used [m].
+        depth_unit: Depth of the value 1 in a PNG file [m].
+        position: Position of the camera in B [m].
+        orientation: Quaternion [x, y, z, w] from C to B; by default the camera looks along x of B with y to the right.
     """
 
     width: int = Field(ge=8)
@@ -91,11 +91,11 @@ class CameraDescription(Model):
 
 
 class StartDescription(Model):
-    """The chaser at the first frame, in an inertial frame W of the user's choice.
+    """The state of the chaser at the first frame, in an inertial frame W that the user chooses.
 
     Attributes:
-        position: Of the chaser in W [m].
-        velocity: In W [m/s].
+        position: Position of the chaser in W [m].
+        velocity: Velocity of the chaser in W [m/s].
         orientation: Quaternion [x, y, z, w] from B to W.
     """
 
@@ -114,7 +114,7 @@ class SensorDescription(Model):
 
     Attributes:
         camera: The depth camera.
-        imu: Errors of the inertial unit, each the standard deviation for one axis.
+        imu: Errors of the inertial unit, each as the standard deviation of one axis.
         start: The chaser at the first frame.
     """
 

@@ -1,4 +1,4 @@
-"""A mating point on an observed shape: given by a pixel of a frame, where no model of the shape is known."""
+"""A mating point given by a pixel of a frame, for targets without a known model of the shape."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from safe_inspect.rendezvous.recording.estimation import LogEstimate
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.types import FloatArray
 
-#: Half width of the window of pixels that a surface's normal is fitted to, and the fewest of its pixels.
+#: Half width of the window of pixels to which a surface's normal is fitted, and smallest number of valid pixels in it.
 _WINDOW, _LEAST = 3, 8
 
 
 def pick_point(log: SensorLog, frame: int, column: int, row: int, distance: float) -> FloatArray:
-    """Return the point at a distance above what a pixel sees, in B at that frame [m], shape (3,).
+    """Return the point at a distance above the surface that a pixel sees, in B at that frame [m], shape (3,).
 
-    The surface's normal is that of the plane through the pixels around it, to the side of the camera.
+    The surface's normal is that of a plane fitted to the surrounding pixels, and points to the side of the camera.
 
     Args:
         log: The log.
@@ -28,18 +28,18 @@ def pick_point(log: SensorLog, frame: int, column: int, row: int, distance: floa
         distance: Distance above the surface [m].
 
     Raises:
-        ConfigError: There is no such pixel, it sees nothing, or too few pixels around it do.
+        ConfigError: The pixel does not exist or has no depth, or too few pixels around it see the same surface.
     """
     camera = log.description.camera
     if not (0 <= frame < len(log) and 0 <= column < camera.width and 0 <= row < camera.height):
         raise ConfigError(
-            f"{log.folder}: frame {frame}, column {column}, row {row} is not in it; it has {len(log)} frames of "
+            f"{log.folder}: frame {frame}, column {column}, row {row} is not in the log; it has {len(log)} frames of "
             f"{camera.width} x {camera.height} pixels, counted from 0"
         )
     image = log.frame(frame)
     if not image.valid[row, column]:
         raise ConfigError(
-            f"{log.files[frame]}: column {column}, row {row} sees nothing; pick a pixel of the target, see the figure"
+            f"{log.files[frame]}: column {column}, row {row} has no depth; pick a pixel of the target, see the figure"
         )
     directions = camera.geometry.directions
     place = directions[row, column] * (image.depth[row, column] / directions[row, column, 2])
@@ -59,16 +59,16 @@ def pick_point(log: SensorLog, frame: int, column: int, row: int, distance: floa
 
 
 def in_principal_axes(log: SensorLog, estimate: LogEstimate, frame: int, point: FloatArray) -> FloatArray:
-    """Return a point of B at a frame in the estimated principal axes T, from the centre of mass [m], shape (3,).
+    """Return a point, given in B at a frame, in the estimated principal axes T from the centre of mass [m], shape (3,).
 
-    ``p_T = R_GT^T (T_GB p_B - o)`` with o the centre of mass in G; where the attitude of the frame is not in the
-    graph any more, the motion gives it.
+    The result is ``p_T = R_GT^T (T_GB p_B - o)``, where o is the centre of mass in G. If the graph no longer contains
+    the attitude at the frame, the estimated motion gives it.
 
     Args:
         log: The log.
-        estimate: What it tells.
+        estimate: The estimate from the log.
         frame: Number of the frame.
-        point: In B [m], shape (3,).
+        point: Point in B [m], shape (3,).
     """
     R_WT = to_matrix(estimate.attitudes(log.times[frame : frame + 1])[0])  # noqa: N806
     near = int(np.abs(estimate.history.times - log.times[frame]).argmin())
@@ -77,5 +77,5 @@ def in_principal_axes(log: SensorLog, estimate: LogEstimate, frame: int, point: 
 
 
 def mating_point_text(point: FloatArray) -> str:
-    """Return a mating point as the value of the key ``mating_point`` of a target."""
+    """Return a mating point as text for the key ``mating_point`` of a target."""
     return "[" + ", ".join(f"{value:.4f} m" for value in point) + "]"

@@ -1,4 +1,4 @@
-"""What is implausible in a sensor log: units, clocks and gaps, which every single value of its files may hide."""
+"""Plausibility checks of a sensor log: wrong units, different clocks and gaps, which no single value shows."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from safe_inspect.rendezvous.recording.format import FRAMES, IMU_FILES, TRUTH, T
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.types import FloatArray
 
-#: Frames whose depths are looked at, spread over the log.
+#: Number of frames, spread over the log, whose depths are checked.
 _LOOKED_AT = 5
-#: Gap between two inertial samples that is too long, in periods, and at least [s].
+#: Shortest gap between two inertial samples that is too long, in periods, and its lower limit [s].
 _LONG_GAP, _LEAST_GAP = 10.0, 0.1
-#: Time between two frames beyond which the times are hardly in seconds [s].
+#: Time between two frames above which the times are probably not in seconds [s].
 _SLOW_FRAMES = 60.0
 #: Scatter of inertial samples relative to the stated noise, and medians of the angular velocity [rad/s] and of the
-#: specific force [m/s^2], beyond which the unit is doubtful. In free fall the specific force is that of the thrusters.
+#: specific force [m/s^2], above which the unit is doubtful. In free fall the specific force is that of the thrusters.
 _SCATTER, _FAST, _STRONG = 10.0, 1.0, 1.0
-#: From second differences of samples with independent errors to their standard deviation, by the median.
+#: Factor from the median absolute second difference of samples with independent errors to their standard deviation.
 _FROM_SECOND = 1.4826 / np.sqrt(6.0)
 
 
 def check_log(log: SensorLog) -> list[Problem]:
-    """Return what is doubtful in a log, each with its file and what to do.
+    """Return the doubtful properties of a log, each with its file and what to do.
 
     Raises:
-        ConfigError: Nothing can be estimated from it: no inertial samples while the frames were taken, or no depth
-            within the camera's range.
+        ConfigError: Nothing can be estimated from the log: it has no inertial samples during the time of the frames, or
+            no depth within the camera's range.
     """
     imu = next(str(log.folder / name) for name in IMU_FILES if (log.folder / name).is_file())
     _check_samples(log, imu)
@@ -41,14 +41,14 @@ def _check_samples(log: SensorLog, name: str) -> None:
     first, last = log.times[0], log.times[-1]
     if not len(log.imu):
         raise ConfigError(
-            f"{name}: it has no samples; give those of the time of the frames, {first:g} to {last:g} s. A camera that "
-            "does not move has samples of 0"
+            f"{name}: there are no samples; give samples for the time of the frames, {first:g} to {last:g} s. A camera "
+            "that does not move has samples of 0"
         )
     since, until = log.imu[0, 0], log.imu[-1, 0]
     if until <= first or since >= last:
         raise ConfigError(
             f"{name}: its samples are from {since:.10g} to {until:.10g} s, and the frames from {first:.10g} to "
-            f"{last:.10g} s; give both the time of one clock"
+            f"{last:.10g} s; use one clock for both"
         )
 
 
@@ -65,24 +65,24 @@ def _check_depths(log: SensorLog) -> None:
         raise ConfigError(
             f"{log.folder / log.files[0]}: none of {len(outside)} frames has a depth in the camera's range of "
             f"{camera.least_range:g} to {camera.largest_range:g} m; their median is {np.median(found):.4g} m. NPZ "
-            f"files have metres, PNG files units of depth_unit ({camera.depth_unit:g} m); z is positive in front of "
-            "the camera"
+            f"files must be in metres, PNG files in units of depth_unit ({camera.depth_unit:g} m); z is positive in "
+            "front of the camera"
         )
 
 
 def _clock_doubts(log: SensorLog, name: str) -> Iterator[Problem]:
-    """Yield gaps of the samples, and times that are hardly seconds."""
+    """Yield a problem for each gap between samples, and for times that are probably not in seconds."""
     frames, times = log.times, log.imu[:, 0]
     step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
     long = max(_LONG_GAP * step if np.isfinite(step) else 0.0, _LEAST_GAP)
-    # The frames' ends stand for samples, so that a gap at an end is one like others.
+    # The first and the last frame count as samples, so that gaps at the ends are found like others.
     inside = times[(times > frames[0]) & (times < frames[-1])]
     ends = np.concatenate([[frames[0]], inside, [frames[-1]]])
     for place in np.flatnonzero(np.diff(ends) > long)[:3]:
         yield Problem(
-            f"{name}: there is no sample from {ends[place]:.10g} to {ends[place + 1]:.10g} s; what the chaser did then "
-            "is not known",
-            hint="record all samples while frames are taken",
+            f"{name}: there is no sample from {ends[place]:.10g} to {ends[place + 1]:.10g} s; the chaser's motion in "
+            "that time is unknown",
+            hint="record samples for as long as frames are recorded",
         )
     period = float(np.median(np.diff(frames)))
     if period > _SLOW_FRAMES:
@@ -90,17 +90,17 @@ def _clock_doubts(log: SensorLog, name: str) -> Iterator[Problem]:
 
 
 def _unit_doubts(log: SensorLog, name: str) -> Iterator[Problem]:
-    """Yield samples that are hardly in SI units, or of a chaser in free fall."""
+    """Yield a problem for samples that are probably not in SI units, or not of a chaser in free fall."""
     noise, samples = log.description.imu, log.imu[:, 1:]
     used = samples[(log.imu[:, 0] >= log.times[0]) & (log.imu[:, 0] <= log.times[-1])]
     for what, unit, stated, values, most, hint in (
-        ("angular velocity", "rad/s", noise.rate, used[:, 3:], _FAST, "give radians a second, not degrees"),
+        ("angular velocity", "rad/s", noise.rate, used[:, 3:], _FAST, "give radians per second, not degrees"),
         ("specific force", "m/s^2", noise.acceleration, used[:, :3], _STRONG, "leave gravity out, and give m/s^2"),
     ):
         typical = float(np.median(np.linalg.norm(values, axis=1)))
         scatter = float(_FROM_SECOND * np.median(np.abs(np.diff(values, 2, axis=0)))) if len(values) > 2 else 0.0
         if typical > most:
-            yield Problem(f"{name}: the {what} is {typical:.3g} {unit} in the median", hint=hint)
+            yield Problem(f"{name}: the median {what} is {typical:.3g} {unit}", hint=hint)
         elif stated > 0.0 and scatter > _SCATTER * stated:
             yield Problem(
                 f"{name}: the {what} scatters by {scatter:.3g} {unit} from sample to sample, {scatter / stated:.3g} "
@@ -119,4 +119,6 @@ def _truth_doubts(log: SensorLog) -> Iterator[Problem]:
         first = TRUTH_COLUMNS.index(f"{name}_x")
         length = np.linalg.norm(log.truth[:, first : first + 4], axis=1)
         if np.abs(length - 1.0).max() > 1e-3:
-            yield Problem(f"{log.folder / TRUTH}: {name} is no unit quaternion in row {np.abs(length - 1.0).argmax()}")
+            yield Problem(
+                f"{log.folder / TRUTH}: {name} is not a unit quaternion in row {np.abs(length - 1.0).argmax()}"
+            )

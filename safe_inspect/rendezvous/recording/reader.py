@@ -1,4 +1,4 @@
-"""Reading a sensor log; every mistake is one message with the file, the line and what to do."""
+"""Reading a sensor log. The message for a mistake states the file, the line and what to do."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class SensorLog:
-    """A log whose tables are read; its frames are read one by one.
+    """A sensor log. Its tables are in memory, and its frames are read one by one.
 
     Attributes:
-        folder: The folder.
+        folder: The folder of the log.
         description: The sensors.
         times: Times of the frames [s], shape (n,).
         files: The frames' files.
@@ -70,7 +70,7 @@ class SensorLog:
         return pose(rotation, np.array(start.position)), np.array(start.velocity)
 
     def steps(self) -> Iterator[tuple[DepthFrame, FloatArray]]:
-        """Yield each frame with the inertial samples since the last one, shape (k, 7).
+        """Yield each frame with the inertial samples since the previous frame, shape (k, 7).
 
         Samples before the first frame are left out: the chaser's state is given at the first frame.
 
@@ -98,7 +98,7 @@ class SensorLog:
         return DepthFrame(float(self.times[index]), np.where(valid, depth, 0.0), points, valid, flags)
 
     def depth(self, index: int) -> FloatArray:
-        """Return the depths of a frame as its file has them, 0 where nothing is seen [m], shape (height, width).
+        """Return the depths in the file of a frame, 0 where nothing is seen [m], shape (height, width).
 
         Raises:
             ConfigError: Its file is missing, damaged or of another size.
@@ -115,16 +115,19 @@ class SensorLog:
 
 
 def read_sensor_log(folder: str | os.PathLike[str]) -> SensorLog:
-    """Read the tables of a log.
+    """Read a sensor log from its folder.
 
     Raises:
-        ConfigError: With every mistake of the description, or the first one of the tables.
+        ConfigError: The log is not valid; the error lists every mistake of the description, or the first one of the
+            tables.
     """
     path = Path(folder)
     if not path.is_dir():
         raise ConfigError(f"{folder}: there is no such folder; give the folder of a sensor log")
     if not (path / DESCRIPTION).is_file():
-        raise ConfigError(f"{folder}: no sensor log, it has no {DESCRIPTION}; see docs/rendezvous.md for the format")
+        raise ConfigError(
+            f"{folder}: not a sensor log: there is no {DESCRIPTION}; see docs/rendezvous.md for the format"
+        )
     description = _description(path / DESCRIPTION)
     times, files = _frames(path / FRAMES)
     imu_files = [path / name for name in IMU_FILES if (path / name).is_file()]
@@ -135,7 +138,7 @@ def read_sensor_log(folder: str | os.PathLike[str]) -> SensorLog:
     truth = _table(path / TRUTH, TRUTH_COLUMNS) if (path / TRUTH).is_file() else None
     if truth is not None and len(truth) != len(times):
         raise ConfigError(
-            f"{path / TRUTH}: it has {len(truth)} rows for {len(times)} frames; give one row for each, or no such file"
+            f"{path / TRUTH}: it has {len(truth)} rows for {len(times)} frames; give one row for each, or delete it"
         )
     return SensorLog(path, description, times, files, imu, truth)
 
@@ -143,7 +146,7 @@ def read_sensor_log(folder: str | os.PathLike[str]) -> SensorLog:
 def _description(path: Path) -> SensorDescription:
     tree = load(path)
     if not isinstance(tree, LocatedDict):
-        raise ConfigError(f"{path}: it must hold the keys `camera`, `imu` and `start`")
+        raise ConfigError(f"{path}: it must contain the keys `camera`, `imu` and `start`")
     try:
         return SensorDescription.model_validate(tree)
     except ValidationError as error:
@@ -179,7 +182,7 @@ def _parquet(path: Path, columns: Sequence[str]) -> FloatArray:
         table = pq.read_table(path)
     except (OSError, pa.ArrowInvalid) as error:
         raise ConfigError(
-            f"{path}: it cannot be read as Parquet ({error}); write it anew, or give a CSV file"
+            f"{path}: it cannot be read as Parquet ({error}); write it again, or give a CSV file"
         ) from None
     missing = [name for name in columns if name not in table.column_names]
     if missing:
@@ -192,7 +195,7 @@ def _parquet(path: Path, columns: Sequence[str]) -> FloatArray:
 
 
 def _rows(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
-    """Return the rows of a CSV file with their lines, in the order of the columns."""
+    """Return the line number and the values of each row of a CSV file, in the order of the columns."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -256,7 +259,7 @@ def _depth(path: Path, unit: float) -> FloatArray:
             raise _frame_error(
                 path, f"it cannot be read ({error})", "write a PNG with one channel of 16 bits"
             ) from None
-    raise _frame_error(path, f"its kind {path.suffix!r} is not known", "give NPZ or 16-bit PNG files")
+    raise _frame_error(path, f"the file type {path.suffix!r} is not supported", "give NPZ or 16-bit PNG files")
 
 
 def _frame_error(path: Path, message: str, hint: str) -> ConfigError:

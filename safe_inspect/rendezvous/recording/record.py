@@ -1,4 +1,4 @@
-"""Recording the sensors of a simulated watch."""
+"""Recording the sensors of a simulated observation of the target."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from safe_inspect.types import FloatArray
 
 
 def describe_watch(config: RendezvousConfig, first: WatchedFrame) -> SensorDescription:
-    """Return the description of a simulated watch."""
+    """Return the description of the sensors of a simulated observation."""
     camera = config.sensors.camera.geometry
     fx, fy, cx, cy = camera.intrinsics
     start = first.chaser
@@ -43,15 +43,15 @@ def record_watch(
     images: Literal["npz", "png"] = "npz",
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Write the sensor log of a watch into a folder that exists; return the number of frames.
+    """Write the sensor log of a simulated observation into an existing folder and return the number of frames.
 
     Args:
-        folder: The folder.
+        folder: The existing folder.
         config: The experiment.
-        number: Number of the mission, whose tumble and noise are drawn.
-        seconds: How long it lasts.
+        number: Number of the mission, from which its tumble and noise are sampled.
+        seconds: Duration of the observation [s].
         images: Format of the depth frames.
-        progress: Called with the number of frames that are done, and of all.
+        progress: Called after each frame with the number of frames that are done and the number of all frames.
     """
     count, wanted = 0, int(seconds / config.sensors.frame_period + 1e-9) + 1
     writer: SensorLogWriter | None = None
@@ -64,7 +64,7 @@ def record_watch(
         count += 1
         if progress is not None:
             progress(count, wanted)
-    assert writer is not None, "a watch has a frame at its start"
+    assert writer is not None, "an observation must start with a frame"
     writer.close()
     return count
 

@@ -1,4 +1,4 @@
-"""Replay of a mission from its files alone: the commands are flown again and what was logged is compared."""
+"""Replay of a mission from its files: run the commands again and compare the motion with the log."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from safe_inspect.types import FloatArray
 
 
 class Replay(NamedTuple):
-    """A mission that was flown again.
+    """The motion of a replayed mission.
 
     Attributes:
         time: Times of the ticks [s], shape (K,).
@@ -23,9 +23,9 @@ class Replay(NamedTuple):
         orientation: Attitude q_WB of the chaser, shape (K, 4).
         target: Attitude q_WT of the target, shape (K, 4).
         clearance: Distance of the chaser's sphere to the target's boxes [m], shape (K,).
-        translation_difference: Largest difference to the log, in metres and metres a second.
-        orientation_difference: Largest difference of a component of q_WB to the log.
-        clearance_difference: Largest difference of the least clearance of a step to the log [m].
+        translation_difference: Largest difference of a component of `translation` from the log [m, m/s].
+        orientation_difference: Largest difference of a component of q_WB from the log.
+        clearance_difference: Largest difference of the least clearance of a control step from the log [m].
     """
 
     time: FloatArray
@@ -39,7 +39,7 @@ class Replay(NamedTuple):
 
 
 def replay(folder: str | os.PathLike[str]) -> Replay:
-    """Fly the commands of a mission's log again, from the logged start.
+    """Run the commands of a mission's log again from the logged initial state.
 
     Raises:
         CheckpointError: A file is missing or damaged.
@@ -57,7 +57,7 @@ def replay(folder: str | os.PathLike[str]) -> Replay:
     at_start = (logged["target_q"][0], logged["target_w"][0])
     q, _ = target_motion(target.principal, at_start, mission.impulses, time)
     clearance = clearances(target, translation[:, :3], q, config.chaser.radius)
-    after = slice(ticks - 1, -1, ticks)  # the log has the states before each step
+    after = slice(ticks - 1, -1, ticks)  # The log contains the states before each step.
     return Replay(
         time,
         translation,

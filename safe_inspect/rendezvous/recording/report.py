@@ -1,4 +1,4 @@
-"""What is left of the estimation on a sensor log: summary and tables."""
+"""The output of the estimation from a sensor log: summary and tables."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ESTIMATE, ONLINE, EDGES = "estimate.json", "estimate.csv", "edges.npz"
 
 
 def summary_of(log: SensorLog, estimate: LogEstimate) -> dict[str, Any]:
-    """Return the estimate at the last frame as plain values; angles in degrees."""
+    """Return the estimate at the last frame as a dictionary; angles are in degrees."""
     found, graph = estimate.target, estimate.graph
     time = float(log.times[-1])
     q, w = found.predict(np.array([time]))
@@ -57,7 +57,7 @@ def _errors(log: SensorLog, estimate: LogEstimate, truth: FloatArray) -> dict[st
     rate = truth[-1, column["rate_x"] : column["rate_z"] + 1]
     error = estimate.attitude_error(log.times, attitude)
     _, w = estimate.target.predict(log.times[-1:])
-    # The directions of the axes are free by half turns where no pose to the model tells them.
+    # Without a pose to the model the directions of the axes are only known up to half turns.
     choices = [np.ones(3)]
     if not estimate.target.aligned:
         choices += [2.0 * np.eye(3)[k] - 1.0 for k in range(3)]
@@ -69,7 +69,7 @@ def _errors(log: SensorLog, estimate: LogEstimate, truth: FloatArray) -> dict[st
 
 
 def write_estimate(folder: Path, log: SensorLog, estimate: LogEstimate) -> None:
-    """Write summary and tables into a folder that exists."""
+    """Write the summary and the tables into an existing folder."""
     summary = json_value(summary_of(log, estimate))
     (folder / ESTIMATE).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     with (folder / ONLINE).open("w", encoding="utf-8", newline="") as file:
@@ -91,7 +91,7 @@ def write_estimate(folder: Path, log: SensorLog, estimate: LogEstimate) -> None:
 
 
 def estimate_table(summary: dict[str, Any]) -> str:
-    """Return the summary as lines for a terminal."""
+    """Return the summary as lines of text for a terminal."""
     rate = summary["rate_deg_per_s"]
     components = ", ".join(f"{one:.3f}" for one in rate)
     lines = [
@@ -105,7 +105,11 @@ def estimate_table(summary: dict[str, Any]) -> str:
         f"J1/J3, J2/J3                   {summary['J1_over_J3']:8.4f}, {summary['J2_over_J3']:.4f}",
         f"centre of mass, sigma          {1e3 * summary['centre_sigma']:8.1f} mm",
         "directions of the axes         "
-        + ("    known by the model" if summary["directions_are_known"] else "    free by half turns: no known shape"),
+        + (
+            "    known from the model"
+            if summary["directions_are_known"]
+            else "    ambiguous by half turns: no known shape"
+        ),
     ]
     if "errors" in summary:
         errors = summary["errors"]

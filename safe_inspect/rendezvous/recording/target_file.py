@@ -1,4 +1,4 @@
-"""The known target of a sensor log, from a file."""
+"""Reading the known target of a sensor log from a file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MESHES = (".stl", ".ply", ".obj")
 
 
 def read_target(path: str | os.PathLike[str]) -> Target:
-    """Return the target of a file: a mesh of uniform density, or YAML with the key ``target``, such as an experiment.
+    """Read a target from a mesh of uniform density or from YAML with the key ``target``, such as an experiment.
 
     Raises:
         ConfigError: The file cannot be read, or has no target.
@@ -29,7 +29,9 @@ def read_target(path: str | os.PathLike[str]) -> Target:
         return MeshTarget(path=os.path.abspath(Path(path).expanduser()))()
     tree = load(path)
     if not isinstance(tree, LocatedDict) or "target" not in tree:
-        raise ConfigError(f"{os.fspath(path)}: it has no key `target`; give such a file, an experiment, or a mesh")
+        raise ConfigError(
+            f"{os.fspath(path)}: it has no key `target`; give an experiment, another file with it, or a mesh"
+        )
     part = with_absolute_files(
         LocatedDict({key: tree[key] for key in ("plugin_paths", "target") if key in tree}, tree.marks)
     )

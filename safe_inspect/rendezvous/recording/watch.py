@@ -1,4 +1,4 @@
-"""A simulated watch: the chaser holds its place and looks at the target, camera and inertial unit measure."""
+"""A simulated observation: the chaser holds its position and points its camera at the target."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class WatchedFrame:
-    """One frame, what the inertial unit has measured since the last one, and the truth.
+    """A frame, the inertial samples since the previous frame, and the true states.
 
     Attributes:
         frame: The depth frame.
@@ -37,12 +37,12 @@ class WatchedFrame:
 
 
 def watch(config: RendezvousConfig, number: int, seconds: float) -> Iterator[WatchedFrame]:
-    """Yield the frames of a mission that does nothing but watch, the first at time 0.
+    """Yield the frames of a mission that only observes the target, the first at time 0.
 
     Args:
-        config: The experiment; its estimator is not asked, and what fails in it works here.
-        number: Number of the mission, whose tumble and noise are drawn.
-        seconds: How long it lasts.
+        config: The experiment. Its estimator is not used, and its faults are not simulated.
+        number: Number of the mission, from which its tumble and noise are sampled.
+        seconds: Duration of the observation [s].
     """
     endless = dict.fromkeys(("observe", "observe_limit", "time_limit"), math.inf)
     mission = config.mission.model_copy(update={"faults": (), **endless})

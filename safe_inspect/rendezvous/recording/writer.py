@@ -1,4 +1,4 @@
-"""Writing a sensor log."""
+"""Writing a sensor log to disk."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _NUMBER = ".17g"
 
 
 class SensorLogWriter:
-    """Writes a log into a folder that exists; `close` writes the tables.
+    """Writer of a sensor log into an existing folder; `close` writes the tables.
 
     Args:
-        folder: The folder.
+        folder: The existing folder.
         description: The sensors.
-        images: Depth frames as ``npz`` (float32, metres) or ``png`` (16 bit, rounded to the unit of the description).
+        images: Format of depth frames: ``npz`` (float32, metres) or ``png`` (16 bits, rounded to `depth_unit`).
     """
 
     def __init__(self, folder: Path, description: SensorDescription, images: Literal["npz", "png"] = "npz") -> None:
@@ -56,7 +56,7 @@ class SensorLogWriter:
         self._frames.append((time, name))
 
     def add_imu(self, samples: FloatArray) -> None:
-        """Add samples: time [s], specific force [m/s^2] and angular velocity [rad/s] in B, shape (n, 7)."""
+        """Add inertial samples: time [s], specific force [m/s^2] and angular velocity [rad/s] in B, shape (n, 7)."""
         self._imu.extend(samples)
 
     def add_truth(self, row: FloatArray) -> None:

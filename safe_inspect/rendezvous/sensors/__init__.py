@@ -1,1 +1,1 @@
-"""Sensors of the chaser, simulated on the true state."""
+"""Simulated sensors of the chaser, computed from the true states."""

@@ -1,4 +1,4 @@
-"""An inertial measurement unit: gyroscopes and accelerometers with noise and wandering biases."""
+"""An inertial measurement unit: gyroscopes and accelerometers with noise and drifting biases."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True)
 class ImuNoise:
-    """Errors of the unit, each the standard deviation for one axis.
+    """Errors of the inertial unit, each as the standard deviation of one axis.
 
     Attributes:
-        acceleration: Noise of a sample [m/s^2].
-        rate: Noise of a sample [rad/s].
-        acceleration_bias: Bias at the start [m/s^2].
-        rate_bias: Bias at the start [rad/s].
-        acceleration_walk: Random walk of the bias [m/s^2 per sqrt(s)].
-        rate_walk: Random walk of the bias [rad/s per sqrt(s)].
+        acceleration: Noise of a sample of the specific force [m/s^2].
+        rate: Noise of a sample of the angular velocity [rad/s].
+        acceleration_bias: Initial bias of the specific force [m/s^2].
+        rate_bias: Initial bias of the angular velocity [rad/s].
+        acceleration_walk: Random walk of the bias of the specific force [m/s^2 per sqrt(s)].
+        rate_walk: Random walk of the bias of the angular velocity [rad/s per sqrt(s)].
     """
 
     acceleration: float = 2e-3
@@ -34,10 +34,10 @@ class ImuNoise:
 
 
 def checked_noise(noise: ImuNoise) -> ImuNoise:
-    """Return the errors of a unit that an estimator may assume: each a positive number, as it weighs by them.
+    """Return the errors of an inertial unit after checking that an estimator can compute weights from them.
 
     Raises:
-        ValueError: One is not.
+        ValueError: An error is not a positive number.
     """
     for name, value in vars(noise).items():
         if not (math.isfinite(value) and value > 0.0):
@@ -51,8 +51,8 @@ class ImuSample(NamedTuple):
     Attributes:
         acceleration: Specific force [m/s^2], shape (3,).
         rate: Angular velocity [rad/s], shape (3,).
-        acceleration_bias: Its true bias [m/s^2], shape (3,).
-        rate_bias: Its true bias [rad/s], shape (3,).
+        acceleration_bias: True bias of the specific force [m/s^2], shape (3,).
+        rate_bias: True bias of the angular velocity [rad/s], shape (3,).
     """
 
     acceleration: FloatArray
@@ -62,10 +62,10 @@ class ImuSample(NamedTuple):
 
 
 class InertialSample(NamedTuple):
-    """What is measured at one time.
+    """The inertial measurement at one time.
 
     Attributes:
-        time: Since the step of control has started [s].
+        time: Time since the start of the control step [s].
         acceleration: Specific force in B [m/s^2], shape (3,).
         rate: Angular velocity in B [rad/s], shape (3,).
     """
@@ -76,12 +76,12 @@ class InertialSample(NamedTuple):
 
 
 class Imu:
-    """The unit of one mission; only the biases are remembered.
+    """The inertial unit of one mission, whose only memory are the biases.
 
-    ``a = p'' + b_a + n_a``, in B (free fall has no gravity) and ``w = omega + b_g + n_g``.
+    In B it measures ``a = p'' + b_a + n_a`` (without gravity, as in free fall) and ``w = omega + b_g + n_g``.
 
     Args:
-        noise: Its errors.
+        noise: Errors of the unit.
         period: Time between samples [s].
         streams: The random streams of one mission.
     """
@@ -96,7 +96,7 @@ class Imu:
 
         Args:
             acceleration: Acceleration of the centre of mass in B, without gravity [m/s^2], shape (3,).
-            angular_velocity: In B [rad/s], shape (3,).
+            angular_velocity: Angular velocity in B [rad/s], shape (3,).
         """
         noise = self._noise
         drawn = self._streams.normal("imu.sample", 12, self._count)[0]

@@ -19,24 +19,28 @@ from safe_inspect.units import quantity
 _Angle = quantity("rad", ge=0)
 _Length = quantity("m", ge=0)
 
-#: Least standard deviation that covariances state [rad, m].
+#: Smallest standard deviation of a stated covariance [rad, m].
 _LEAST_SIGMA = 1e-6
 
 
 class PoseSensor(Model):
-    """Measures poses of the target relative to the chaser, and to earlier frames; standard deviations are of one axis.
+    """Sensor of the chaser's poses relative to earlier frames and to the known model of the target.
+
+    Standard deviations are those of one axis. The error of the view is constant for all frames of a keyframe and adds
+    to their poses, so that it cancels in poses between two frames of the same keyframe.
 
     Attributes:
-        rotation_sigma: Of the rotation between two frames [rad].
-        translation_sigma: Of the translation between two frames [m].
-        view_rotation: Of the view [rad]: it is constant while the same keyframe is current, and adds to the pose of
-            every frame of it. Poses between frames of one keyframe do not have it.
-        view_translation: The same [m].
-        model: Whether poses to the known model are measured.
-        model_rotation: Of a pose to the model, rotation [rad]; constant for a keyframe.
-        model_translation: Of its translation [m].
-        keyframe: Turn of the target as seen from the chaser after which the view is another one [rad].
-        skips: To how many earlier frames poses are measured.
+        rotation_sigma: Standard deviation of the rotation between two frames [rad].
+        translation_sigma: Standard deviation of the translation between two frames [m].
+        view_rotation: Standard deviation of the view's rotation [rad].
+        view_translation: Standard deviation of the view's translation [m].
+        model: Whether poses relative to the known model are measured.
+        model_rotation: Standard deviation of the rotation of a pose relative to the model [rad]; the error is constant
+            for a keyframe.
+        model_translation: Standard deviation of the translation of a pose relative to the model [m]; the error is
+            constant for a keyframe.
+        keyframe: Rotation of the target as seen from the chaser after which a new keyframe starts [rad].
+        skips: Number of earlier frames relative to which poses are measured.
     """
 
     rotation_sigma: _Angle = 0.003490658503988659  # type: ignore[valid-type]
@@ -52,11 +56,11 @@ class PoseSensor(Model):
 
 @dataclass(frozen=True, eq=False)
 class PoseFrame(DepthFrame):
-    """A frame without points, with the relative poses that a simulated sensor has measured in its place.
+    """A frame without points that contains relative poses measured by a simulated sensor instead.
 
     Attributes:
-        number: Number of the frame, which its poses refer to.
-        poses: The poses, as a front end gives them.
+        number: Number of the frame, to which its poses refer.
+        poses: The poses, in the form that a front end returns.
     """
 
     number: int
@@ -64,28 +68,28 @@ class PoseFrame(DepthFrame):
 
 
 class PoseSensorRun:
-    """The sensor of one mission.
+    """The pose sensor of one mission.
 
     Args:
-        sensor: Its errors.
+        sensor: Errors of the sensor.
         streams: The random streams of the mission.
     """
 
     def __init__(self, sensor: PoseSensor, streams: Streams) -> None:
         self._sensor, self._streams = sensor, streams
         self._poses: list[FloatArray] = []
-        self._views: list[FloatArray] = []  # the tangent of each frame's view error
+        self._views: list[FloatArray] = []  # Tangent of the view error of each frame.
         self._keyframe: FloatArray | None = None
         self._drawn = 0
         self._frames: list[int] = []
 
     def measure(self, number: int, pose: FloatArray, *, in_view: bool) -> tuple[Edge, ...]:
-        """Return what is measured in a frame.
+        """Return the poses that are measured in a frame.
 
         Args:
             number: Number of the frame.
             pose: The true T_MB, shape (4, 4).
-            in_view: Whether the target is in view; else nothing is measured.
+            in_view: Whether the target is in view; if not, nothing is measured.
         """
         if not in_view:
             return ()

@@ -1,4 +1,4 @@
-"""A simulated sensor of states with stated errors: for tests and for control alone, without estimation."""
+"""A simulated sensor of states with stated errors, for tests and for control without estimation."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from safe_inspect.units import NonNegativeAngle, NonNegativeAngularRate
 
 
 class StateSensor(Model):
-    """Measures the chaser's state exactly, and the target's with Gaussian errors of its attitude and rate.
+    """Sensor that measures the chaser's state exactly, and the target's with Gaussian errors of attitude and rate.
 
-    With e of unit variance, ``e_j+1 = rho e_j + sqrt(1 - rho^2) n``: the measured attitude is ``q Exp(sigma e_1..3)``
-    and the measured rate ``w + sigma e_4..6``. Zero errors are the truth.
+    With e of unit variance and ``e_j+1 = rho e_j + sqrt(1 - rho^2) n``, the measured attitude is
+    ``q Exp(sigma e_1..3)`` and the measured rate is ``w + sigma e_4..6``. Without errors it measures the true state.
 
     Attributes:
         attitude_sigma: Standard deviation of the attitude about each principal axis [rad].
         rate_sigma: Standard deviation of each component of the angular velocity [rad/s].
-        correlation: Correlation rho of the errors of two measurements that follow each other.
+        correlation: Correlation rho of the errors of two consecutive measurements.
     """
 
     attitude_sigma: NonNegativeAngle = 0.0  # type: ignore[valid-type]
@@ -34,13 +34,13 @@ class StateSensor(Model):
 
 @dataclass(frozen=True, eq=False)
 class StateReading:
-    """The states of chaser and target, as a simulated sensor gives them.
+    """The states of chaser and target, as measured by a simulated sensor.
 
     Attributes:
-        chaser: The chaser.
-        target: The target; None where it was not measured in this step.
-        errors: How wrong they are.
-        correlation: Correlation of the errors of two measurements of the target that follow each other.
+        chaser: State of the chaser.
+        target: State of the target; None if it was not measured in this step.
+        errors: Errors of the measurement.
+        correlation: Correlation of the errors of two consecutive measurements of the target.
     """
 
     chaser: BodyState
@@ -50,10 +50,10 @@ class StateReading:
 
 
 class StateSensorRun:
-    """The sensor of one mission.
+    """The state sensor of one mission.
 
     Args:
-        sensor: Its errors.
+        sensor: Errors of the sensor.
         period: Time between two measurements of the target [s].
         streams: The random streams of the mission.
     """
@@ -65,13 +65,13 @@ class StateSensorRun:
         self._count, self._last = 0, -np.inf
 
     def measure(self, time: float, chaser: BodyState, target: BodyState, *, silent: bool) -> StateReading:
-        """Return what is measured.
+        """Return the measurement at a time.
 
         Args:
             time: The time [s].
             chaser: The chaser's true state.
             target: The target's true state.
-            silent: Whether the target is not measured.
+            silent: Whether the target is not measured now.
         """
         seen = None
         if not silent and time >= self._last + self._period - 1e-9:

@@ -1,4 +1,4 @@
-"""A time-of-flight depth camera: rays through the pixels, noise, dropouts and flying pixels."""
+"""A time-of-flight depth camera, simulated by ray casting with noise, dropouts and flying pixels."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import PositiveLength
 
-#: Most words that one index of a stream gives; an image takes several indices.
+#: Largest number of words that one index of a stream gives; an image uses several indices.
 _WORDS_PER_INDEX = 8192
-#: Range of a ray that hits nothing, as the ray caster returns it, is above this [m].
+#: Range above which a ray hits nothing [m]; the ray caster returns such a range.
 _FAR = 1e30
-#: Difference of depth between neighbours that makes an edge [m].
+#: Difference of depth between neighbouring pixels above which they are at an edge [m].
 _EDGE = 0.05
-#: A frame with fewer points is flagged.
+#: Number of points below which a frame is flagged.
 _FEW_POINTS = 50
 
 
 @dataclass(frozen=True)
 class NoiseProfile:
-    """Errors of the camera. The standard deviation of a range is ``sigma0 + k r^2 / max(cos(incidence), 0.15)``.
+    """Errors of the camera; the standard deviation of a range is ``sigma0 + k r^2 / max(cos(incidence), 0.15)``.
 
     Attributes:
         sigma0: Constant part [m].
         k: Quadratic part [1/m].
-        dropout: Probability that a pixel gives nothing.
-        grazing: Cosine of the incidence below which a pixel gives nothing.
-        flying: Probability that a pixel at an edge of the depth image flies.
+        dropout: Probability that a pixel measures nothing.
+        grazing: Cosine of the angle of incidence below which a pixel measures nothing.
+        flying: Probability that a pixel at an edge of the depth image is a flying pixel.
         flying_range: Largest displacement of a flying pixel along its ray [m].
     """
 
@@ -47,7 +47,7 @@ class NoiseProfile:
     flying_range: float = 0.08
 
 
-#: `ideal` has no error at all, the others are measured cameras from the best to the worst.
+#: Profiles by name: `ideal` has no errors; the others are measured cameras, from the best to the worst.
 PROFILES = {
     "ideal": NoiseProfile(0.0, 0.0, dropout=0.0, grazing=0.0, flying=0.0),
     "clean": NoiseProfile(2e-3, 0.0),
@@ -58,17 +58,17 @@ PROFILES = {
 
 @dataclass(frozen=True)
 class DepthCamera:
-    """Geometry of the camera; C has z forward, x right and y down.
+    """Geometry of the camera. In its frame C, z is forward, x right and y down.
 
     Attributes:
-        width: Pixels of a row.
-        height: Pixels of a column.
+        width: Number of pixels in a row.
+        height: Number of pixels in a column.
         focal_length: Focal length along a row [px].
-        least_range: Least measured range [m].
+        least_range: Smallest measured range [m].
         largest_range: Largest measured range [m].
-        focal_length_y: Focal length along a column [px]; None for that along a row.
-        principal_point: Where the optical axis meets the image [px], column and row, with 0 at the centre of the first
-            pixel; None for the middle of the image.
+        focal_length_y: Focal length along a column [px]; None for the same as along a row.
+        principal_point: Column and row where the optical axis intersects the image [px], 0 at the centre of the first
+            pixel; None for the centre of the image.
     """
 
     width: int
@@ -101,14 +101,14 @@ class DepthCamera:
 
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
-    """One frame.
+    """A depth frame.
 
     Attributes:
-        time: When it was taken [s].
-        depth: Coordinate z in C of what each pixel sees [m], 0 where it sees nothing, shape (height, width).
+        time: Time of the frame [s].
+        depth: Coordinate z in C of the point that each pixel sees [m], 0 if it sees nothing, shape (height, width).
         points: Points in C [m], in the order of the pixels, shape (n, 3).
-        valid: Which pixels see something, shape (height, width).
-        flags: ``out_of_view`` (no point), ``few_points`` and ``inside`` (the camera is within the target).
+        valid: Mask of the pixels that see something, shape (height, width).
+        flags: ``out_of_view`` (no point), ``few_points``, ``inside`` (the camera is inside the target).
     """
 
     time: float
@@ -122,11 +122,11 @@ class TimeOfFlightCamera(Plugin):
     """A time-of-flight camera of 224 x 171 pixels with noise, dropouts and flying pixels.
 
     Attributes:
-        profile: Its errors: ``ideal`` (none), ``clean``, ``nominal`` or ``harsh``.
-        width: Pixels of a row.
-        height: Pixels of a column.
-        focal_length: Focal length in pixels.
-        least_range: Least measured range [m].
+        profile: Errors of the camera: ``ideal`` (none), ``clean``, ``nominal`` or ``harsh``.
+        width: Number of pixels in a row.
+        height: Number of pixels in a column.
+        focal_length: Focal length [px].
+        least_range: Smallest measured range [m].
         largest_range: Largest measured range [m].
     """
 
@@ -143,23 +143,23 @@ class TimeOfFlightCamera(Plugin):
         return DepthCamera(self.width, self.height, self.focal_length, self.least_range, self.largest_range)
 
     def __call__(self, target: Target) -> DepthRenderer:
-        """Return what takes frames of a target."""
+        """Return a renderer of depth frames of a target."""
         return DepthRenderer(self.geometry, target.mesh, PROFILES[self.profile])
 
 
 def no_frame(time: float) -> DepthFrame:
-    """Return a frame without a pixel."""
+    """Return a frame without pixels."""
     return DepthFrame(time, np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((0, 0), bool), ("out_of_view",))
 
 
 class DepthRenderer:
-    """Takes frames of a mesh; a frame is a function of the pose, the streams and the frame's number alone."""
+    """Renderer of depth frames of a mesh. A frame depends only on the pose, the streams and its number."""
 
     def __init__(self, camera: DepthCamera, mesh: TriangleMesh, profile: NoiseProfile) -> None:
         self._camera = camera
         self._profile = profile
         self._scene: Any = require("embreex.rtcore_scene").EmbreeScene()
-        # The scene refers to the triangles and does not own them.
+        # Keep a reference to the triangles: the scene refers to them but does not own them.
         self._triangles = require("embreex.mesh_construction").TriangleMesh(
             self._scene, np.ascontiguousarray(mesh.corners, np.float32)
         )
@@ -167,14 +167,14 @@ class DepthRenderer:
     def render(
         self, rotation: FloatArray, translation: FloatArray, streams: Streams, frame: int, time: float
     ) -> DepthFrame:
-        """Return one frame.
+        """Render a frame.
 
         Args:
-            rotation: R_MC, takes coordinates in the camera's frame C to the target's frame M, shape (3, 3).
+            rotation: R_MC, which takes coordinates in the camera's frame C to the target's frame M, shape (3, 3).
             translation: The camera's position in M [m], shape (3,).
             streams: The random streams of one mission.
             frame: Number of the frame.
-            time: When it is taken [s].
+            time: Time of the frame [s].
         """
         camera, profile = self._camera, self._profile
         shape = (camera.height, camera.width)
@@ -195,7 +195,7 @@ class DepthRenderer:
         return DepthFrame(time, depth, points, valid, (*flags, *(("inside",) * inside)))
 
     def _cast(self, rotation: FloatArray, translation: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-        """Return the range of the first hit, infinite without one, the cosine of incidence, and if from inside."""
+        """Return ranges of first hits (infinite without a hit), cosines of incidence, and if one is from inside."""
         rays = np.ascontiguousarray(self._camera.directions.reshape(-1, 3) @ rotation.T, np.float32)
         origins = np.ascontiguousarray(np.broadcast_to(translation, rays.shape), np.float32)
         hit = self._scene.run(origins, rays, output=True)
@@ -210,7 +210,7 @@ class DepthRenderer:
 
 
 def _edges(depth: FloatArray, jump: float) -> BoolArray:
-    """Return which pixels differ from one of four neighbours by more than `jump`; nothing seen is infinitely far."""
+    """Return a mask of the pixels that differ by more than `jump` from one of four neighbours; no depth is infinity."""
     found = np.zeros(depth.shape, np.bool_)
     finite = np.where(np.isfinite(depth), depth, 1e9)
     for axis in (0, 1):
@@ -232,7 +232,7 @@ def _normal(streams: Streams, purpose: str, shape: tuple[int, int], frame: int) 
 
 
 def _fill(draw: Any, purpose: str, shape: tuple[int, int], frame: int) -> FloatArray:
-    """Draw an image in blocks that do not overlap those of other frames."""
+    """Sample an image in blocks of a stream that do not overlap with those of other frames."""
     size = shape[0] * shape[1]
     blocks = -(-size // _WORDS_PER_INDEX)
     parts = [draw(purpose, _WORDS_PER_INDEX, frame * blocks + block)[0] for block in range(blocks)]

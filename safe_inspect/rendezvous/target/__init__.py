@@ -1,1 +1,1 @@
-"""The target: its shape, its mass properties, and where the chaser shall go."""
+"""The target: its shape, its mass properties and its mating point."""

@@ -18,7 +18,7 @@ from safe_inspect.rendezvous.target.model import (
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, PositiveLength
 
-#: The corners of a unit box by their signs, and the twelve triangles of its faces seen from outside.
+#: Signs of the corners of a box, and the twelve triangles of its faces, counter-clockwise as seen from outside.
 _SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _FACES = np.array(
     [
@@ -29,12 +29,12 @@ _FACES = np.array(
 
 
 def aligned_boxes(centre: FloatArray, half_size: FloatArray) -> OrientedBoxes:
-    """Return boxes whose axes are those of the frame; centres and half sizes [m], shape (B, 3)."""
+    """Return boxes aligned with the axes of the frame, from centres and half sizes [m], shape (B, 3)."""
     return OrientedBoxes(centre, half_size, np.broadcast_to(np.eye(3), (len(centre), 3, 3)))
 
 
 def join_boxes(*parts: OrientedBoxes) -> OrientedBoxes:
-    """Return all boxes of several sets in one."""
+    """Return the boxes of several sets as one set."""
     return OrientedBoxes(
         np.concatenate([part.centre for part in parts]),
         np.concatenate([part.half_size for part in parts]),
@@ -55,13 +55,13 @@ def mesh_of_boxes(boxes: OrientedBoxes) -> TriangleMesh:
 
 
 def inertia_of_boxes(boxes: OrientedBoxes, mass: float) -> FloatArray:
-    """Return the inertia about the common centre of mass of boxes of one density that do not overlap.
+    """Return the inertia of boxes of equal density that do not overlap, about their common centre of mass.
 
-    For each box of mass m and half sizes h: ``m/3 R diag(|h|^2 - h^2) R^T + m (|c|^2 I - c c^T)``.
+    It is the sum of ``m/3 R diag(|h|^2 - h^2) R^T + m (|c|^2 I - c c^T)`` over all boxes of mass m and half sizes h.
 
     Args:
         boxes: The boxes.
-        mass: Their common mass [kg].
+        mass: The total mass of the boxes [kg].
 
     Returns:
         Inertia in the boxes' frame [kg m^2], shape (3, 3).
@@ -81,9 +81,9 @@ class Box(BaseModel):
     """One box of a target.
 
     Attributes:
-        centre: Its centre in the model's frame [m].
-        half_size: Half of its lengths along its own axes [m].
-        rotation: Rotation vector that takes its axes to the model's [rad].
+        centre: Centre of the box in the model's frame [m].
+        half_size: Half of the box's lengths along its axes [m].
+        rotation: Rotation vector from the box's axes to the model's axes [rad].
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -94,12 +94,12 @@ class Box(BaseModel):
 
 
 class BoxTarget(TargetModel):
-    """A target of boxes; their common centre of mass is the origin of its frame.
+    """A target made of boxes, whose common centre of mass is the origin of the model's frame.
 
     Attributes:
         boxes: The boxes.
-        inertia: Inertia about the centre of mass [kg m^2], which is then the origin; null for one density of all boxes.
-        mating_point: Where the chaser's centre shall be, in the principal axes [m].
+        inertia: Inertia about the centre of mass [kg m^2], which is then the origin; null for boxes of equal density.
+        mating_point: Position that the chaser's centre must reach, in the principal axes [m].
     """
 
     boxes: tuple[Box, ...] = Field(default=(Box(),), min_length=1)

@@ -28,13 +28,13 @@ def envisat_boxes() -> OrientedBoxes:
 
 
 class EnvisatTarget(TargetModel):
-    """Envisat as boxes for its bus, boom, radar antenna and solar array, with small boxes that only sensors see.
+    """Envisat as boxes for bus, boom, radar antenna and solar array, with small boxes that only sensors see.
 
-    Its mass scales by the cube and its inertia by the fifth power of the scale.
+    The mass is proportional to the cube of the scale, and the inertia to its fifth power.
 
     Attributes:
-        scale: Its size relative to the satellite's.
-        mating_point: Where the chaser's centre shall be, in the principal axes [m].
+        scale: Size relative to the satellite.
+        mating_point: Position that the chaser's centre must reach, in the principal axes [m].
     """
 
     scale: float = Field(default=0.05, gt=0.0)
@@ -53,7 +53,7 @@ class EnvisatTarget(TargetModel):
 
 
 def _details(boxes: OrientedBoxes) -> OrientedBoxes:
-    """Return small boxes that stand half out of the bus's faces."""
+    """Return small boxes that protrude by half from the faces of the bus."""
     streams = Streams(0, np.arange(_DETAILS), np.zeros(_DETAILS, np.int64))
     where = streams.uniform("target.detail.where", 3) * 2.0 - 1.0
     size = _DETAIL_SIZE * (0.3 + 0.7 * streams.uniform("target.detail.size", 3))

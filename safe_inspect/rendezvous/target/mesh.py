@@ -1,4 +1,4 @@
-"""A target from a mesh file of the user's."""
+"""A target from the user's mesh file."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from safe_inspect.rendezvous.target.model import (
 )
 from safe_inspect.types import AnyArray, FloatArray
 
-#: The name of a file that a plugin reads, as a configuration gives it; see `experiment.load_rendezvous`.
+#: Field type for the name of a file that a plugin reads; `experiment.load_rendezvous` makes such names absolute.
 DataFile = Annotated[str, Field(min_length=1, json_schema_extra={"file": True})]
-#: Least half size of a covering box [m]; a flat piece of a mesh has none of its own.
+#: Smallest half size of a covering box [m], for flat parts of a mesh.
 _LEAST_HALF_SIZE = 1e-4
-#: Where a cell is cut, as shares of its length.
+#: Positions of the cuts of a cell to try, as fractions of its length.
 _CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
 def read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
-    """Return a mesh file as trimesh has it.
+    """Read a mesh file with trimesh and scale it.
 
     Raises:
         ConfigError: The file cannot be read, or its surface is not closed.
@@ -42,13 +42,13 @@ def read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
         mesh = require("trimesh").load(name, force="mesh")
     except MissingLibraryError:
         raise
-    except Exception as error:  # of the library, which raises what its many formats come across
+    except Exception as error:  # The errors of trimesh depend on the format.
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ConfigError(f"{name}: the mesh cannot be read ({reason}); give an STL, PLY or OBJ file") from None
     if not mesh.is_volume:
         raise ConfigError(
-            f"{name}: the mesh is no closed surface with outward faces (watertight: {mesh.is_watertight}, consistent "
-            f"winding: {mesh.is_winding_consistent}); close its holes and let all faces look outwards"
+            f"{name}: the mesh is not a closed surface with outward faces (watertight: {mesh.is_watertight}, "
+            f"consistent winding: {mesh.is_winding_consistent}); close its holes and make all faces point outwards"
         )
     mesh.apply_scale(scale)
     return mesh
@@ -58,11 +58,11 @@ class MeshTarget(TargetModel):
     """A target from a closed mesh file (STL, PLY or OBJ), covered by boxes.
 
     Attributes:
-        path: The file; a relative name is looked for beside the configuration that names it.
-        scale: What its lengths are multiplied by to get metres.
-        inertia: Inertia about the mesh's origin [kg m^2], which is the centre of mass; null for one density inside.
-        mating_point: Where the chaser's centre shall be, in the principal axes [m].
-        boxes: Largest number of boxes that cover it.
+        path: The file; a relative name is looked up next to the configuration file that contains it.
+        scale: Factor from the lengths in the file to metres.
+        inertia: Inertia about the mesh's origin [kg m^2], which is then the centre of mass; null for uniform density.
+        mating_point: Position that the chaser's centre must reach, in the principal axes [m].
+        boxes: Largest number of boxes that cover the mesh.
     """
 
     path: DataFile
@@ -77,7 +77,7 @@ class MeshTarget(TargetModel):
         """Return the target, moved so that its centre of mass is the origin.
 
         Raises:
-            ConfigError: The file is no closed mesh, or its inertia that of no body.
+            ConfigError: The mesh is not closed, or its inertia is not that of a rigid body.
         """
         mesh = read_mesh(self.path, self.scale)
         if self.inertia is None:
@@ -95,11 +95,12 @@ class MeshTarget(TargetModel):
 
 
 def covering_boxes(mesh: Any, count: int) -> OrientedBoxes:
-    """Return at most `count` axis-aligned boxes that cover a closed mesh with its inside.
+    """Return at most `count` axis-aligned boxes that cover a closed mesh and its interior.
 
-    Box by box, the plane is cut that lowers the common volume most. The solid's part in a cell ends at a side of the
-    cell either on the surface, which the bounds of the cell's triangles hold, or nowhere: then all of that side, its
-    middle too, is inside the solid.
+    Starting from the bounding box, cells are cut one after the other, each time at the plane that reduces the total
+    volume most. On each side of a cell, the part of the solid in the cell either ends at the mesh's surface, and the
+    bounds of the cell's triangles contain it, or it fills the whole side. In the second case the centre of the side is
+    inside the solid.
     """
     whole = _Cell((np.asarray(mesh.vertices), np.asarray(mesh.faces)), np.asarray(mesh.bounds, np.float64))
     cells = [whole]
@@ -115,7 +116,7 @@ def covering_boxes(mesh: Any, count: int) -> OrientedBoxes:
 
 
 class _Cell(NamedTuple):
-    """The triangles within a box (vertices and faces), and the box (low and high corner [m], shape (2, 3))."""
+    """A box (low and high corner [m], shape (2, 3)) and the triangles in it (vertices and faces)."""
 
     surface: tuple[FloatArray, AnyArray]
     bounds: FloatArray
@@ -126,7 +127,7 @@ class _Cell(NamedTuple):
 
 
 def _best_cut(mesh: Any, cell: _Cell) -> tuple[float, list[_Cell]]:
-    """Return the volume that the best cut of a cell saves [m^3], and its two halves."""
+    """Return the volume that the best cut of a cell saves [m^3] and the two halves."""
     low, high = cell.bounds
     best: tuple[float, list[_Cell]] = (0.0, [cell])
     for axis in range(3):
@@ -141,7 +142,7 @@ def _best_cut(mesh: Any, cell: _Cell) -> tuple[float, list[_Cell]]:
 
 
 def _half(mesh: Any, cell: _Cell, axis: int, plane: float, side: int) -> _Cell | None:
-    """Return the part of a cell below (side 0) or above a plane, its box made tight; None when it has no surface."""
+    """Return the part of a cell below (side 0) or above (side 1) a plane, with a tight box; None without triangles."""
     normal, origin, bounds = np.zeros(3), np.zeros(3), cell.bounds.copy()
     normal[axis], origin[axis], bounds[1 - side, axis] = 2.0 * side - 1.0, plane, plane
     vertices, faces, _ = require("trimesh").intersections.slice_faces_plane(*cell.surface, normal, origin)

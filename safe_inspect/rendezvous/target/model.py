@@ -1,4 +1,4 @@
-"""What is known of the target: shape, inertia, principal axes and mating point."""
+"""The known properties of the target: shape, inertia, principal axes and mating point."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from safe_inspect.units import Length, quantity
 
 _Moment = quantity("kg m^2")
 _Row = tuple[_Moment, _Moment, _Moment]  # type: ignore[valid-type]
-#: What a configuration gives for a point [m] and for an inertia [kg m^2].
+#: Field types of a point [m] and of an inertia [kg m^2] in a configuration.
 Point = tuple[Length, Length, Length]  # type: ignore[valid-type]
 InertiaMatrix = tuple[_Row, _Row, _Row]
 
@@ -48,10 +48,10 @@ class Target:
     T is the frame of the principal axes, J1 <= J2 <= J3, with the same origin.
 
     Attributes:
-        boxes: Boxes that cover the shape, in M; clearance is kept from them.
+        boxes: Boxes that cover the shape, in M; clearances are distances from them.
         mesh: The surface that sensors see, in M.
-        inertia: Inertia about the centre of mass in M [kg m^2], shape (3, 3); a common factor does not matter.
-        mating_point: Where the chaser's centre of mass shall be, in T [m], shape (3,).
+        inertia: Inertia about the centre of mass in M [kg m^2], shape (3, 3); it may be off by a common factor.
+        mating_point: Position that the chaser's centre of mass must reach, in T [m], shape (3,).
     """
 
     boxes: OrientedBoxes
@@ -60,7 +60,7 @@ class Target:
     mating_point: FloatArray
 
     def __post_init__(self) -> None:
-        principal_axes(self.inertia)  # refuses an impossible inertia
+        principal_axes(self.inertia)  # Raises an error if no rigid body has this inertia.
 
     @cached_property
     def principal(self) -> FloatArray:
@@ -74,7 +74,7 @@ class Target:
 
     @cached_property
     def swept_radius(self) -> float:
-        """Radius of the sphere about the centre of mass that holds all boxes [m]."""
+        """Radius of the sphere about the centre of mass that contains all boxes [m]."""
         return float(np.linalg.norm(self.boxes.corners, axis=2).max())
 
     @cached_property
@@ -86,7 +86,7 @@ class Target:
 
 
 class TargetModel(Plugin):
-    """Base of target models."""
+    """Base class of target models."""
 
     kind: ClassVar[str] = "target_model"
 
@@ -96,7 +96,7 @@ class TargetModel(Plugin):
 
 
 def checked_inertia(inertia: InertiaMatrix | None) -> InertiaMatrix | None:
-    """Check that an inertia is that of a rigid body."""
+    """Return an inertia after checking that it is that of a rigid body."""
     if inertia is not None:
         principal_axes(np.array(inertia))
     return inertia

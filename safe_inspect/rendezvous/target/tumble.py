@@ -1,4 +1,4 @@
-"""Tumbles: how a target turns at the start of a mission."""
+"""Tumbles: distributions of a target's initial attitude and angular velocity."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from safe_inspect.units import NonNegativeAngularRate
 
 
 class Tumble(Plugin):
-    """Base of tumbles: the target's attitude and angular velocity at the start of a mission."""
+    """Base class of tumbles: the target's attitude and angular velocity at the start of a mission."""
 
     kind: ClassVar[str] = "tumble"
 
     @abstractmethod
     def __call__(self, streams: Streams) -> tuple[FloatArray, FloatArray]:
-        """Return q_WT, shape (4,), and the angular velocity in T [rad/s], shape (3,), of a mission."""
+        """Return q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,), at the start of a mission."""
 
 
 class TriAxialTumble(Tumble):
-    """A tumble about a direction that is given in the principal axes, from a uniform random attitude.
+    """A tumble about a given direction in the principal axes, from a given or a uniformly random attitude.
 
     Attributes:
-        rate: Angular rate at the start [rad/s].
+        rate: Initial angular rate [rad/s].
         direction: Direction of the angular velocity in the principal axes; its length does not matter.
-        attitude: Quaternion [x, y, z, w] at the start, from the principal axes to W; null for a random one.
+        attitude: Initial quaternion [x, y, z, w] from the principal axes to W; null for a random one.
     """
 
     rate: NonNegativeAngularRate = 0.08726646259971647  # type: ignore[valid-type]
@@ -44,7 +44,7 @@ class TriAxialTumble(Tumble):
     @classmethod
     def _has_length(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if value is not None and not (all(map(math.isfinite, value)) and any(value)):
-            raise ValueError(f"{list(value)} is no direction and no attitude: give finite components, not all 0")
+            raise ValueError(f"{list(value)} is neither a direction nor an attitude: give finite components, not all 0")
         return value
 
     @field_validator("attitude")
@@ -55,7 +55,7 @@ class TriAxialTumble(Tumble):
         return value
 
     def __call__(self, streams: Streams) -> tuple[FloatArray, FloatArray]:
-        """Return attitude, shape (4,), and angular velocity in T [rad/s], shape (3,)."""
+        """Return the initial attitude q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,)."""
         direction = np.array(self.direction)
         velocity = self.rate * direction / np.linalg.norm(direction)
         if self.attitude is not None:
@@ -64,10 +64,10 @@ class TriAxialTumble(Tumble):
 
 
 class RandomTumble(Tumble):
-    """A tumble about a uniform random direction with a uniform random rate, from a uniform random attitude.
+    """A tumble about a uniformly random direction at a uniformly random rate, from a uniformly random attitude.
 
     Attributes:
-        least_rate: Least angular rate [rad/s].
+        least_rate: Smallest angular rate [rad/s].
         largest_rate: Largest angular rate [rad/s].
     """
 
@@ -83,7 +83,7 @@ class RandomTumble(Tumble):
         return self
 
     def __call__(self, streams: Streams) -> tuple[FloatArray, FloatArray]:
-        """Return attitude, shape (4,), and angular velocity in T [rad/s], shape (3,)."""
+        """Return the initial attitude q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,)."""
         direction = streams.normal("tumble.direction", 3)[0]
         share = float(streams.uniform("tumble.rate")[0, 0])
         rate = self.least_rate + share * (self.largest_rate - self.least_rate)
@@ -91,5 +91,5 @@ class RandomTumble(Tumble):
 
 
 def random_attitude(streams: Streams) -> FloatArray:
-    """Return a uniform random attitude, shape (4,)."""
+    """Sample a uniformly random attitude, shape (4,)."""
     return normalise(streams.normal("tumble.attitude", 4)[0])

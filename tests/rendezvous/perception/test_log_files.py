@@ -115,7 +115,7 @@ _FINE = {name: [0.0, 1.0] for name in IMU_COLUMNS}
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (_text("sensors.yml", "- 3\n"), "sensors.yml: it must hold the keys `camera`, `imu` and `start`"),
+        (_text("sensors.yml", "- 3\n"), "sensors.yml: it must contain the keys `camera`, `imu` and `start`"),
         (_text("frames.csv", "time,file\n0,frames/000000.npz\n"), "frames.csv: it lists 1 frames; at least two"),
         (_text("frames.csv", ""), "frames.csv:1: the column `time` is missing; the header needs time, file"),
         (_text("frames.csv", "time,file\n0,a,b\n"), "frames.csv:2: 3 values for 2 columns; complete the row"),
@@ -125,9 +125,9 @@ _FINE = {name: [0.0, 1.0] for name in IMU_COLUMNS}
         (_text("frames.csv", "time,file\n1,frames/000000.npz\n1,frames/000001.npz\n"),
          "frames.csv: row 1: the time 1 s does not come after 1 s; sort the rows"),
         (_text("truth.csv", ",".join(TRUTH_COLUMNS) + "\n" + ",".join(["0"] * 15) + "\n"),
-         "truth.csv: it has 1 rows for 3 frames; give one row for each, or no such file"),
+         "truth.csv: it has 1 rows for 3 frames; give one row for each, or delete it"),
         (lambda folder: (folder / "frames.csv").write_bytes(b"\xff\xfe"), "frames.csv: it cannot be read ("),
-        (_named("frames/a.tif", b""), "a.tif: its kind '.tif' is not known; give NPZ or 16-bit PNG files"),
+        (_named("frames/a.tif", b""), "a.tif: the file type '.tif' is not supported; give NPZ or 16-bit PNG files"),
         (_named("frames/a.png", b"no image"), "a.png: it cannot be read ("),
         (_png("RGB"), "a.png: its pixels are 'RGB'; write one channel of 16 bits"),
         (lambda folder: np.savez(folder / "frames" / "000000.npz", depth=np.ones(5)),
@@ -141,7 +141,7 @@ _FINE = {name: [0.0, 1.0] for name in IMU_COLUMNS}
         (_camera(cx=9.51), "camera.cx: 9.51 px is outside of the image, which has 10 pixels along it"),
         (_camera(cy=-0.51), "camera.cy: -0.51 px is outside of the image, which has 8 pixels along it"),
         (_camera(width=7), "camera.width: wants a number of 8 or more"),
-        (_camera(orientation=[0, 0, 0, 2]), "orientation is no unit quaternion [x, y, z, w]: its length is 2"),
+        (_camera(orientation=[0, 0, 0, 2]), "orientation is not a unit quaternion [x, y, z, w]: its length is 2"),
     ],
 )  # fmt: skip
 def test_a_damaged_log_is_refused_with_its_file(tmp_path: Path, change: Callable[[Path], object], message: str) -> None:
@@ -161,7 +161,7 @@ def test_a_folder_that_is_no_log_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nothing: there is no such folder; give the folder of a sensor log"):
         read_sensor_log(tmp_path / "nothing")
     with pytest.raises(
-        ConfigError, match=r"no sensor log, it has no sensors.yml; see docs/rendezvous.md for the format"
+        ConfigError, match=r"not a sensor log: there is no sensors.yml; see docs/rendezvous.md for the format"
     ):
         read_sensor_log(tmp_path)
     _write(tmp_path)
@@ -178,6 +178,6 @@ def test_a_target_is_read_of_a_mesh_or_of_a_key(tmp_path: Path) -> None:
     assert read_target(tmp_path / "BRACKET.OBJ").swept_radius == read_target(bracket).swept_radius
     assert len(read_target(tmp_path / "target.yml").boxes.centre) == 1
     with pytest.raises(
-        ConfigError, match=r"list.yml: it has no key `target`; give such a file, an experiment, or a mesh"
+        ConfigError, match=r"list.yml: it has no key `target`; give an experiment, another file with it, or a mesh"
     ):
         read_target(tmp_path / "list.yml")

@@ -81,7 +81,7 @@ def test_a_log_in_order_is_not_doubted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"imu": lambda rows: rows[:0]}, "imu.csv: it has no samples; give those of the time of the frames, 0 to 10 s"),
+        ({"imu": lambda rows: rows[:0]}, "there are no samples; give samples for the time of the frames, 0 to 10 s"),
         ({"imu": _shifted(0, 1e9)}, "its samples are from 1000000000 to 1000000010 s, and the frames from 0 to 10 s"),
         ({"depth": lambda image: 1e3 * image}, "none of 5 frames has a depth in the camera's range .* is 1500 m. NPZ"),
         ({"depth": lambda image: -image}, "none of 5 frames has a depth .* is -1.5 m"),
@@ -105,13 +105,13 @@ def test_a_log_that_nothing_can_be_estimated_from_is_refused(
         ({"imu": _without(0.0, 2.01)}, "imu.csv: there is no sample from 0 to 2.02 s"),
         (
             {"imu": _scaled(slice(4, 7), 57.29578)},
-            "the angular velocity is .* rad/s in the median; give radians a second",
+            "the median angular velocity is .* rad/s; give radians per second",
         ),
         ({"imu": _scaled(slice(4, 7), 20.0)}, "the angular velocity scatters by .* times what `imu` states"),
-        ({"imu": _shifted(3, 9.81)}, r"the specific force is 9.81 m/s\^2 in the median; leave gravity out"),
+        ({"imu": _shifted(3, 9.81)}, r"the median specific force is 9.81 m/s\^2; leave gravity out"),
         ({"imu": _scaled(slice(1, 4), 100.0)}, "the specific force scatters by .* 91 times what `imu` states"),
         ({"truth": _shifted(0, 0.5)}, "truth.csv: its times differ from the frames' by up to 0.5 s"),
-        ({"truth": _scaled(slice(8, 12), 2.0)}, "truth.csv: q_WT is no unit quaternion in row 0"),
+        ({"truth": _scaled(slice(8, 12), 2.0)}, "truth.csv: q_WT is not a unit quaternion in row 0"),
     ],
 )
 def test_what_is_implausible_is_one_warning(changes: dict[str, Change], message: str, tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_the_command_warns_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFix
     err = capsys.readouterr().err
     assert "warning: " in err
     assert "there is no sample from 3.98 to 8.02 s" in err
-    assert "the motion of the target is not found" in err
+    assert "the motion of the target could not be determined" in err
 
 
 def test_what_works_in_simulations_only_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -152,10 +152,10 @@ def test_the_estimate_of_a_watch_matches_the_record(
 @pytest.mark.parametrize(
     ("pixel", "message"),
     [
-        ((21, 5, 5), "frame 21, column 5, row 5 is not in it; it has 21 frames of 112 x 85 pixels"),
-        ((-1, 5, 5), "is not in it"), ((0, 112, 5), "is not in it"), ((0, 5, 85), "is not in it"),
-        ((0, -1, 5), "is not in it"), ((0, 5, -1), "is not in it"),
-        ((0, 0, 0), r"000000.npz: column 0, row 0 sees nothing; pick a pixel of the target"),
+        ((21, 5, 5), "frame 21, column 5, row 5 is not in the log; it has 21 frames of 112 x 85 pixels"),
+        ((-1, 5, 5), "is not in the log"), ((0, 112, 5), "is not in the log"), ((0, 5, 85), "is not in the log"),
+        ((0, -1, 5), "is not in the log"), ((0, 5, -1), "is not in the log"),
+        ((0, 0, 0), r"000000.npz: column 0, row 0 has no depth; pick a pixel of the target"),
     ],
 )  # fmt: skip
 def test_a_pixel_that_sees_nothing_gives_no_mating_point(

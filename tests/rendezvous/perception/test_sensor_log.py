@@ -128,7 +128,7 @@ def test_the_command_prints_a_mistake_without_a_traceback(tmp_path: Path, capsys
     assert main(["characterise", str(folder), "--pick", "1,2"]) == 2
     assert "--pick 12,80,90,0.3" in capsys.readouterr().err
     assert main(["characterise", str(folder)]) == 2
-    assert "the motion of the target is not found" in capsys.readouterr().err
+    assert "the motion of the target could not be determined" in capsys.readouterr().err
 
 
 def test_a_point_is_picked_above_the_surface(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_a_point_is_picked_above_the_surface(tmp_path: Path) -> None:
     log = read_sensor_log(folder)
     # A plane 2 m in front of a camera that looks along x of B: the point is nearer by the distance.
     np.testing.assert_allclose(pick_point(log, 0, 19, 15, 0.3), [1.7, 0.0, -0.5 * 2.0 / 42.0], atol=1e-6)
-    with pytest.raises(ConfigError, match="is not in it"):
+    with pytest.raises(ConfigError, match="is not in the log"):
         pick_point(log, 5, 19, 15, 0.3)
 
 

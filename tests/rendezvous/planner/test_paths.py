@@ -102,7 +102,7 @@ class _Boastful(SampledPath):
         (lambda asked, plan, path: replace(plan, path=None), "the plan has no path; return `sampled_plan"),
         (
             lambda asked, plan, path: sampled_plan(asked, _moved(path, times=1.001 * path.times)),
-            r"duration of 60\.06 s is no multiple of the step of control, 0\.2 s",
+            r"duration of 60\.06 s is not a multiple of the control step, 0\.2 s",
         ),
         (lambda asked, plan, path: sampled_plan(asked, path, 3.0), "starts after 3 s, which is none of the waits"),
         (lambda asked, plan, path: replace(plan, times=plan.times + 1e-3), r"samples are not 0\.2 s apart"),
