@@ -75,7 +75,7 @@ def spoil(file: str, right: str, wrong: str) -> int:
     return path.read_text().partition(wrong)[0].count("\n") + 1
 
 
-def test_the_installed_command_tells_its_version():
+def test_the_installed_command_states_its_version():
     done = shell("--version")
     assert done.returncode == 0
     assert done.stdout == f"safe_inspect {__version__}\n"
@@ -165,7 +165,7 @@ def test_an_algorithm_that_cannot_learn_the_actions_is_refused(typed, experiment
     assert told in err
 
 
-def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
+def test_a_policy_that_cannot_be_flown_is_reported_before_the_training(typed):
     code, _, err = typed("validate", EXPERIMENT, "use_lstm=True")
     assert code == 0
     assert "exported" not in err
@@ -298,12 +298,12 @@ def test_a_shipped_policy_is_exported_already(typed):
     assert "docking" in Path(err.split()[-1]).parts
 
 
-def test_an_unknown_algorithm_is_told_all_there_are(typed):
+def test_an_unknown_algorithm_lists_all_known_ones(typed):
     err = typed("validate", "configs/translational-inspection/experiment.yml", "algorithm=A3C")[2]
     assert "no algorithm of RLlib is called `A3C`; use one of `PPO`, `APPO`, `IMPALA`, `SAC`, `DQN`, `DreamerV3`" in err
 
 
-def test_a_misspelt_command_or_option_is_told_the_nearest(typed):
+def test_a_misspelt_command_or_option_names_the_nearest(typed):
     for override in ("--override", "--overrides"):
         assert f"{override}; write KEY=VALUE alone; see" in typed("evaluate", "zero-thrust", override, "horizon=10")[2]
     assert "--drows; did you mean `--draws`?" in typed("acceptance", EXPERIMENT, "--drows", "5")[2]

@@ -267,7 +267,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("--policy", "zero-thrust"), "it is a scripted one: give it as a word of its own, without `--policy`"),
     ],
 )
-def test_mistakes_are_told_before_an_episode_is_flown(typed, here, monkeypatch, words, told):
+def test_mistakes_are_reported_before_an_episode_is_flown(typed, here, monkeypatch, words, told):
     module = importlib.import_module("safe_inspect.experiments.modules.sources")
     monkeypatch.setattr(module, "rollout", lambda *_, **__: pytest.fail("an episode was flown"))
     (here / "file.txt").write_text("text")
@@ -449,7 +449,7 @@ def test_returns_of_other_rewards_are_not_compared(typed, evaluations):
         ("evaluation.json", b'{"format": 99}', "another version of safe_inspect has written it"),
     ],
 )
-def test_damaged_evaluations_are_told(typed, evaluations, here, file, content, told):
+def test_damaged_evaluations_are_reported(typed, evaluations, here, file, content, told):
     shutil.copytree(evaluations / "random", here / "bad")
     (here / "bad" / file).unlink()
     if content is not None:
@@ -459,7 +459,7 @@ def test_damaged_evaluations_are_told(typed, evaluations, here, file, content, t
     assert told in err
 
 
-def test_damaged_trajectories_are_told(evaluations, here):
+def test_damaged_trajectories_are_reported(evaluations, here):
     from safe_inspect.evaluation.results.results import EvaluationError
 
     shutil.copytree(evaluations / "random", here / "bad")

@@ -13,7 +13,7 @@ _NUMBERS = "\n".join(f"b{index}: 1" for index in range(99))
 _REFUSED = r"stands for 2(\.02)?e\+05 values; at most 200,000 are read"
 
 
-def test_numbers_lists_and_what_aliases_stand_for_count_alike(write) -> None:
+def test_numbers_lists_and_the_values_of_aliases_count_alike(write) -> None:
     assert MAX_VALUES == 100 * 1_999 + 99 + 1
     most = f"{_LISTS}\n{_NUMBERS}\n"
     write(

@@ -59,7 +59,7 @@ def flown(path, overrides, divisible, monkeypatch, steps=40, count=70):
 @pytest.mark.parametrize(
     ("path", "overrides"), [(ONE, SOON), (TEAM, (*SOON[:2], NO_FILTER))], ids=["one deputy", "three deputies"]
 )
-def test_a_batch_in_parts_is_the_whole_batch_to_the_bit(path, overrides, monkeypatch):
+def test_a_batch_in_parts_is_the_whole_batch_bit_for_bit(path, overrides, monkeypatch):
     whole, sizes = flown(path, overrides, False, monkeypatch)
     assert sizes == {70}
     parts, sizes = flown(path, overrides, True, monkeypatch)

@@ -114,7 +114,7 @@ def test_an_evaluation_counts_them():
     assert "InvalidActions" not in {type(metric).__name__ for metric in default_metrics(spec(ON[0]))}
 
 
-def test_an_action_of_another_shape_is_told_as_the_caller_sees_it():
+def test_an_action_of_another_shape_is_reported_as_the_caller_sees_it():
     single, vector = safe_inspect.make(ID), safe_inspect.make_vec(ID, 2)
     single.reset(seed=0)
     vector.reset(seed=0)

@@ -208,7 +208,7 @@ def test_the_teams_facts():
     assert np.isinf(team_info(alone)["closest"]).all()
 
 
-def test_what_a_filter_of_the_team_tells():
+def test_the_infos_of_a_filter_of_the_team():
     env = MultiAgentVectorEnv(variant("filtered together"), 2)
     _, infos = env.reset(seed=SEED)
     assert not infos["interventions"]["blue0_ctrl"].any()

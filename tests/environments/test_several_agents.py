@@ -155,7 +155,7 @@ def coasted(position: np.ndarray, velocity: np.ndarray, time: float) -> np.ndarr
 
 
 @pytest.mark.parametrize("overrides", [LIVELY, (FILTER_ON, "horizon=25")])
-def test_one_of_several_is_the_single_agent_to_the_bit(overrides):
+def test_one_of_several_is_the_single_agent_bit_for_bit(overrides):
     steps, num_envs = (240, 6) if overrides is LIVELY else (60, 3)
     thrusts = thrusts_of(["blue0_ctrl"], steps, num_envs)
     alone, one = single(*overrides), several("blue#_ctrl.count=1", *overrides)
@@ -250,7 +250,7 @@ def _with_range(agent: AgentSpec, max_distance: float):
     )
 
 
-def test_an_agent_that_ends_drops_out_while_the_others_go_on():
+def test_an_agent_that_ends_drops_out_while_the_others_continue():
     flown = ended_early()
     gone = flown["blue1_ctrl"]
     (end,) = np.flatnonzero(gone["terminated"][:, 0])
@@ -280,7 +280,7 @@ def test_its_spacecraft_coasts_on():
         np.testing.assert_allclose(gone["position"][end + later, 0], expected, rtol=1e-9, atol=1e-9)
 
 
-def test_its_camera_goes_on_inspecting_for_the_others():
+def test_its_camera_continues_to_inspect_for_the_others():
     flown = ended_early()
     gone, other = flown["blue1_ctrl"], flown["blue0_ctrl"]
     end = int(np.flatnonzero(gone["terminated"][:, 0])[0])
@@ -292,7 +292,7 @@ def test_its_camera_goes_on_inspecting_for_the_others():
     assert (paid >= 0.01 * seen - 1e-12).all()
 
 
-def test_its_spacecraft_may_hold_its_thrust_as_the_peers_do():
+def test_its_spacecraft_may_hold_its_thrust_as_in_safe_autonomy_sims():
     gone = ended_early("config.config.env_config.ended_deputies=hold_thrust")["blue1_ctrl"]
     end = int(np.flatnonzero(gone["terminated"][:, 0])[0])
     assert (gone["control"][:, 0] == OUTWARDS).all()
@@ -483,7 +483,7 @@ class TestSharedEnds:
 
 class TestBeginnings:
     @pytest.mark.parametrize("count", [3, 5, 10])
-    def test_each_deputy_begins_safely_in_a_place_of_its_own(self, count):
+    def test_each_deputy_begins_safely_in_its_own_place(self, count):
         spec = several(f"blue#_ctrl.count={count}", "CollisionDoneFunction.config.safety_constraint=20 m")
         num_envs = 300
         env = TeamEnvironment(spec, num_envs, seed=SEED)

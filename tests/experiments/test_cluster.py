@@ -46,7 +46,7 @@ def test_only_a_folder_of_ours_is_removed(tmp_path, name, of_ray, gone):
     assert (tmp_path / name).exists() is not gone
 
 
-def test_a_training_that_would_wait_for_ever_is_refused():
+def test_a_training_that_would_wait_forever_is_refused():
     cluster.check_size(4.0, 4.0)
     with pytest.raises(ConfigError, match=r"claims 4\.5 processors, and Ray has 4; lower `num_env_runners`"):
         cluster.check_size(4.5, 4.0)

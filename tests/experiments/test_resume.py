@@ -77,7 +77,7 @@ def killed(tmp_path_factory):
     shutil.rmtree(temporary, ignore_errors=True)
 
 
-def test_a_killed_training_goes_on_from_the_newest_good_checkpoint(killed, tmp_path):
+def test_a_killed_training_continues_from_the_newest_good_checkpoint(killed, tmp_path):
     run, temporary = killed
     copy = shutil.copytree(run, tmp_path / "run")
     newest = find_newest(copy / "tune").newest

@@ -60,7 +60,7 @@ def test_what_cannot_be_built_is_one_message(keys, told):
         build(DUMMY, **keys)
 
 
-def test_it_is_told_before_the_training_that_no_file_holds_them(capsys):
+def test_it_is_reported_before_the_training_that_no_file_holds_them(capsys):
     override = f"agent_config.0.policy.config.env_to_module_connector={FILTER}"
     assert main(["validate", SHIPPED, override]) == 0
     told = capsys.readouterr().err

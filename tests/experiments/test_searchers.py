@@ -105,7 +105,7 @@ def test_a_wrong_range_is_one_message(keys, told):
         ({"lr": {"grid_search": [1e-4]}}, "rllib_configs.lr", "use `choice` in the place of `grid_search`"),
     ],
 )
-def test_what_a_searcher_cannot_search_is_told_before_ray(keys, where, told):
+def test_what_a_searcher_cannot_search_is_reported_before_ray(keys, where, told):
     (problem,) = read_settings(keys, {"search_alg": LADDER}, {}).problems
     assert problem.path == where
     assert told in problem.message
@@ -124,7 +124,7 @@ def test_what_is_no_searcher_is_one_message(entry, told):
         suggestions_of(translate_tune({"search_alg": entry}).settings, {"lr": RATES})
 
 
-def test_a_searcher_is_told_what_is_known():
+def test_a_searcher_gets_what_is_known():
     made = suggestions_of(translate_tune({"search_alg": LADDER}).settings, SEARCHED)
     assert isinstance(made, Suggestions)
     inner = made.searcher
@@ -182,7 +182,7 @@ def test_a_suggestion_that_cannot_train_ends_the_search_with_a_message(ray_sessi
         train(run, io.StringIO())
 
 
-def test_optuna_learns_from_what_it_is_told():
+def test_optuna_learns_from_what_it_gets():
     pytest.importorskip("optuna", reason="pip install 'safe_inspect[search]'")
     entry = {"functor": "ray.tune.search.optuna.OptunaSearch", "config": {"seed": 1}}
     made = suggestions_of(translate_tune({"search_alg": entry}).settings, {"lr": RATES})

@@ -44,7 +44,7 @@ def run(*arguments):
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_an_experiment_goes_on_after_a_kill_and_its_policy_flies(experiment, tmp_path):
+def test_an_experiment_continues_after_a_kill_and_its_policy_flies(experiment, tmp_path):
     training = command("safe_inspect.train_rl", "--cfg", configs_root() / experiment, *SMALL, "--output", tmp_path)
     with subprocess.Popen(training, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         lines = []

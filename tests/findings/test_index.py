@@ -17,7 +17,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
     "C1": (
         "a copied environment flies another physics",
         (
-            "environments/test_copies.py::test_a_copy_taken_in_mid_episode_goes_on_as_the_original",
+            "environments/test_copies.py::test_a_copy_taken_in_mid_episode_continues_as_the_original",
             "environments/test_copies.py::test_supersuit_flies_the_same_environments",
         ),
     ),
@@ -58,7 +58,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
         "recurrent policies cannot be flown",
         (
             "experiments/test_recurrent_policy.py::test_the_file_flies_as_the_checkpoint_does",
-            "cli/test_commands.py::test_a_policy_that_cannot_be_flown_is_told_before_the_training",
+            "cli/test_commands.py::test_a_policy_that_cannot_be_flown_is_reported_before_the_training",
         ),
     ),
     "C9": (
@@ -96,8 +96,8 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
     "C13": (
         "the death of a process does not say how to go on",
         (
-            "experiments/test_training.py::test_a_runner_that_is_killed_is_one_message_that_says_how_to_go_on",
-            "experiments/test_resume.py::test_a_killed_training_goes_on_from_the_newest_good_checkpoint",
+            "experiments/test_training.py::test_a_runner_that_is_killed_is_one_message_that_says_how_to_continue",
+            "experiments/test_resume.py::test_a_killed_training_continues_from_the_newest_good_checkpoint",
         ),
     ),
     "C14": (
@@ -233,7 +233,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "U19": (
         "the rows after a resume look like a lost policy",
-        ("experiments/test_resume.py::test_a_killed_training_goes_on_from_the_newest_good_checkpoint",),
+        ("experiments/test_resume.py::test_a_killed_training_continues_from_the_newest_good_checkpoint",),
     ),
     "U20": (
         "onnxruntime writes into the home folder",

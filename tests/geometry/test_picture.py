@@ -72,7 +72,7 @@ def test_an_arrow_ends_at_the_radius_with_barbs_to_both_sides() -> None:
     np.testing.assert_allclose(right, [6.0 - 0.54 + 0.4, 8.0 - 0.72 - 0.3, 0.0])
 
 
-def test_shown_pieces_go_on_to_the_next_point() -> None:
+def test_shown_pieces_continue_to_the_next_point() -> None:
     way, shown = np.arange(12.0).reshape(6, 2), np.array([True, False, False, True, True, False])
     found = pieces(way, shown)
     assert np.isnan(found[:, 0]).tolist() == [False, False, True, False, False, False]

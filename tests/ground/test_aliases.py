@@ -33,7 +33,7 @@ _RENAMED = {"SunEntity": "Sun"}
 
 
 @pytest.mark.parametrize("alias", sorted(ALIASES))
-def test_alias_stands_for_a_plugin_or_a_name_of_the_grammar(alias: str) -> None:
+def test_alias_means_a_plugin_or_a_name_of_the_grammar(alias: str) -> None:
     name = ALIASES[alias]
     kinds = [kind for kind in registry.kinds() if name in dict(registry.items(kind))]
     if name in _GRAMMAR:

@@ -28,7 +28,7 @@ def test_problem_says_where_what_and_what_to_do(problem: Problem, text: str) -> 
     assert str(problem) == text
 
 
-def test_config_error_tells_every_problem_in_a_line() -> None:
+def test_config_error_states_every_problem_in_a_line() -> None:
     problems = [Problem("one", "a"), Problem("two", "b")]
     error = ConfigError(problems)
     assert error.problems == tuple(problems)

@@ -225,7 +225,7 @@ def test_a_users_metric_of_each_reduction(forgetful):
     assert found == {"sum": 120.0, "max": 60.0, "min": 20.0, "last": 60.0, "mean": 40.0}
 
 
-def test_what_a_metric_may_not_return_is_told(forgetful):
+def test_what_a_metric_may_not_return_is_reported(forgetful):
     class Endless(Metric):
         """Infinity."""
 
@@ -251,7 +251,7 @@ def test_what_a_metric_may_not_return_is_told(forgetful):
         rollout(spec, ZeroThrust(), 2, metrics=[Wide()])
 
 
-def test_metrics_that_do_not_fit_the_task_are_told():
+def test_metrics_that_do_not_fit_the_task_are_reported():
     spec = spec_of(TASKS[0])
     with pytest.raises(SafeInspectError, match="no entity 'cheif'; did you mean `chief`"):
         rollout(spec, ZeroThrust(), 1, metrics=[SmallestRange(entity_name="cheif")])
@@ -273,7 +273,7 @@ def test_metrics_that_do_not_fit_the_task_are_told():
         ("{functor: TimeToCoverage, config: {fractoin: 1}}", "did you mean `fraction`"),
     ],
 )
-def test_metrics_are_read_by_name_and_mistakes_told(text, told):
+def test_metrics_are_read_by_name_and_mistakes_reported(text, told):
     good = read_metrics(["DeltaV", "safe_inspect.metrics.DeltaV", "{functor: TimeToCoverage, config: {fraction: 0.5}}"])
     assert good == [DeltaV(), DeltaV(), TimeToCoverage(fraction=0.5)]
     with pytest.raises(SafeInspectError) as error:

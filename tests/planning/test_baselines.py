@@ -35,7 +35,9 @@ def command(*texts: str) -> int:
 
 
 @pytest.mark.parametrize("kind", ["random", pytest.param("optimiser", marks=pytest.mark.long)])
-def test_a_run_that_was_stopped_goes_on_with_the_same_result(spec: EnvironmentSpec, tmp_path: Path, kind: str) -> None:
+def test_a_run_that_was_stopped_continues_with_the_same_result(
+    spec: EnvironmentSpec, tmp_path: Path, kind: str
+) -> None:
     def stop(done: int, wanted: int) -> None:
         if done >= 2:
             raise StoppedError
@@ -87,7 +89,7 @@ def test_a_policy_is_flown_as_in_a_rollout(spec: EnvironmentSpec, kind: str) -> 
 
 
 @pytest.mark.slow
-def test_the_file_tells_every_episode(spec: EnvironmentSpec, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_the_file_states_every_episode(spec: EnvironmentSpec, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     path = tmp_path / "optimum.json"
     assert command("optimiser", "--episodes", "2", "--seed", "9", "--effort", "quick", "--output", str(path)) == 0
     printed = capsys.readouterr().out
@@ -112,7 +114,7 @@ def test_the_file_tells_every_episode(spec: EnvironmentSpec, tmp_path: Path, cap
         (["zero-thrust", "nonsense.path=1"], "nonsense"),
     ],
 )
-def test_mistakes_are_told_in_one_line(texts: list[str], told: str, tmp_path: Path) -> None:
+def test_mistakes_are_reported_in_one_line(texts: list[str], told: str, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(SafeInspectError, match=told) as caught:
         command(*(text.format(folder=tmp_path) for text in texts), "--episodes", "1")

@@ -71,7 +71,7 @@ def test_the_glue_asks_for_the_sum_of_what_it_wraps(spec_with):
     assert len(glue.leaves()) == 3
 
 
-def test_off_it_changes_and_tells_nothing(spec_with):
+def test_off_it_changes_and_reports_nothing(spec_with):
     env = BatchedEnvironment(spec_with(), 8, seed=SEED)
     env.reset()
     assert "interventions" not in state_info(env.view())
@@ -413,7 +413,7 @@ def test_an_intervention_belongs_to_the_method_backup():
         ("max_distance: 800 ", "max_distance: 9 ", ["r_max 9", "collision_radius 10", "no position is safe"]),
     ],
 )  # fmt: skip
-def test_wrong_parameters_are_told_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
+def test_wrong_parameters_are_reported_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
     text, _ = problem_of(copied, "parameters.yml", right, wrong, wrong)
     agent = (copied / "agent-seed.yml").read_text()
     first = "        config:\n          training_export" if "colision" in wrong else "          r_max: "
@@ -562,7 +562,9 @@ UNSAFE = {
 
 
 @pytest.mark.parametrize(("position", "velocity", "told"), UNSAFE.values(), ids=UNSAFE.keys())
-def test_fixed_initial_states_that_the_filter_cannot_keep_are_told_at_the_reset(fixed_start, position, velocity, told):
+def test_fixed_initial_states_that_the_filter_cannot_keep_are_reported_at_the_reset(
+    fixed_start, position, velocity, told
+):
     env = BatchedEnvironment(fixed_start(position, velocity, 0.0, overrides=(ON,)), 2, seed=SEED)
     with pytest.warns(
         UnsafeInitialStateWarning, match=rf"blue0: initial states are refused by .*{told}.*RejectionSampler"

@@ -207,7 +207,7 @@ def test_rewards_of_time_and_of_leaving():
     assert rewards == [0.001, 0.001, 0.0]
 
 
-def test_the_peers_price_of_fuel_adds_moments():
+def test_the_fuel_price_of_safe_autonomy_sims_adds_moments():
     env = environment(
         [0, 0, 0, 1], overrides=["InspectionDeltaVReward.config={mode: constant, scale: -0.005, moments: True}"]
     )

@@ -209,7 +209,7 @@ def test_frames_without_edges_are_bridged() -> None:
     np.testing.assert_allclose(estimate.relative, inverse(poses[0]) @ poses[-1], atol=1e-6)
 
 
-def test_a_model_that_nothing_relates_to_older_frames_starts_anew() -> None:
+def test_a_model_that_nothing_relates_to_older_frames_restarts() -> None:
     poses = watched_poses(_TARGET, 20)
     edges = [edge for edge in edges_of(poses, model=True) if (edge.second < 8) == (edge.first != MODEL)]
     graph = _graph(edges, list(range(20)), CentrePrior(np.array([0.2, 0.0, -0.1]), 0.3))
